@@ -12,7 +12,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import pytest
-import torch
 from graph_folders import write_graph
 from hypothesis import settings
 
@@ -31,7 +30,7 @@ os.environ.setdefault("RAY_AUTH_TOKEN", uuid.uuid4().hex)
 gc.set_threshold(200_000, 20, 100)
 
 # Property tests draw other examples in each run; `make slow` draws more.
-settings.register_profile("quick", deadline=None, max_examples=12, print_blob=True)
+settings.register_profile("quick", deadline=None, max_examples=8, print_blob=True)
 settings.register_profile("thorough", settings.get_profile("quick"), max_examples=100)
 settings.load_profile("quick")
 
@@ -95,6 +94,9 @@ def interruptible():
 def one_core():
     """Use one thread: two are slower on tensors this small, and give other last bits; and train
     folds one by one."""
+    # The process that only hands out tests never imports torch: its workers wait for it.
+    import torch
+
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
         for name in (CORES_VARIABLE, *THREADS_VARIABLES):  # of the processes that tests start

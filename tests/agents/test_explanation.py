@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from refusals import refuses
+from short_fits import short_fits
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
@@ -400,7 +401,9 @@ def test_a_scorer_without_folds_has_in_sample_recipes(made, kg, model):
 def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once, in_sample):
     with_train_sample = RecipeScorerConfig(folds=3, train_fraction=0.6, label_noise=0.2)
     config = RecipesConfig("kitchen", with_train_sample)
-    guide = load_scorer(made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out)))
+    with short_fits():
+        folder = made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out))
+    guide = load_scorer(folder)
     world, _ = made("no scorer", "train")
     settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)
     policy, _ = make_policy(

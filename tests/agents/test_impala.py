@@ -251,7 +251,7 @@ class SlowImpala:
 def test_updates_are_those_of_the_formulas_written_out(
     trainer, scorer, cross_fitted, depth, unroll, settings
 ):
-    updates = 5
+    updates = 4  # two more than the largest lag
     scorers = {"frequency": scorer, "cross-fitted": cross_fitted}
     settings = settings | {"scorer": scorers.get(settings.get("scorer"))}
     impala = trainer(depth=depth, unroll=unroll, steps=(updates + 1) * BATCH * unroll, **settings)

@@ -1,14 +1,17 @@
 """Graphs and environments work without what only scorers, training and reports need."""
 
 import json
+import os
 import re
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
 from wordcraft_kg.base.extras import CPU_TORCH, pip_install
+from wordcraft_kg.graphs.library import DATA_VARIABLE
 
 PROGRAM = """
 import json, shlex, sys
@@ -60,6 +63,7 @@ def direct_dependencies():
     return {re.split(r"[<>=\[]", line)[0] for line in project["dependencies"]}
 
 
+@cache
 def hidden_modules():
     """Return the modules of all dependencies that the guide to the light installation does not
     name."""
@@ -80,8 +84,17 @@ def hidden_modules():
 def run(folder, *lines, program=COMMANDS):
     """Run commands in one process, and return their exit codes and its stderr."""
     command = [sys.executable, "-c", PROGRAM + program, json.dumps(hidden_modules()), *lines]
+    # Built-in books alone: to list those of a data folder, all its recipes are read.
+    variables = {name: value for name, value in os.environ.items() if name != DATA_VARIABLE}
     done = subprocess.run(
-        command, cwd=folder, input="q\n", capture_output=True, text=True, timeout=120, check=True
+        command,
+        cwd=folder,
+        env=variables,
+        input="q\n",
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
     )
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
 

@@ -7,6 +7,7 @@ import pytest
 import torch
 import transformers
 from refusals import refuses
+from short_fits import short_fits
 
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.apps.elicitation import encoder as module
@@ -63,9 +64,9 @@ def test_vectors_of_another_book_or_changed_ones_are_refused(vectors, tmp_path):
 def test_a_recipe_scorer_learns_a_folders_further_labels(vectors, opened_kitchen, tmp_path):
     """A recipe scorer learns from a folder and scores its further labels."""
     settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors))
-    folder = train_recipes(
-        RecipesConfig(opened_kitchen.source, settings), tmp_path / "model"
-    ).folder
+    config = RecipesConfig(opened_kitchen.source, settings)
+    with short_fits():
+        folder = train_recipes(config, tmp_path / "model").folder
     assert "flour bread" in with_words(folder, load_scorer(folder), ["flour bread"]).entities
     with pytest.raises(LookupError, match=r"'water bread'.*--labels LABEL"):
         with_words(folder, load_scorer(folder), ["water bread"])

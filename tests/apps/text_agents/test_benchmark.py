@@ -11,6 +11,7 @@ import jsonschema
 import msgspec
 import numpy as np
 import pytest
+from short_fits import short_fits
 
 from wordcraft_kg import (
     AgentConfig,
@@ -576,7 +577,8 @@ def test_a_model_declares_the_knowledge_from_outside_its_recipes(kitchen_track, 
     rows = (f"{a},{b},{result}\n" for a, b, result in open_book("kitchen").recipes[:100])
     other.write_text("ingredient_a,ingredient_b,result\n" + "".join(rows))
     settings = RecipeScorerConfig(kg="none", folds=2, with_=(str(other),))
-    train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model")
+    with short_fits():
+        train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model")
     _, entrant = enter(kitchen_track, f"scorer:{tmp_path / 'model'}", RunSettings(tmp_path))
     assert re.match(
         r"no recipe of this book, \w+ words, outside knowledge: other \(book\)",

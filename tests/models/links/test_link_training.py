@@ -130,9 +130,16 @@ def fail(*arguments, **settings):
     raise RuntimeError("no more")
 
 
-@pytest.mark.parametrize("end", ["done", "interrupted", "failed"])
+ROTATE = RESUMED["rotate by negatives, with validation"]
+
+
 @pytest.mark.parametrize(
-    "config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"]
+    ("config", "end"),
+    [
+        *((SHORT, end) for end in ("done", "interrupted", "failed")),
+        (ROTATE, "interrupted"),
+        *(pytest.param(ROTATE, end, marks=pytest.mark.slow) for end in ("done", "failed")),
+    ],
 )
 def test_training_leaves_all_global_states_as_they_were(
     parted_kitchen, tmp_path, config, end, monkeypatch

@@ -260,6 +260,7 @@ def test_explain_and_the_explorer_name_sources(run, moved, tmp_path, caplog):
     assert " ".join(BREAD) in look(explored, LinkState("dough", "componentOf", "bread")).text
     # Another scorer in the same place is not the scorer of the agent.
     settings = replace(RecipesConfig.read(moved).settings, seed=1, with_=())
-    train_recipes(RecipesConfig("kitchen", settings), moved, force=True)
+    with short_fits():
+        train_recipes(RecipesConfig("kitchen", settings), moved, force=True)
     assert "language model" not in run("explain", agent, "--goal", "bread").out
     assert "has changed since the agent was trained" in caplog.text

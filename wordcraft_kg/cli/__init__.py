@@ -162,7 +162,8 @@ def _more_options(name: str, module: ModuleType) -> str:
 
 def commands_by_group() -> dict[str, list[str]]:
     """Return all command names by help group, core groups first."""
-    groups = {title: list(names) for title, names in CORE.items()}  # copies: CORE stays as it is
+    # Copies: CORE stays as it is.
+    groups = {title: list(names) for title, names in CORE.items()}
     for name in sorted(APPS):
         groups.setdefault(manual_of(name).module.GROUP, []).append(name)
     return groups
@@ -300,7 +301,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tokens = [*tokens[1:3], "--help"]
     name = command_in(tokens)
     manual = manual_of(name) if name else None
-    output = Output(json="--json" in tokens)  # until the options are parsed
+    # A guess until the options are parsed: parsing itself may fail.
+    output = Output(json="--json" in tokens)
     try:
         for token in tokens:
             _check_text(token, repr(token))

@@ -50,7 +50,8 @@ def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
 def _text(view: "BookList") -> Iterator[str]:
     rows: list[tuple[str, ...]] = [("book", "origin", "entities", "recipes", "")]
     for book in view.books:
-        place = ""  # a built-in book is in the package, wherever that is
+        # A built-in book is in the package, wherever that is.
+        place = ""
         if book.origin != "built in":
             place = book.path or f"get it: wordcraft-kg books --fetch {book.name}"
         note = f"  ({book.note})" if book.note else ""

@@ -12,6 +12,7 @@ from wordcraft_kg.cli.options import Base, Book, FileOptions, Force
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import CheckedBook
+    from wordcraft_kg.graphs.book_check import Finding
 
 EXAMPLES = (
     "wordcraft-kg check-book recipes.csv",
@@ -68,19 +69,26 @@ def _shown(name: str, value: Any) -> Any:
     return f"{100 * value:.3g} %" if name in SHARES and value is not None else value
 
 
+def _where(finding: "Finding") -> str:
+    """Return the lines of a finding before its message; a finding about the whole file has none."""
+    if not finding.lines:
+        return ""
+    noun = "line" if len(finding.lines) == 1 else "lines"
+    numbers = ", ".join(map(str, finding.lines))
+    return f"{noun} {numbers}: "
+
+
 def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
     if view.reading is not None:
         yield view.reading.line()
+    # The limit is one of each kind, or a thousand repetitions would hide a single fault.
     counts: Counter[str] = Counter()
     for finding in view.findings:
         kind = f"{finding.severity} [{finding.kind}]"
         counts[kind] += 1
         if limit is None or counts[kind] <= limit:
-            where = ""
-            if finding.lines:
-                noun = "line" if len(finding.lines) == 1 else "lines"
-                where = f"{noun} {', '.join(map(str, finding.lines))}: "
-            yield f"{kind} {where}{with_options(finding.message)}"
+            yield f"{kind} {_where(finding)}{with_options(finding.message)}"
+    # Kinds that were cut say so after all findings, where the eye ends.
     for kind, number in counts.items():
         if limit is not None and number > limit:
             yield f"{kind} and {number - limit:,} more; --all shows them"

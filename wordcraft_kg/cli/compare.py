@@ -190,7 +190,8 @@ def _compare_links(
     output: Output,
 ) -> None:
     if out is not None and out.suffix.lower() not in PAGE_ENDINGS:
-        out = out.with_name(out.name + PAGE_ENDINGS[0])  # so that a browser shows the page
+        # With the ending of a page, so that a browser shows it.
+        out = out.with_name(out.name + PAGE_ENDINGS[0])
     check_file(out, force=force)
     from wordcraft_kg.evaluation.link_comparison import Contender, compare
     from wordcraft_kg.models.folder import open_model

@@ -65,7 +65,8 @@ class Output:
                 they remain.
             BrokenPipeError: if the reader of stdout has closed it, as `| head` does.
         """
-        Progress.close_current()  # training may end before the last epoch
+        # Training may end before the last epoch.
+        Progress.close_current()
         # Labels and names come from files that anyone may have written: control characters could
         # rewrite what the terminal shows.
         if self.json:
@@ -90,7 +91,8 @@ class Output:
     # Progress goes to stderr, so that a result on stdout can be piped.
     def progress(self, what: str, unit: str = "epoch") -> Progress:
         """Return a reporter that shows progress of the work ``what`` on stderr, by ``unit``."""
-        Progress.close_current()  # a training that stopped early has not reported the end
+        # A training that stopped early has not reported the end.
+        Progress.close_current()
         return Progress(what, unit=unit, hidden=self.quiet)
 
     @contextmanager
@@ -299,7 +301,8 @@ def _cell(value: Any, *, in_list: bool = False) -> str:
         return " ".join(_cell(one, in_list=in_list) for one in value)
     if isinstance(value, str):
         return quoted(value) if in_list else value
-    if isinstance(value, bool):  # before int: a bool is one
+    # Before int: a bool is an int.
+    if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int):
         return f"{value:,}"

@@ -1,6 +1,6 @@
 """``wordcraft-kg discover``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from wordcraft_kg.cli.options import Force, Graph, OptionalBook, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
+    from wordcraft_kg.evaluation.reference import ReferenceRow
 
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
@@ -114,39 +115,58 @@ def _about_world(view: "DiscoveryView") -> Iterator[str]:
     yield f"learnt in the runs of: {', '.join(learnt)}"
 
 
-def _text(view: "DiscoveryView") -> Iterator[str]:
-    def cell(known: "KnownEntities") -> str:
-        # A player without chance does the same in each run: there is nothing between the ends.
-        if known.low is None or known.high is None or known.low >= known.high:
-            return f"{known.mean:.1f}"
-        return f"{known.mean:.1f} [{known.low:.1f}, {known.high:.1f}]"
+def _cell(known: "KnownEntities") -> str:
+    """Return a mean with its interval, if there is one."""
+    # A player without chance does the same in each run: there is nothing between the ends.
+    if known.low is None or known.high is None or known.low >= known.high:
+        return f"{known.mean:.1f}"
+    return f"{known.mean:.1f} [{known.low:.1f}, {known.high:.1f}]"
 
+
+def _published(view: "DiscoveryView") -> list["ReferenceRow"]:
+    """Return the published results that can stand beside these runs."""
+    shown = []
+    for row in view.references:
+        is_known = row.origin == "literature" and row.measure == "entities known"
+        # Published results for fewer attempts are no comparison.
+        if is_known and str(view.marks[-1]) in row.figures:
+            shown.append(row)
+    return shown
+
+
+def _rows(view: "DiscoveryView", published: Sequence["ReferenceRow"]) -> list[tuple[str, ...]]:
+    """Return the table: a row for each player, one for people, one for each published result."""
     marks = [str(mark) for mark in view.marks]
-    last = marks[-1]
     rows: list[tuple[str, ...]] = [("entities known after", *marks, "repeated")]
     for name, known in view.players.items():
-        rows.append((name, *map(cell, known.values()), f"{known[last].repeated:.1%}"))
+        cells = map(_cell, known.values())
+        # Repetitions are counted over whole runs, so the last mark has them all.
+        repeated = known[marks[-1]].repeated
+        rows.append((name, *cells, f"{repeated:.1%}"))
     people = [view.people.get(mark) for mark in marks]
     means = ["" if mean is None else f"{mean:g}" for mean in people]
     # People played with other entities, so their row is a rough guide and says so.
     rows.append(("people, another game", *means))
-    published = [
-        row
-        for row in view.references
-        if row.origin == "literature" and row.measure == "entities known"
-    ]
-    # Published results for fewer attempts are no comparison.
-    shown = [row for row in published if last in row.figures]
-    for row in shown:
+    for row in published:
         figures = [row.figures.get(mark) for mark in marks]
         values = ["" if each is None else f"{each.value:g}" for each in figures]
         rows.append((f"{row.player}, published", *values))
+    return rows
+
+
+def _text(view: "DiscoveryView") -> Iterator[str]:
+    published = _published(view)
     reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
     yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
     yield from _about_world(view)
-    yield from ("", *aligned(rows), "", f"people: {view.people_source}")
-    yield from (f"{row.player}: {row.source}. {row.notes}" for row in shown if row.notes)
+    yield ""
+    yield from aligned(_rows(view, published))
+    yield ""
+    yield f"people: {view.people_source}"
+    for row in published:
+        if row.notes:
+            yield f"{row.player}: {row.source}. {row.notes}"
     if view.knows_recipes:
         seen = "it has seen these combinations"
         yield f"note: {view.scorer} was trained on recipes of {view.graph}: {seen}"

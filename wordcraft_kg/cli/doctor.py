@@ -84,7 +84,8 @@ def _listed(problems: dict[str, str]) -> str:
 
 def _torch() -> Iterator[CheckResult]:
     if unmet().get("torch") == NOT_INSTALLED:
-        return  # the check of packages has said so
+        # The check of packages has said so.
+        return
     # Importing is the test: a broken installation has the right version, too.
     try:
         import torch

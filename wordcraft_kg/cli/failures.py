@@ -58,7 +58,8 @@ class Manual:
     def places(self) -> dict[str, str]:
         """Positional arguments by parameter name, as the usage line spells them: ``[GRAPH]``."""
         shown = {}
-        is_optional = False  # once one argument may be left out, so may all that follow
+        # Once one argument may be left out, so may all that follow.
+        is_optional = False
         for parameter in signature(self.function).parameters.values():
             if parameter.kind is not parameter.KEYWORD_ONLY:
                 is_optional |= parameter.default is not parameter.empty

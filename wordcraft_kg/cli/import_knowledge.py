@@ -58,7 +58,8 @@ def import_knowledge(
     ((kind, path),) = given
     opened = open_graph(graph)
     out = out or Path("knowledge") / f"{opened.graph.name}-{kind}"
-    check_output(out, force=force)  # before a large file is read
+    # Refused before a large file is read.
+    check_output(out, force=force)
     view = import_knowledge(opened, kind, path, out, overrides=overrides, force=force)
     text = aligned(describe(view), numbers=True)
     text.append(f"{view.triples:,} triples, {view.facts:,} facts, tables: {', '.join(view.tables)}")

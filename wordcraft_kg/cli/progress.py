@@ -28,7 +28,8 @@ class Progress:
         is_stage: whether a short piece of work prints no line.
     """
 
-    INTERVAL = 5.0  # seconds between plain lines
+    # Seconds between plain lines.
+    INTERVAL = 5.0
     # Of the class, because there is one terminal: the reporter whose bar is open,
     _current: ClassVar["Progress | None"] = None
     # the time of the last plain line,
@@ -60,7 +61,8 @@ class Progress:
         Progress._current = self
         shown = []
         for name, value in figures.items():
-            if name not in ("epoch", "seconds"):  # the bar has its own count and clock
+            # The bar has its own count and clock.
+            if name not in ("epoch", "seconds"):
                 number = f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
                 shown.append(f"{name.replace('_', ' ')} {number}")
         console = Console(stderr=True)
@@ -150,7 +152,8 @@ class Progress:
 class Stages:
     """Listener for :mod:`wordcraft_kg.base.progress` that shows stages of work, one at a time."""
 
-    INTERVAL = 0.1  # seconds between two steps on display
+    # Seconds between two steps on display.
+    INTERVAL = 0.1
 
     def __init__(self) -> None:
         self._now: Progress | None = None

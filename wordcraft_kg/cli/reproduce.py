@@ -229,7 +229,8 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
     if options.plot or options.report is not None:
         beside = file.parent if file else root
         target = options.report or beside / "reports" / results.name
-        check_output(target, force=options.force)  # before the tables and plots are made
+        # Refused before the tables and plots are made.
+        check_output(target, force=options.force)
     view = view_study(results)
     text = [*lines_of(view, options.metric)]
     if target is not None:
@@ -340,9 +341,12 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
     kinds = Counter(task.kind for task in plan.tasks.values())
     counts = []
     for kind, number in kinds.items():
-        counts.append(f"{number:,} {kind if number > 1 else kind[:-1]}")  # kinds are plurals
+        # Kinds are plurals: runs, scorers, graphs.
+        noun = kind if number > 1 else kind[:-1]
+        counts.append(f"{number:,} {noun}")
     title = f"{plan.study.title}: {', '.join(counts)}; about {duration(hours)} of one core"
-    if options.engine == "processes" or options.jobs is not None:  # else known by the cluster only
+    # Only a cluster knows how many of its cores are free.
+    if options.engine == "processes" or options.jobs is not None:
         title += f", {duration(hours / jobs)} with {counted(jobs, 'job')}"
     tasks = [{"address": address, "title": task.title} for address, task in plan.tasks.items()]
     listed = _first([f"  {task['address']}  {task['title']}" for task in tasks], "--json lists all")

@@ -251,6 +251,7 @@ def agent_rows(
         ConfigError: if an agent plays other tasks, or with none of these distractor counts.
     """
     everyone = list(chain.from_iterable(groups.values()))
+    # All agents are checked before the first is evaluated, which may take minutes.
     for agent in everyone:
         its = play_of(agent.config.tasks, play.part)
         if its is None:
@@ -266,6 +267,7 @@ def agent_rows(
     for column in columns:
         evaluator = Evaluator(world.variant(num_distractors=column))
         for name, members in steps("evaluating agents", groups.items()):
+            # Members differ in the seed alone, so that one stands for all.
             if can_play(members[0], column):
                 played = [evaluator(PolicyPlayer(agent.policy)) for agent in members]
                 # Rates by task: the interval resamples seeds and groups of tasks.

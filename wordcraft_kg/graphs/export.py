@@ -141,11 +141,14 @@ def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
     code = [quote(label, safe="") for label in graph.entities]
     entities = [f"<{NAMESPACE}entity:{label}>" for label in code]
     for iri, label in zip(entities, graph.entities, strict=True):
+        # Backslashes first, or those before the quotation marks would be doubled, too.
         escaped = label.replace("\\", "\\\\").replace('"', '\\"')
         yield f'{iri} <{_RDFS_LABEL}> "{escaped}" .\n'
-    for head, relation, tail in zip(*(column.tolist() for column in triples.T), strict=True):
-        yield f"{entities[head]} <{NAMESPACE}relation:{RELATIONS[relation]}> {entities[tail]} .\n"
-    for a, b, result in zip(*(column.tolist() for column in graph.recipes.T), strict=True):
+    for head, relation, tail in triples.tolist():
+        predicate = f"<{NAMESPACE}relation:{RELATIONS[relation]}>"
+        yield f"{entities[head]} {predicate} {entities[tail]} .\n"
+    for a, b, result in graph.recipes.tolist():
+        # Named after its labels, so that equal recipes of two graphs are one node.
         recipe = f"<{NAMESPACE}recipe:{code[a]}+{code[b]}={code[result]}>"
         yield f"{recipe} <{_RDF_TYPE}> <{NAMESPACE}Recipe> .\n"
         # RDF is a set of statements: the same ingredient twice would be one statement anyway.

@@ -302,6 +302,7 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
     results = [row.result for row in rows]
     # What each pair makes: the original's results, and the wrong ones as they are accepted.
     originals = set(book.recipes)
+    # A permutation keeps how often each entity is made.
     rng.shuffle(results)
     taken: set[Recipe] = set()
     open_rows = list(range(number))
@@ -319,6 +320,7 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
         # Each of the rest exchanges its result with any other, which is checked again.
         for place in list(open_rows):
             other = int(rng.integers(number))
+            # An accepted row gives up its result, and is tried again with the new one.
             if other not in open_rows:
                 taken.discard(rows[other]._replace(result=results[other]))
                 open_rows.append(other)

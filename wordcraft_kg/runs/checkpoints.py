@@ -123,14 +123,16 @@ class Checkpoints(Generic[P]):
         write_atomically(path.with_suffix(".json"), dump_json(as_values(record)), durable=True)
         # Only now: a message after a failed write names the checkpoint before.
         self.last = number
-        if self.kept is None:  # every part is needed until the end
+        # Without a number to keep, every part is needed until the end.
+        if self.kept is None:
             return
         known = self.records()
         # Checkpoints with a higher number were damaged: the run was resumed from an earlier one.
         kept = [other for other in known if other <= number][: self.kept]
         for other, old in known.items():
             if other not in kept:
-                old.unlink()  # the record first, for the same reason
+                # The record first, for the same reason.
+                old.unlink()
                 old.with_suffix(".safetensors").unlink(missing_ok=True)
 
     def load(self) -> Checkpoint[P]:

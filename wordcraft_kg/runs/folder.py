@@ -134,7 +134,8 @@ class RunFolder(Generic[P]):
         hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
         settings = config.values()
         for name in ("seed", "device", "threads"):
-            if name in settings:  # otherwise the defaults of the record
+            # A missing setting leaves the default of the record.
+            if name in settings:
                 facts[name] = settings[name]
         self._record = start_run(self.path, config.command, inputs={**inputs, **hashes}, **facts)
         # From here on the record tells that this folder is a run.
@@ -212,7 +213,8 @@ class RunFolder(Generic[P]):
             self._end("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         unit = self.kind.unit
         last = self.checkpoints.last
-        if isinstance(error, OSError) and last is None:  # the write of a checkpoint failed
+        # This process has written none, but one of an earlier process may be there.
+        if isinstance(error, OSError) and last is None:
             last = next(iter(self.checkpoints.records()), None)
         if last is None:
             return error
@@ -291,12 +293,14 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
     folder = output_target(with_a_name(folder))
     kind.read_record(folder)
     with locked(folder):
-        record = kind.read_record(folder)  # under the lock, the record cannot change
+        # Under the lock, the record cannot change.
+        record = kind.read_record(folder)
         if record.status == "done":
             raise ArtefactError(
                 f"'{folder}' is finished and cannot be resumed. Choose an unfinished run."
             )
-        drop_temporary(folder)  # half-written files of a killed process
+        # Half-written files of a killed process.
+        drop_temporary(folder)
         try:
             with first_interrupt() as interrupted:
                 run = RunFolder(folder, kind, interrupted, record)
@@ -316,7 +320,8 @@ def check_run_output(out: Path, *, force: bool) -> None:
     Raises:
         OutputExistsError: if it holds something else and ``force`` is False.
     """
-    with suppress(ArtefactError):  # without a run, or damaged
+    # A folder without a run, or with a damaged record, is no run.
+    with suppress(ArtefactError):
         if read_run(out).status != "done":
             return
         # Checkpoints beside a result were left by a run that was killed after the last record.

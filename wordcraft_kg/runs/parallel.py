@@ -146,7 +146,8 @@ class Workers(Generic[J, R]):
                 them at once, as does a second Ctrl-C while this process waits.
         """
         deadline = time.monotonic() + patience
-        self._attempts = 0  # a process that dies now is not replaced
+        # A process that dies now is not replaced.
+        self._attempts = 0
         try:
             while self._busy() and time.monotonic() < deadline:
                 # Again and again, because a training may not listen yet.
@@ -180,7 +181,8 @@ class Workers(Generic[J, R]):
             self._workers[number] = worker
         worker.job = job
         worker.attempts = attempt
-        with suppress(OSError):  # it died just now, and :meth:`wait` notices
+        # It died just now, and :meth:`wait` notices.
+        with suppress(OSError):
             worker.connection.send(job)
 
     def _after_death(self, number: int, worker: _Worker) -> list[Ended[J, R]]:
@@ -202,7 +204,8 @@ class Workers(Generic[J, R]):
         )
         with _isolated_start(), _threads_of(self._threads):
             process.start()
-        theirs.close()  # so that the death of the process closes the connection
+        # Closed on this side, so that the death of the process closes the connection.
+        theirs.close()
         return _Worker(process, ours)
 
 
@@ -282,7 +285,8 @@ def _perform_jobs(
     def report(*values: Any) -> None:
         connection.send(("progress", values))
 
-    with suppress(EOFError, OSError):  # the parent has closed the connection
+    # The parent has closed the connection.
+    with suppress(EOFError, OSError):
         while True:
             job = connection.recv()
             try:

@@ -164,10 +164,12 @@ def train(
                 return trainer.outcome(files)
             if trainer.kind.checkpoints(folder).records():
                 return _resume(trainer(recorded, opened), folder, trackers, progress)
-            force = True  # killed before the first checkpoint: nothing is lost
+            # Killed before the first checkpoint: nothing is lost.
+            force = True
     check_new_run(folder, force=force)
     training = trainer(config, opened)
-    training.prepare()  # may take long or fail, so an old folder is still in its place
+    # Preparing may take long or fail, so an old folder is still in its place.
+    training.prepare()
     kind = trainer.kind
     with shown(progress, kind.name, kind.unit) as report, new_run(folder, kind, force=force) as run:
         begun = {"inputs": {}, **training.begin(run, report)}
@@ -184,7 +186,8 @@ def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
         record = read_run(folder)
         if record.kind in kind.commands:
             if record.status == "done":
-                kind.checkpoints(folder).drop()  # left by a run killed after the last record
+                # Left by a run killed after the last record.
+                kind.checkpoints(folder).drop()
             return record
     return None
 
@@ -212,7 +215,8 @@ def _checked_settings(
     trainer: type[Training[C, P, T]],
 ) -> C:
     """Return an earlier run's settings, with the paths of ``config``, if all others are equal."""
-    files.bytes(CONFIG_FILE)  # for the check of its hash
+    # Read for the check of its hash alone.
+    files.bytes(CONFIG_FILE)
     recorded: C = trainer.config_type.read(files.folder)  # type: ignore[assignment]
     if recorded.command != config.command:
         raise ConfigError(
@@ -271,7 +275,8 @@ def train_seeds(
             f"'{parent}' is a single run; several seeds need a folder for all runs. "
             "Choose another `out`."
         )
-    trackers = list(trackers)  # an iterator would be empty for the second seed
+    # An iterator would be empty for the second seed.
+    trackers = list(trackers)
     for seed, config in configs.items():
         outcome = train(
             trainer,

@@ -272,7 +272,8 @@ def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
             if cells is None or task.kind == "graphs" or read_cell(task, cells) is None:
                 left[task.address] = task
             continue
-        if seconds:  # 0 for graphs and for results from a store
+        # 0 for graphs and for results from a store.
+        if seconds:
             measured[_sort(task)].append(seconds / _usual(task))
     # Results from a store have no files: a scorer that a missing agent needs is trained again.
     for task in list(left.values()):

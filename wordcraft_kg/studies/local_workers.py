@@ -72,7 +72,8 @@ class LocalWorkers:
 
 def _death(ended: Ended[Task, Outcome]) -> Outcome:
     why = f"the process died {ATTEMPTS} times, the last time with code {ended.exitcode}"
-    if ended.exitcode == -9:  # killed, as by the system without memory
+    # -9: killed, as by the system without memory.
+    if ended.exitcode == -9:
         why += "; perhaps memory is too small for this many processes: use fewer `jobs`"
     return Outcome(ended.job.address, "failed", f"{why}.")
 

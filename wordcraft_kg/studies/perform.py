@@ -179,7 +179,8 @@ def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: 
         begun_with = read_run(folder).inputs
         inputs = trainer.input_hashes(config)
         if any(begun_with.get(name) != value for name, value in inputs.items()):
-            _clear(folder)  # a damaged scorer was trained again on another machine
+            # A damaged scorer was trained again on another machine.
+            _clear(folder)
     try:
         return train(trainer, config, folder, keep=True)
     except (ArtefactError, OutputExistsError) as error:
@@ -298,7 +299,8 @@ def _scorer_metrics(folder: Path, seconds: float) -> ScorerMetrics:
     model = open_model(folder)
     graph = model.opened.graph
     unseen = model.opened.split.held_out("test")
-    mrr = None  # on the full graph the scorer has seen the test triples
+    # On the full graph the scorer has seen the test triples.
+    mrr = None
     if model.kg == "partial" and len(unseen):
         ranked = rank_triples(model.scorer, sampled_for(graph, unseen), graph.triples)
         mrr = round(mean_reciprocal_rank(ranked), 6)

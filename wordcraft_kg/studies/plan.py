@@ -291,6 +291,7 @@ class _Planner:
         if scorer is None and SCORER in cell.settings:
             given = {name: value for name, value in given.items() if name not in KNOWLEDGE_SETTINGS}
         given["seed"] = cell.seed
+        # Curves of all lengths have as many points, so that their files stay small.
         if "eval_every" not in given:
             steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
@@ -304,6 +305,7 @@ class _Planner:
         cost = given.get("scorer_cost", ImpalaConfig.scorer_cost)
         given["scorer_cost"] = cost if has_cost else 0.0
         settings: dict[str, Any] = {}
+        # Without defaults: a study that names one has the address of a study that does not.
         for kind in _PART_OF_AGENT.values():
             settings |= _not_default(given, kind)
         if config.trainer.preset != "paper":

@@ -72,7 +72,8 @@ class RayWorkers:
             expected = Expected.of(self.plan, marker)
             _check_nodes(ray, self.plan, expected)
             cleanup.callback(_stop, ray, running)
-            perform_on_node = ray.remote(_perform_on_node)  # once: Ray sends it to all nodes
+            # Once: Ray sends the function to all nodes.
+            perform_on_node = ray.remote(_perform_on_node)
             while True:
                 # Asked each time, because nodes come and go.
                 places = self.jobs or max(int(ray.cluster_resources().get("CPU", 0)), 1)
@@ -90,9 +91,11 @@ class RayWorkers:
 
 
 def _perform_on_node(task: Task, perform: _Perform, fit: Expected, command: list[str]) -> Outcome:
-    sys.argv = command  # for the record of the run
+    # The record of the run has the command of the study, not that of Ray.
+    sys.argv = command
     logging.getLogger("wordcraft_kg").setLevel(logging.ERROR)
-    fit.check()  # again: the node may have joined later
+    # Again: the node may have joined later.
+    fit.check()
     return perform(task, fit.root)
 
 
@@ -188,6 +191,7 @@ def _connected(address: str | None, cleanup: ExitStack) -> Any:
     except ImportError:
         raise missing_extra("ray", ["Ray"]) from None
     try:
+        # Ray itself tries for minutes.
         if address not in (None, "auto"):
             _check_address(str(address))
         # Stdout is for the result, not for Ray's messages about lost nodes.
@@ -195,7 +199,8 @@ def _connected(address: str | None, cleanup: ExitStack) -> Any:
         cleanup.callback(ray.shutdown)
         own: dict[str, Any] = {} if address else {"num_cpus": cores(), "include_dashboard": False}
         ray.init(address=address or "local", log_to_driver=False, logging_level="ERROR", **own)
-        cleanup.enter_context(sigterm_as_interrupt())  # Ray has set a handler of its own
+        # Ray has set a handler of its own.
+        cleanup.enter_context(sigterm_as_interrupt())
     except Exception as error:
         raise ConfigError(
             f"no Ray cluster at '{address or 'this machine'}' ({reason(error)}); expected auto or "

@@ -132,6 +132,7 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     order = {name: number for number, name in enumerate(results.study.variants)}
     cells: list[tuple[Values, Runs]] = []
     for values, runs in points.values():
+        # Variants that the study does not name any more come last.
         names = sorted(runs, key=lambda name: order.get(name, len(order)))
         cells.append((values, {name: runs[name] for name in names}))
     for values, runs in cells:

@@ -215,7 +215,8 @@ def _said(talk: Conversation, pairs: Sequence[Pair | None], style: Style) -> lis
             {"role": "user", "content": talk.game.state},
         ]
     for pair in pairs:
-        if pair is None:  # an empty slot: there is no answer in words for it
+        # An empty slot: there is no answer in words for it.
+        if pair is None:
             talk.game.lose_attempt()
             continue
         first, second = pair
@@ -232,7 +233,8 @@ def _said(talk: Conversation, pairs: Sequence[Pair | None], style: Style) -> lis
     if style == "tools":
         messages.append({"role": "assistant", "content": CLOSING})
     else:
-        messages.pop()  # after the last answer nobody is asked any more
+        # After the last answer nobody is asked any more.
+        messages.pop()
     return messages
 
 

@@ -171,7 +171,8 @@ class Conversation:
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
             raise ActionError(prompt_text("no_look_ups"))
         facts = self._knowledge.facts(entity, self.game)
-        self.look_ups += 1  # only now: a look-up that failed is not counted
+        # Only now: a look-up that failed is not counted.
+        self.look_ups += 1
         return facts, self._knowledge.reply(self.game.graph.entities[entity], facts)
 
     def _reject(self, reason: str) -> str:

@@ -196,7 +196,8 @@ class TaskGame(Game):
         self.is_made = info["outcome"] == "goal"
         self.by_plan = info["by_plan"]
         text = combined(pair, results_of(self._env, *pair))
-        key = tuple(sorted(pair))  # the order of a pair has no meaning
+        # The order of a pair has no meaning.
+        key = tuple(sorted(pair))
         if key in self._tried:
             text += prompt_text("tried")
         self._tried.add(key)

@@ -85,7 +85,8 @@ class HostedGame:
         """Give up the game if it is not over, and record the game."""
         if not self.talk.is_over:
             self.talk.game.end()
-            self._note("end", "")  # the answer is the state alone
+            # The answer is the state alone.
+            self._note("end", "")
         self._keep_if_over()
 
     @contextmanager

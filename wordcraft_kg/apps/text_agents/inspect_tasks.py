@@ -246,7 +246,8 @@ def conversation(play: Play) -> Solver:
             is_finished = talk.is_over
             talk.game.end()
             played = as_values(record_of(talk, [], seed))
-            del played["messages"]  # they are in Inspect's log
+            # Inspect's log has the messages already.
+            del played["messages"]
             ending = {UNFINISHED: not is_finished, VERDICT: talk.game.state}
             state.store.set(_PLAYED, {**played, **ending})
         return state

@@ -98,7 +98,8 @@ class PartialGraphKnowledge(Knowledge):
                 relevance = 1
             else:
                 relevance = 2
-            return relevance, row  # the row breaks ties, so that replies never depend on a set
+            # The row breaks ties, so that replies never depend on a set.
+            return relevance, row
 
         rows = {*graph.recipes_of(entity).tolist(), *graph.uses_of(entity).tolist()}
         visible = [

@@ -162,7 +162,8 @@ class LinePlayer:
         # The id of a program that has ended may belong to another process by now.
         is_running = self._process.poll() is None
         _kill_processes(self._process.pid if is_running else None, self._tag)
-        with suppress(OSError, AttributeError):  # no process is left; Windows has no process groups
+        # No process is left; Windows has no process groups.
+        with suppress(OSError, AttributeError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.kill()
         self._process.wait()
@@ -200,7 +201,8 @@ class LinePlayer:
         # A line that came before the question would be taken for the answer, and all later answers
         # would be one line late.
         if not self._lines.empty():
-            self._receive(0)  # raises if the program has ended
+            # This raises if the program has ended.
+            self._receive(0)
             raise self._error(
                 "wrote extra lines: expected one line per input line. Write everything else to "
                 "stderr."
@@ -241,7 +243,8 @@ class LinePlayer:
         """Pass on the lines for the program, and close its input at the end; runs in a thread."""
         stream = self._process.stdin
         assert stream is not None
-        with suppress(OSError):  # the program has ended; earlier output may still be an answer
+        # The program has ended; earlier output may still be an answer.
+        with suppress(OSError):
             while (line := self._unsent.get()) is not None:
                 stream.write(line)
                 stream.flush()
@@ -353,7 +356,8 @@ def name_of(words: list[str]) -> str:
     """
     is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
     for word in words[1:] if is_python else ():
-        with suppress(OSError):  # code may take the place of a file name
+        # Code may take the place of a file name.
+        with suppress(OSError):
             if not word.startswith("-") and Path(word).is_file():
                 return Path(word).name
     return Path(words[0]).name

@@ -376,8 +376,10 @@ def make_http_app(
     names = sorted({*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)})
     hosts: list[str] = []
     for name in names:
-        in_url = f"[{name}]" if ":" in name else name  # an IPv6 address stands in brackets
-        hosts += [in_url, f"{in_url}:*"]  # without a port, and with any
+        # An IPv6 address stands in brackets.
+        in_url = f"[{name}]" if ":" in name else name
+        # A client may name the host without a port, or with any.
+        hosts += [in_url, f"{in_url}:*"]
     origins = [f"http://{name}" for name in hosts] + [f"https://{name}" for name in hosts]
     app = server.streamable_http_app(
         streamable_http_path=PATH,

@@ -181,7 +181,8 @@ class GameList:
                 return game
         part = _PART.search(games)
         if part and part["part"] not in self.plays:
-            self._plays_of(part["part"])  # raises the error for this part
+            # This raises the error for the part.
+            self._plays_of(part["part"])
         example = self.at(next(iter(self.plays)), 0).name
         raise ConfigError(
             f"`task_id` {_shown(name)} is no game of this server; expected a graph, a depth, a "

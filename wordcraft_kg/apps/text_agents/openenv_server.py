@@ -61,7 +61,8 @@ class _Sessions:
         try:
             await self._converse(socket, session)
         except WebSocketDisconnect:
-            pass  # the client has left while it was answered
+            # The client has left while it was answered.
+            pass
         except TimeoutError:
             error = f"the client was silent for {self.idle:g} seconds; connect again."
             # It may be gone, or read nothing: then nobody hears this.

@@ -96,7 +96,8 @@ class CraftingSession:
         if unknown:
             raise ConfigError(f"reset has no argument '{unknown[0][:60]}': {', '.join(_RESET)}.")
         game = self._chosen({key: value for key, value in asked.items() if value is not None})
-        talk = game.begin()  # before the game before ends: a refused reset changes nothing
+        # Begun before the last game ends: a refused reset changes nothing.
+        talk = game.begin()
         self.close()
         self._game = game
         self._talk = talk

@@ -384,7 +384,8 @@ def _write(path: Path, mode: str, line: bytes) -> None:
     with path.open(mode) as file:
         file.write(line)
         file.flush()
-        os.fsync(file.fileno())  # survives a power failure, too
+        # Survives a power failure, too.
+        os.fsync(file.fileno())
 
 
 def _check_header(path: Path, kept: GamesHeader, own: GamesHeader) -> None:

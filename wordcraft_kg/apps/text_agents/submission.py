@@ -287,7 +287,8 @@ def _check_counts(play: Play, played: Played) -> None:
             f"the game has {counted(played.look_ups, 'look-up')}; expected at most {most}"
         )
     lost = list(played.pairs).count(None)
-    each = play.settings.max_invalid + 1  # invalid answers that cost an attempt
+    # Invalid answers that cost an attempt.
+    each = play.settings.max_invalid + 1
     if played.invalid_actions < lost * each:
         few = counted(played.invalid_actions, "invalid answer")
         raise EpisodeError(
@@ -446,7 +447,8 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
         ArtefactError: if a file is missing, damaged or edited, or if a result differs from what
             replaying the games gives; the message names the first difference.
     """
-    path = folder / SUBMISSION_FILE  # for messages; an archive is no folder, but reads like one
+    # The path is for messages: an archive is no folder, but reads like one.
+    path = folder / SUBMISSION_FILE
     data = read_submission_file(folder, SUBMISSION_FILE)
     submission = parse_record(data, Submission, path)
     # Before the replay: with another version of the benchmark the games are others.
@@ -574,7 +576,8 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
             "games. Play the track again."
         )
     texts = data.split(b"\n")
-    if texts.pop():  # what follows the last line break
+    # The last text is what follows the last line break.
+    if texts.pop():
         raise ArtefactError(f"{path}, line {len(texts) + 1}, has no end. Play the track again.")
     if len(texts) < len(track):
         raise ArtefactError(

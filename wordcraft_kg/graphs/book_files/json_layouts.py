@@ -107,6 +107,7 @@ def save_or_dump(part: JsonPart) -> FoundShape | None:
         return None
     items = value["items"]
     recipes = value.get("recipes")
+    # A dump names things by their index in ``items``; a save keeps recipes with each item.
     if items and isinstance(recipes, list) and all(map(_is_index_row, recipes)):
         names = {i: own_name(item) for i, item in enumerate(items)}
         raws = (RawRecipe(f"recipes[{i}]", row, row[:-1], row[-1]) for i, row in enumerate(recipes))
@@ -120,6 +121,7 @@ def save_or_dump(part: JsonPart) -> FoundShape | None:
 
     def saved() -> Raws:
         for i, item in enumerate(items):
+            # First items, such as water, have no recipes, or null.
             pairs = item.get("recipes") or []
             if isinstance(pairs, list):
                 yield from _listed_pairs(pairs, f"items[{i}]", item["text"])
@@ -131,6 +133,7 @@ def save_or_dump(part: JsonPart) -> FoundShape | None:
 
 
 def _is_index_row(row: Any) -> bool:
+    # By type: true and false are instances of int, but no indices.
     return isinstance(row, list) and len(row) >= 2 and all(type(each) is int for each in row)
 
 

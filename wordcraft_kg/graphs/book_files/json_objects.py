@@ -222,6 +222,7 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
         return None
     if _is_wrapper_of_sums(value):
         return None
+    # A thing with null makes nothing, and is an entity all the same.
     filled = {key: each or {} for key, each in value.items()}
     partners, around, ignored = without_wrapper(filled)
     leaves = list(chain.from_iterable(inner.values() for inner in partners.values()))
@@ -235,6 +236,7 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
     if not is_nested:
         return None
     rows: list[list[str]] = []
+    # Enough to tell which label is the result; all rows of a large book would take seconds.
     for one, inner in islice(partners.items(), LOOKED_AT):
         rows += [[one, other, made] for other, made in inner.items() if isinstance(made, str)]
     # A key such as combinations tells that the inner keys are partners; one such as data does not.
@@ -268,6 +270,7 @@ def without_wrapper(
     """
     filled = [inner for inner in things.values() if inner]
     keys: dict[str, None] = {}
+    # Dicts in place of sets: what is left out is named in the order of the file.
     around: dict[str, None] = {}
     for inner in filled:
         keys |= dict.fromkeys(inner)

@@ -316,6 +316,7 @@ def _partners(records: Records, roles: _Roles) -> FoundShape | None:
 def _entities(records: Records, roles: _Roles) -> FoundShape:
     """Objects with a key for recipes or ingredients, and one for the results or the name."""
     path = records.part.path
+    # Before any row is read: texts that all hold a comma may be labels or pairs.
     refuse_joined(path, records.values(roles.recipes))
     made = _made_key(records, roles)
     ids = [(row.get("id"), row) for row in records.rows]
@@ -340,6 +341,7 @@ def _entities(records: Records, roles: _Roles) -> FoundShape:
             # A thing by its name is an entity of the book also without a recipe.
             if not roles.outputs:
                 listed += results
+        # All ways to make a thing stand in its one object.
         for pair in chain.from_iterable(held):
             here = f"{place}.{roles.recipes[0]}"
             raws += [RawRecipe(here, pair, pair, result) for result in results]
@@ -347,6 +349,7 @@ def _entities(records: Records, roles: _Roles) -> FoundShape:
     ignored = tuple(key for key in records.keys if key not in columns)
     found = FoundShape("a list of objects", raws, listed, columns=columns, ignored=ignored)
     result_place = _result_place(records, roles, names)
+    # Place 0 is the usual reading: the object is the result, and its pairs are ingredients.
     if result_place != 0:
         found.columns = places_in_order(PAIR_PLACES, result_place)
         found.raws = with_result_at(iter(raws), result_place)

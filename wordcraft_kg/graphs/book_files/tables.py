@@ -549,6 +549,7 @@ class Table(RowSource):
 
     def _recipes(self, number: int, cells: list[str]) -> Iterator[Entry]:
         roles = self._roles
+        # Spreadsheets write empty cells at the end of a row up to the widest one.
         while len(cells) > self._width and not cells[-1]:
             cells = cells[:-1]
         needed = max(*roles.ingredients, *roles.results) + 1
@@ -568,6 +569,7 @@ class Table(RowSource):
             if message:
                 yield Fault(number, "row", message, "alternatives")
                 return
+        # Of no result, the first column's blank cell stays: a fault that names the row.
         results = [cells[i] for i in roles.results if cells[i]] or [cells[roles.results[0]]]
         kind = self._kind_in(cells)
         # A blank label is a fault, so that a row without ingredients names it; a blank kind is not.
@@ -576,6 +578,7 @@ class Table(RowSource):
         if faults:
             yield Fault(number, "label", " Also, ".join(faults))
             return
+        # Counted after the faults, so that refused rows do not count.
         self.counts_dropped += self._counts_in(cells)
         if self._drops_nothing and NOTHING in ingredients:
             yield LeftOut(number, FROM_NOTHING)

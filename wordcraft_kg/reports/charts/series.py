@@ -357,7 +357,10 @@ def log_reliability(
         for x, y, low, high, count in values:
             across = place(x)
             up = place(y)
-            plot.whiskers((across, None, None), (up, place(low), place(high)), number)
+            interval = (up, place(low), place(high))
+            # A probability is given, not estimated: it has no interval.
+            plot.whiskers((across, None, None), interval, number)
+            # Text has the values themselves, not their logarithms.
             true = f"true {y:.2g} [{low:.2g}, {high:.2g}]"
             title = f"{name}: probability {x:.2g}, {true}, {count:,} triples"
             plot.marker(plot.x(across), plot.y(up), number, title)

@@ -190,6 +190,7 @@ def map_of(graph: RecipeGraph) -> MapView:
     columns = (*places.T, graph.use_counts[ids], group_of, layer[ids])
     numbers = [column.tolist() for column in columns]
     num_links = len(combines) + len(components)
+    # A browser draws so many lines too slowly; those of a chosen entity are sent with it.
     if num_links > ALL_LINKS:
         combines = combines[:0]
         components = components[:0]
@@ -249,6 +250,7 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
     """Return a relation's links between different entities of ``ids``, as indices, shape (L, 2)."""
+    # -1 marks entities that are not on the map; their links are dropped below.
     number = np.full(graph.num_entities, -1)
     number[ids] = np.arange(len(ids))
     triples = graph.triples
@@ -274,6 +276,7 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     if number < 2:
         return np.full((number, 2), [WIDTH // 2, HEIGHT // 2])
     degree = np.bincount(links.ravel(), minlength=number)
+    # At least 1 at both ends, which the link itself counts: no division by 0.
     of_both_ends = degree[links].prod(axis=1)
     weight = 1 / np.sqrt(of_both_ends)
     one, other = links.T

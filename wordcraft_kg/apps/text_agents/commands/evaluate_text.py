@@ -111,7 +111,8 @@ def _check(folder: Path) -> None:
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.base.artefacts import output_target
 
-    output_target(folder)  # a link that leads nowhere is refused before the games
+    # A link that leads nowhere is refused before the games.
+    output_target(folder)
     if folder.exists() and not folder.is_dir():
         raise OutputExistsError(f"'{folder}' is a file; expected a folder. Choose another --out.")
     # Games are continued or replaced there; other files are none of this command's.

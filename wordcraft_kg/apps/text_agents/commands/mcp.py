@@ -105,7 +105,8 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
             output.result(
                 {"address": address + PATH}, [f"{address}{PATH}   Ctrl-C stops the server"]
             )
-            sys.stdout.flush()  # a script may wait for the address on a pipe
+            # A script may wait for the address on a pipe.
+            sys.stdout.flush()
 
         serve(make_http_app(server, host, allow_host or ()), listening, started, has_lifespan=True)
 
@@ -122,4 +123,5 @@ def _serve_stdio(server: "MCPServer[Any]") -> None:
     try:
         server.run("stdio")
     except* BrokenPipeError:
-        pass  # the client has left without closing stdin
+        # The client has left without closing stdin.
+        pass

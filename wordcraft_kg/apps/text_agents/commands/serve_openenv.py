@@ -131,7 +131,8 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             offered = ", ".join(f"{count:,} {name} tasks" for name, count in counts.items())
             view = {"address": address, "tasks": counts, "sessions": sessions}
             output.result(view, [f"{address}   {offered}   Ctrl-C stops the server"])
-            sys.stdout.flush()  # a script may wait for the address on a pipe
+            # A script may wait for the address on a pipe.
+            sys.stdout.flush()
 
         serve(app, listening, started, has_web_sockets=True)
 

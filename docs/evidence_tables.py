@@ -22,6 +22,7 @@ OUTSIDE = {
     "language model": "and a language model",
     "WordNet": "and WordNet",
     "book": "and the other book",
+    "Infinite Craft": "and Infinite Craft, links and pair encoder",
     "GloVe and book": "the other book, with GloVe instead of MiniLM",
     "all": "**all of them**",
     "zero-shot": "zero-shot: the other book alone",
@@ -99,10 +100,10 @@ def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
 
 
-def outside(book: str, split: str) -> Iterator[str]:
+def outside(book: str, split: str, source: str = "outside-knowledge.json") -> Iterator[str]:
     """Yield the table of outside knowledge for a book and a split: means over splits."""
     rows: dict[str, list[Row]] = {}
-    for row in _read("outside-knowledge.json"):
+    for row in _read(source):
         if (row["book"], row["split"]) == (book, split):
             rows.setdefault(row["row"], []).append(row)
     columns = {"mrr": f"{split}, MRR", "8": "8 distractors", "1": "1", "few 8": "few"}
@@ -295,6 +296,29 @@ def _plain(value: float) -> str:
     return _signed(value).removeprefix("+")
 
 
+def plan_weights() -> Iterator[str]:
+    """Yield the table of weights of plans: means over splits, and each split's gain."""
+    rows: dict[tuple[str, str], list[Row]] = {}
+    for row in _read("evidence/data/plan-weights.json"):
+        rows.setdefault((row["split"], row["book"]), []).append(row)
+    seeds = [row["seed"] for row in next(iter(rows.values()))]
+    gains = [f"gain, split {seed}" for seed in seeds]
+    yield f"| book, split | planner | weights from play | {' | '.join(gains)} | tasks |"
+    yield f"|---|{'---|' * (len(seeds) + 3)}"
+    for (split, book), each in rows.items():
+        assert [row["seed"] for row in each] == seeds
+        planner, weighed = (
+            _shown(_mean([row[key] for row in each])) for key in ("planner", "weighed")
+        )
+        of_splits = []
+        for row in each:
+            gain, low, high = (signed(value) for value in row["difference"])
+            of_splits.append(f"{gain} [{low}, {high}]")
+        tasks = sum(row["tasks"] for row in each)
+        title = f"{BOOKS[book]}, {split.replace('-', ' ')}"
+        yield f"| {title} | {planner} | **{weighed}** | {' | '.join(of_splits)} | {tasks:,} |"
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -305,6 +329,14 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
         }.items()
         for split in splits
     },
+    **{
+        f"outside infinite-craft {book} {split}": partial(
+            outside, book, split, "evidence/data/outside-infinite-craft.json"
+        )
+        for book in BOOKS
+        for split in ("by-recipe", "by-goal")
+    },
+    "plan weights": plan_weights,
     **{
         f"planning {split}": partial(
             depths, "planning.json", "little-alchemy-2", split, tuple(PLAYERS)

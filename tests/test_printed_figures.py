@@ -87,6 +87,7 @@ OUTSIDE = {
     "and a language model": "language model",
     "and WordNet": "WordNet",
     "and the other book": "book",
+    "and Infinite Craft, links and pair encoder": "Infinite Craft",
     "the other book, with GloVe instead of MiniLM": "GloVe and book",
     "**all of them**": "all",
     "zero-shot: the other book alone": "zero-shot",
@@ -106,11 +107,14 @@ COLUMNS = {
 }
 
 
-def means_of(book, split):
-    """Return the mean over splits of each row and figure of outside-knowledge.json; None where a
-    split lacks it."""
+KNOWLEDGE = "outside-knowledge.json"
+WITH_INFINITE_CRAFT = "evidence/data/outside-infinite-craft.json"
+
+
+def means_of(book, split, file=KNOWLEDGE):
+    """Return the mean over splits of each row and figure of a file; None where a split lacks it."""
     rows = {}
-    for row in stored("outside-knowledge.json"):
+    for row in stored(file):
         if (row["book"], row["split"]) == (book, split):
             rows.setdefault(row["row"], []).append(row)
     return {
@@ -127,10 +131,12 @@ def means_of(book, split):
 def test_the_evidence_on_outside_knowledge_prints_the_stored_means():
     pages = [(head, rows) for head, rows in tables("evidence/outside.md") if "few" in head]
     books = ["little-alchemy-2"] * 3 + ["everyday"] * 2 + ["my-book"]
+    files = [KNOWLEDGE] * len(books) + [WITH_INFINITE_CRAFT] * 4
+    books += ["little-alchemy-2"] * 2 + ["everyday"] * 2
     compared = 0
-    for book, (head, rows) in zip(books, pages, strict=True):
+    for book, file, (head, rows) in zip(books, files, pages, strict=True):
         split = head[1].partition(",")[0]
-        means = means_of(book, split)
+        means = means_of(book, split, file)
         for name, *cells in rows:
             for column, cell in zip(head[1:], cells, strict=True):
                 figure = COLUMNS.get(column, "mrr")

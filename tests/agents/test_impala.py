@@ -385,18 +385,47 @@ def test_a_second_thread_scores_ahead_and_changes_no_bit(
     monkeypatch.setattr("wordcraft_kg.models.scorers.neighbours.knowledge._BLOCK", 2)
     with trainer(**settings) as one, trainer(**settings, threads=2) as two:
         assert (one.scores_ahead, two.scores_ahead) == (False, True)
+        asked = []
+        scores_of = two.policy.external_scores
+        monkeypatch.setattr(
+            two.policy, "external_scores", lambda states: asked.append(1) or scores_of(states)
+        )
+        before = one.state()
         for number in range(6):
             one.update()
             two.update()
-            if number == 3:
-                # An evaluation binds the policy to other tasks between two updates, and a
-                # checkpoint takes the trainer back.
-                state = one.state()
-                two.policy.bind(two.envs.world.variant(part="all").tasks)
-                two.restore(state)
+            # The first unroll finds no scores made ahead, nor does one after a restored state.
+            assert len(asked) == unroll + (number in (0, 3))
+            asked.clear()
+            # An evaluation binds the policy to other tasks between two updates.
+            two.policy.bind(two.envs.world.variant(part="all").tasks)
+            if number == 2:  # back to the start
+                one.restore(before)
+                two.restore(before)
             assert torch.equal(flat(one), flat(two))
             assert torch.equal(one._unroll.external_scores, two._unroll.external_scores)
         assert_same_state(one, two)
+
+
+def test_scores_made_ahead_do_not_survive_an_update_that_fails(trainer, cross_fitted, monkeypatch):
+    settings = {"policy": {"use": "w"}, "scorer": cross_fitted}
+    with trainer(**settings) as one, trainer(**settings, threads=2) as two:
+        for impala in (one, two):
+            impala.update()
+            with monkeypatch.context() as patch:
+                patch.setattr(impala, "_learn", lambda *_: 1 / 0)
+                with pytest.raises(ZeroDivisionError):
+                    impala.update()
+            impala.update()
+        assert_same_state(one, two)
+
+
+def test_an_error_in_the_second_thread_ends_the_update(trainer, cross_fitted, monkeypatch):
+    with trainer(policy={"use": "w"}, scorer=cross_fitted, threads=2) as impala:
+        impala.update()
+        monkeypatch.setattr(impala.policy, "external_scores", lambda _: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            impala.update()
 
 
 def test_a_second_thread_is_for_scores_by_lists_alone(trainer, scorer):

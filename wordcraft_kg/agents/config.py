@@ -144,9 +144,9 @@ class ImpalaConfig:
         clip: maximum gradient norm; 40 in the paper's released code.
         seed: root seed for initialisation, environments and actions.
         device: torch device for environments, actor and learner: cpu or cuda.
-        threads: CPU threads. With a recipe scorer, a second thread scores the next tables while the
-            policy learns, which is faster by half or more, and gives the same bits. Without one, 2
-            are about as fast as 1, because the matrices are small.
+        threads: CPU threads. With a recipe scorer, and on the CPU, further threads score the next
+            tables while the policy learns on one: 2 are a quarter faster, with the same bits.
+            Without one, 2 are about as fast as 1, because the matrices are small.
         compile: compile actor and learner first; takes a minute and, on a CPU, needs a C++
             compiler.
         log_every: environment steps between two lines in metrics.jsonl.

@@ -246,9 +246,25 @@ class Impala:
         is_cut = self._collect(self._acting(weights))
         # The next scores depend on the environments alone, so they need not wait for the learner.
         ahead: Future[Tensor | None] | None = None
-        if self.scores_ahead:
+        if self.scores_ahead and self.update_number + 1 < self.config.updates:
             ahead = self._ahead.submit(self.policy.external_scores, states_of(self.envs))
+        try:
+            self._improve(weights, is_cut=is_cut)
+        finally:
+            # Awaited whatever happens: the caller may bind the policy to other tasks now.
+            scores = None if ahead is None else ahead.result()
+        self._next_scores = scores
 
+    def _improve(self, weights: Weights, *, is_cut: bool) -> None:
+        """Learn from the unroll.
+
+        Args:
+            weights: weights of the learning policy, with gradients.
+            is_cut: whether an episode continues after the unroll.
+
+        Raises:
+            TrainingError: if the loss is not finite, on the CPU; then parameters are unchanged.
+        """
         # Gradients flow through `weights` into the views of the flat gradient.
         assert self._flat.grad is not None
         self._flat.grad.zero_()
@@ -273,8 +289,6 @@ class Impala:
         self._count(losses, norm)
         # Copied, because a compiled learner reuses its output tensors.
         self._last = _Last(last.log_rhos.clone(), last.lambdas.clone())
-        # Awaited here, because the caller may bind the policy to other tasks now.
-        self._next_scores = None if ahead is None else ahead.result()
 
     def _acting(self, weights: Weights) -> Weights:
         """Return the actor's weights: the learner's, or with a lag those of an earlier update."""
@@ -411,9 +425,11 @@ class Impala:
             generator=self._generator,
             device=self.device,
         )
+        # Taken once: after an update that failed, the environments are elsewhere.
+        ahead, self._next_scores = self._next_scores, None
         for t in range(self.config.unroll_steps):
             states = self._observe(t)
-            known = self._next_scores if t == 0 else None
+            known = ahead if t == 0 else None
             scores = self.policy.external_scores(states) if known is None else known
             if scores is not None:
                 # Kept, so that the learner does not compute them again.

@@ -162,7 +162,7 @@ def train(
             recorded = _checked_settings(files, config, opened, trainer)
             if is_done:
                 return trainer.outcome(files)
-            if trainer.kind.checkpoints(folder).records():
+            if trainer.kind.has_checkpoints(folder):
                 return _resume(trainer(recorded, opened), folder, trackers, progress)
             # Killed before the first checkpoint: nothing is lost.
             force = True

@@ -68,15 +68,26 @@ def test_the_same_settings_give_the_same_bytes(book, trained, monkeypatch, worke
     assert torch.equal(torch.get_rng_state(), state)
 
 
-@pytest.mark.parametrize("done", [1, 4, 7])
-def test_an_interrupted_run_continues_to_the_same_bytes(book, trained, done):
+@pytest.mark.parametrize(("done", "left"), [(1, 5), (4, 2), (7, 0)])
+def test_an_interrupted_run_continues_to_the_same_bytes(book, trained, done, left, monkeypatch):
     # Six encoders come first: (), (0,), (0, 1), (1,), (2,), (0, 2).
     folder = trained.parent / f"interrupted-{done}"
     with pytest.raises(KeyboardInterrupt, match=r"fits are saved in .*, and \d pair encoders"):
         train_recipes(RecipesConfig(str(book), WITH), folder, progress=interrupt_after(done))
     before = contents(folder / "checkpoints")
+    needed = []
+    fit = training.fit_encoders
+    monkeypatch.setattr(
+        training,
+        "fit_encoders",
+        lambda folds, vectors, missing, **others: (
+            needed.extend(missing) or fit(folds, vectors, missing, **others)
+        ),
+    )
     resume(folder)
     assert before
+    # A run that begins anew has the same bytes, too: what it fits tells them apart.
+    assert len(needed) == left
     assert not (folder / "checkpoints").exists()
     assert same_files(folder, trained, "calibration.json")
 
@@ -228,13 +239,29 @@ def test_recipes_that_both_books_have_teach_its_encoder_nothing(book, other_book
     assert same_tensors(*encoders)
 
 
-def test_it_is_fitted_once_and_a_resumed_run_reads_it(knowing, book, other_book, tmp_path):
+def test_it_is_fitted_once_and_a_resumed_run_reads_it(
+    knowing, book, other_book, tmp_path, monkeypatch
+):
     folder = tmp_path / "interrupted"
     wanted = RecipesConfig(str(book), with_other(other_book))
     with pytest.raises(KeyboardInterrupt, match="and 1 pair encoders"):
-        train_recipes(wanted, folder, progress=interrupt_after(3))
+        train_recipes(wanted, folder, progress=interrupt_after(1))
+    monkeypatch.setattr(training, "encoder_of_books", lambda *_, **__: pytest.fail("fitted again"))
     resume(folder)
     assert same_files(folder, knowing, "calibration.json")
+
+
+def test_fits_without_the_encoder_that_is_asked_for_are_no_beginning(
+    book, other_book, tmp_path, monkeypatch
+):
+    """Such as those of a version that had none: models of both kinds do not go together."""
+    folder = tmp_path / "old"
+    wanted = RecipesConfig(str(book), with_other(other_book))
+    with pytest.raises(KeyboardInterrupt, match="1 of 4 fits are saved"):
+        train_recipes(wanted, folder, progress=interrupt_after(4))
+    monkeypatch.setattr(config, "ENCODER_FROM", 1)
+    with pytest.raises(ArtefactError, match="begun without the pair encoder of other books"):
+        resume(folder)
 
 
 @pytest.mark.parametrize(("enough", "setting"), [(1_000, "auto"), (1, "off")])

@@ -84,12 +84,23 @@ def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, smal
 
 
 @compares_fits
-def test_an_interrupted_run_continues_to_the_same_bytes(book, small):
+def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch):
     # 3 sets of lists serve the first fit, 2 more the second, 1 more both others.
     folder = small.parent / "interrupted"
     with pytest.raises(KeyboardInterrupt, match=r"1 of 4 fits are saved.*Repeat the command"):
         train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(4))
+    made = []
+    fit = training.fit_recipe_scorers
+    monkeypatch.setattr(
+        training,
+        "fit_recipe_scorers",
+        lambda folds, words, wanted, **others: (
+            made.extend(wanted) or fit(folds, words, wanted, **others)
+        ),
+    )
     resume(folder)
+    # A run that begins anew has the same bytes, too: what it makes tells them apart.
+    assert made == [(0,), (1,), (2,)]
     assert same_files(folder, small, "calibration.json")
 
 

@@ -557,7 +557,7 @@ def _lesson(
     held_out: int,
     seed: int,
     *,
-    is_own_encoder: bool = False,
+    is_own_encoder: bool,
 ) -> _Lesson:
     """Make queries from a fold's recipes: for their links, and for tables with distractors.
 

@@ -14,7 +14,7 @@ class FitDone(Record, frozen=True, kw_only=True):
     """Record saved with a finished fit in an unfinished run.
 
     Attributes:
-        trained_on: hash of the training triples.
+        trained_on: hash of the training triples; of the recipes, for an encoder of other books.
     """
 
     trained_on: Hash

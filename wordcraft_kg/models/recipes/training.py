@@ -67,6 +67,8 @@ from wordcraft_kg.runs.parallel import cores
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training, train
 
+_FIT = "fit"
+_ENCODER = "encoder"
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
 
 
@@ -193,12 +195,12 @@ def _threads(number: int) -> Iterator[None]:
 
 def _kept(folder: Path) -> Checkpoints[FitDone]:
     """Return the saved fits of a run: all are kept until it ends."""
-    return Checkpoints(folder, "fit", FitDone, kept=None)
+    return Checkpoints(folder, _FIT, FitDone, kept=None)
 
 
 def _kept_encoders(folder: Path) -> Checkpoints[FitDone]:
     """Return the saved pair encoders of a run, which many fits use."""
-    return Checkpoints(folder, "encoder", FitDone, kept=None)
+    return Checkpoints(folder, _ENCODER, FitDone, kept=None)
 
 
 class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
@@ -222,6 +224,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         "recipes",
         unit="part",
         progress=FitDone,
+        saved_as=(_FIT, _ENCODER),
     )
     config_type = RecipesConfig
 
@@ -256,18 +259,20 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
         graph = opened.graph
         self.words = named(settings.features, graph.entities)
-        # A joint graph has the labels of other books.
-        look_up = word_features if self.own is None else words_of_books
-        self.features = look_up(
-            self.words,
-            graph.entities,
-            allow_missing=settings.allow_missing,
-        )
+        missing = settings.allow_missing
+        # The graph's own labels need vectors, whatever the labels of other books in a joint graph.
+        self.features = word_features(self.words, self.opened.graph.entities, allow_missing=missing)
+        if self.own is not None:
+            self.features = words_of_books(self.words, graph.entities, allow_missing=missing)
         dim = self.features.vectors.shape[1]
         num_recipes = len(self.folds.recipes())
         self.has_encoder = settings.has_encoder(num_recipes)
         of_others = sum(len(book.recipes) for book in self.outside.books)
         self.has_encoder_of_others = settings.has_encoder_of_others(of_others)
+        if self.has_encoder_of_others:
+            # The largest vocabulary that its fit may have: that of all books.
+            labels = graph.num_entities + sum(len(book.labels) for book in self.outside.books)
+            fitting_workers(labels, of_others, dim, most=1, encoders=1)
         encoders = 0
         # Also where no encoder uses it: a wrong name is noticed before the book grows.
         check_device(settings.device)
@@ -446,6 +451,11 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         kept = _kept_encoders(run.path)
         if kept.records():
             return PairEncoder(**kept.read(0).tensors)
+        if _kept(run.path).records():
+            raise ArtefactError(
+                f"'{run.path}' was begun without the pair encoder of other books that its settings "
+                "ask for, by another version of wordcraft-kg. Train again with `force`."
+            )
         books = self.outside.books
         encoder = encoder_of_books(
             books,

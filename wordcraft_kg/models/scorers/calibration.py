@@ -457,7 +457,8 @@ def _results(
     row_of = np.full(len(pairs), -1)
     row_of[chosen] = np.arange(len(chosen))
     rows = row_of[of_recipe]
-    if isinstance(scorer, RecipeScorer) and scorer.proposes_results:
+    if _proposes(scorer):
+        assert isinstance(scorer, RecipeScorer)
         ids, proposed = scorer.best_results(*torch.from_numpy(pairs[chosen].copy()).T)
         of_fold = rows >= 0
         # A number for each row and result, also for the id E of missing proposals.

@@ -164,7 +164,7 @@ class RecipeKnowledge(nn.Module):
             vectors: unit word vectors, shape (E, D), zeros for entities without words.
             near_words: neighbours by words, shape (E, K_w), int32, -1 at the end.
             link_rankers: by relation; scores are 0 without one.
-            encoder: pair encoder of the same recipes and words; None without.
+            encoder: pair encoder of the same words; None without.
         """
         of_pairs = Ranker.empty(num_features(has_encoder=encoder is not None))
         rows = torch.from_numpy(recipes.astype(np.int32))

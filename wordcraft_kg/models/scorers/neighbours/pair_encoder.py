@@ -23,7 +23,7 @@ from torch import Tensor
 _PAIRS = 4_096
 """Pairs that are encoded at once: their inputs take 6 MiB."""
 _RECIPES = 2**16
-"""Recipes whose pairs are gathered at once: 32 MiB."""
+"""Recipes whose pairs are gathered at once: 64 MiB at most."""
 _PREFIX = "encoder_"
 
 
@@ -156,7 +156,7 @@ class PairEncoder(NamedTuple):
         else:
             of_pairs, of_goals = units, made @ self.second.T
         of_goal = torch.empty_like(u)
-        # In blocks: a search asks for a million recipes, each of which would take half a KiB.
+        # In blocks: a search asks for a million recipes, each of which would take up to a KiB.
         step = max(1, _RECIPES // max(place.shape[1], 1))
         for start in range(0, len(goal), step):
             rows = slice(start, start + step)

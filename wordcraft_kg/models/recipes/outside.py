@@ -50,12 +50,8 @@ _DIM = 384
 REWORDED = 0.7
 """Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the
 three words."""
-
-
 MOST_MISSING = 0.5
 """Largest share of labels without a word vector, over a graph and other books together."""
-
-
 _Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
 """Tables by source, name and role. A source is its name and the hashes of its own inputs."""
 _VECTOR_FILES = (".npy", ".txt", ".gz")

@@ -56,6 +56,6 @@ for those of links, :mod:`.similar` for k. Loops that make lists and hash tables
 :mod:`.list_loops` and :mod:`.hash_loops`, those that propose what a plan may make first in
 :mod:`.candidate_loops`. The loops are compiled by numba: lists end at different places, and
 searches stop early, which vectorised operations would pad to the longest. Three of the features
-by torch take some 100 to 200 times as long on a CPU as all of them by the loops, see
+by torch take some 90 to 200 times as long on a CPU as all of them by the loops, see
 ``benchmarks/features_in_torch.py``.
 """

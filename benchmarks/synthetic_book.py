@@ -2,6 +2,7 @@
 all are reachable.
 
 python benchmarks/synthetic_book.py --entities 100000 --recipes 1000000 --out big.csv
+python benchmarks/synthetic_book.py --entities 800000 --recipes 6700000 --hubs --out huge.csv
 """
 
 import argparse
@@ -39,11 +40,61 @@ def synthetic_rows(entities: int, recipes: int, base: int, seed: int, kinds: int
     return rows[np.sort(np.concatenate([first_of_each, sample]))]
 
 
+HUBS = 16
+"""Entities with 12 % of all uses and 4 % of all recipes, as in Infinite Craft: water, fire, ..."""
+USED = 0.45
+"""Fraction of the entities that are ingredients; the others are results alone."""
+MADE_OFTEN = 0.31
+"""Fraction of the entities that more than one recipe makes."""
+
+
+def hub_rows(entities: int, recipes: int, base: int, seed: int) -> np.ndarray:
+    """Return distinct rows (a, b, result), a <= b, with the hubs and the long tail of Infinite
+    Craft: few entities take part in most recipes, most are never used and made by one; shape
+    (recipes, 3).
+
+    As there, an entity may be made by younger ones, too, but not from itself.
+    """
+    rng = np.random.default_rng(seed)
+
+    def drawn(older: np.ndarray, fraction: float, of_hubs: float) -> np.ndarray:
+        # The cube of a uniform number: the first 3 % of the entities get two fifths of the draws.
+        ranks = rng.random(len(older)) ** 3 * fraction * older
+        hubs = rng.integers(base, HUBS + base, len(older))
+        is_hub = (rng.random(len(older)) < of_hubs) & (hubs < older)
+        return np.where(is_hub, hubs, ranks.astype(np.int64))
+
+    def rows_for(results: np.ndarray, older: np.ndarray) -> np.ndarray:
+        parts = np.column_stack([drawn(older, USED, 0.12) for _ in range(2)])
+        rows = np.column_stack([np.sort(parts, axis=1), results])
+        return rows[(parts != results[:, None]).all(axis=1)]
+
+    # A recipe of older entities for each, so that all are reachable.
+    results = np.arange(base, entities)
+    first = rows_for(results, results)
+    seen = np.unique(first, axis=0)
+    while len(seen) < recipes:
+        every = np.full(recipes - len(seen), entities)
+        others = drawn(every - base, MADE_OFTEN, 0.04) + base
+        seen = np.unique(np.concatenate([seen, rows_for(others, every)]), axis=0)
+    return seen
+
+
 def write_book(
-    out: Path, entities: int, recipes: int, base: int = 10, seed: int = 0, kinds: int = 0
+    out: Path,
+    entities: int,
+    recipes: int,
+    base: int = 10,
+    seed: int = 0,
+    kinds: int = 0,
+    *,
+    hubs: bool = False,
 ) -> None:
     """Write a synthetic book as CSV."""
-    rows = synthetic_rows(entities, recipes, base, seed, kinds)
+    if hubs:
+        rows = hub_rows(entities, recipes, base, seed)
+    else:
+        rows = synthetic_rows(entities, recipes, base, seed, kinds)
     names = [f"entity {i}" for i in range(entities)]
     with out.open("w", encoding="utf-8") as file:
         file.write(f"# base: {', '.join(names[:base])}\ningredient_a,ingredient_b,result\n")
@@ -58,6 +109,7 @@ def main() -> None:
     parser.add_argument(
         "--kinds", type=int, default=0, help="kinds of entities, which decide what makes what"
     )
+    parser.add_argument("--hubs", action="store_true", help="hubs and a tail, as Infinite Craft")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
@@ -68,6 +120,7 @@ def main() -> None:
         arguments.base,
         arguments.seed,
         arguments.kinds,
+        hubs=arguments.hubs,
     )
 
 

@@ -14,7 +14,7 @@ from wordcraft_kg.cli.export import Format
 from wordcraft_kg.graphs import Recipe, RecipeBook, read_book
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph, triples_frame
 from wordcraft_kg.graphs.folder import OpenedGraph, entities_frame
-from wordcraft_kg.graphs.triples import triple_lines
+from wordcraft_kg.graphs.triples import RELATIONS
 
 AWKWARD = [
     *("#hash", " lead", "a, b", 'say "x"', "<&>", "crème brûlée"),
@@ -167,7 +167,10 @@ def test_an_export_holds_the_part_that_is_asked_for(source, tmp_path, part):
     triples = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}[part]
     export_graph(source, "tsv", tmp_path / "a.tsv", part=part)
     lines = (tmp_path / "a.tsv").read_text(encoding="utf-8").splitlines()
-    assert lines == [line.rstrip("\n") for line in triple_lines(triples, graph.entities)]
+    assert lines == [
+        f"{graph.entities[head]}\t{RELATIONS[relation]}\t{graph.entities[tail]}"
+        for head, relation, tail in triples.tolist()
+    ]
     export_graph(source, "csv", tmp_path / "a.csv", part=part)
     book = read_book(tmp_path / "a.csv", keep_self_results=True)
     assert (list(book.recipes), book.entities) == (

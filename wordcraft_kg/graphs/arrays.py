@@ -1,5 +1,6 @@
 """Integer id arrays, read-only or padded."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -28,14 +29,28 @@ def sorted_unique(rows: Ids, columns: Sequence[int]) -> Ids:
     Returns:
         Shape (m, k), contiguous.
     """
-    # lexsort takes the most important key last.
-    keys = [rows[:, column] for column in reversed(columns)]
-    rows = rows[np.lexsort(keys)]
-    # Before the first row stands a row that differs, so that the first row is new.
-    before_first = rows[:1] - 1
-    changes = np.diff(rows, axis=0, prepend=before_first)
-    is_new = np.any(changes != 0, axis=1)
-    return np.ascontiguousarray(rows[is_new])
+    if not len(rows):
+        return np.ascontiguousarray(rows)
+    # A row as one number, with a digit for each column: numbers are sorted several times faster
+    # than rows.
+    lowest = rows.min(axis=0)
+    sizes = rows.max(axis=0) - lowest + 1
+    if math.prod(sizes.tolist()) >= 2**63:
+        return np.unique(rows[:, columns], axis=0)[:, np.argsort(columns)]
+    keys = np.zeros(len(rows), dtype=np.int64)
+    for column in columns:
+        keys *= sizes[column]
+        keys += rows[:, column] - lowest[column]
+    keys.sort()
+    is_new = np.ones(len(keys), dtype=bool)
+    np.not_equal(keys[1:], keys[:-1], out=is_new[1:])
+    keys = keys[is_new]
+    distinct = np.empty((len(keys), rows.shape[1]), dtype=np.int64)
+    # The least important digit comes off first.
+    for column in reversed(columns):
+        keys, digits = np.divmod(keys, sizes[column])
+        distinct[:, column] = digits + lowest[column]
+    return distinct
 
 
 def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:

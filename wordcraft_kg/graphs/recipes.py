@@ -3,11 +3,13 @@
 Labels are matched exactly: "Fire" and "fire" are two entities, which ``book_check`` reports.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.spelling import case_key, grouped, spelling_key
@@ -122,12 +124,25 @@ class RecipeBook:
         mentioned = set(chain.from_iterable(kept))
         declared = None if base is None else tuple(sorted(set(base)))
         idle = tuple(sorted(dropped_labels.union(listed, declared or ()) - mentioned))
-        return cls(name, tuple(sorted(kept)), declared, idle, dropped, merged, sha256)
+        recipes = _sorted(kept, mentioned)
+        return cls(name, recipes, declared, idle, dropped, merged, sha256)
 
     @cached_property
     def entities(self) -> tuple[str, ...]:
         """Labels of all entities in the book, sorted."""
         return tuple(sorted(set(chain.from_iterable(self.recipes)).union(self.idle)))
+
+
+def _sorted(recipes: Collection[Recipe], labels: Iterable[str]) -> tuple[Recipe, ...]:
+    """Return recipes in ascending order; ``labels`` are all of theirs."""
+    # By the places of their labels: a million tuples of texts take three times as long to compare.
+    place = {label: index for index, label in enumerate(sorted(labels))}
+    every = list(recipes)
+    places = np.fromiter(map(place.__getitem__, chain.from_iterable(every)), np.int64)
+    one, other, result = places.reshape(-1, 3).T
+    # lexsort takes the most important key last.
+    order = np.lexsort((result, other, one))
+    return tuple(map(every.__getitem__, order.tolist()))
 
 
 def label_fault(label: Any) -> str | None:

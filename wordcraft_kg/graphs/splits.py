@@ -17,6 +17,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.artefacts import json_rows
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of, require, whole
@@ -280,15 +281,16 @@ class Split:
             "moved_for_coverage": self.moved_for_coverage,
         }
         dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
+        # Each label is encoded once, not in each of its recipes.
+        texts = list(map(dump, self.graph.entities))
         yield "{\n"
         for key, value in head.items():
             yield f"{dump(key)}: {dump(value)},\n"
         for index, part in enumerate(get_args(Part)):
-            rows = self.graph.recipe_labels(self.recipes(part))
+            columns = self.recipes(part).T.tolist()
+            rows = (f"[{texts[a]}, {texts[b]}, {texts[c]}]" for a, b, c in zip(*columns, strict=True))
             yield f"{dump(part)}: [\n"
-            for row_index, row in enumerate(rows):
-                is_last = row_index == len(rows) - 1
-                yield dump(row) + ("\n" if is_last else ",\n")
+            yield from json_rows(rows)
             yield "]\n" if index == len(PARTS) - 1 else "],\n"
         yield "}\n"
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -88,7 +89,18 @@ def is_in(
 
 
 def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
-    """Yield a line ``head<TAB>relation<TAB>tail`` with labels for each triple."""
-    heads, relations, tails = triples.T.tolist()
-    for head, relation, tail in zip(heads, relations, tails, strict=True):
-        yield f"{entities[head]}\t{RELATIONS[relation]}\t{entities[tail]}\n"
+    """Yield the lines ``head<TAB>relation<TAB>tail`` of triples, with labels.
+
+    Consecutive triples with one head and one relation come in one piece.
+    """
+    if not len(triples):
+        return
+    changes = np.any(np.diff(triples[:, :2], axis=0) != 0, axis=1)
+    starts = [0, *(np.flatnonzero(changes) + 1).tolist(), len(triples)]
+    heads, relations = triples[starts[:-1], :2].T.tolist()
+    tails = [entities[tail] for tail in triples[:, 2].tolist()]
+    pieces = zip(heads, relations, pairwise(starts), strict=True)
+    for head, relation, (start, end) in pieces:
+        beginning = f"{entities[head]}\t{RELATIONS[relation]}\t"
+        # One call for all tails: a line each would take several times as long.
+        yield beginning + f"\n{beginning}".join(tails[start:end]) + "\n"

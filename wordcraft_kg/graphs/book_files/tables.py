@@ -133,8 +133,7 @@ class Table(RowSource):
         # A row of three cells needs no further look, the frequent case in a large book.
         has_usual_order = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
         needs_a_look = (
-            self._may_hold_formula
-            or self._drops_nothing
+            self._drops_nothing
             or self._has_unseen
             or self.delimiter == "|"  # rules and frames of Markdown
         )

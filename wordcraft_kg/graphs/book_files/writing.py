@@ -4,10 +4,11 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.base.artefacts import output_target, write_atomically
+from wordcraft_kg.base.artefacts import json_rows, output_target, write_atomically
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.columns import KIND
@@ -57,8 +58,16 @@ def recipe_table(
         kinds: kind of reasoning by recipe; None or empty for a table without this column.
     """
     yield delimiter.join((*CSV_HEADER, KIND) if kinds else CSV_HEADER) + "\n"
+    # A label is looked at once, not in each of its recipes.
+    needs_quotes = cache(partial(_needs_quotes, delimiter=delimiter))
     for recipe in recipes:
-        yield _csv_line((*recipe, kinds.get(recipe, "")) if kinds else recipe, delimiter)
+        cells: tuple[str, ...] = recipe
+        if kinds:
+            cells = (*recipe, kinds.get(recipe, ""))
+        if any(map(needs_quotes, cells)):
+            yield _csv_line(cells, delimiter)
+        else:
+            yield delimiter.join(cells) + "\n"
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
@@ -70,9 +79,9 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n"entities": {dump(book.entities)},\n"recipes": [\n'
-    last = len(book.recipes) - 1
-    for index, recipe in enumerate(book.recipes):
-        yield dump(recipe) + (",\n" if index < last else "\n")
+    # Each label is encoded once, not in each of its recipes.
+    texts = {label: dump(label) for label in book.entities}
+    yield from json_rows(f"[{texts[a]}, {texts[b]}, {texts[c]}]" for a, b, c in book.recipes)
     yield "]\n}\n"
 
 

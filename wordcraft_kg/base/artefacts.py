@@ -108,13 +108,18 @@ def read_large_file(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def read_json(path: Path) -> Any:
+def read_json(path: Path, largest: int = SMALL_FILE) -> Any:
     """Return the value in a JSON file written by this package.
 
+    Args:
+        path: the file.
+        largest: limit of its size in bytes.
+
     Raises:
-        ArtefactError: if the file is missing, not UTF-8 or not JSON.
+        ArtefactError: if the file is missing, too large, not UTF-8 or not JSON.
     """
-    data = read_small_file(path)
+    check_file(path, largest)
+    data = path.read_bytes()
     try:
         return json.loads(data.decode())
     # ValueError: not UTF-8, not JSON, or a number of 5,000 digits; RecursionError: too deep.

@@ -258,6 +258,14 @@ class RecipeGraph:
             )
         return int(entity)
 
+    def ids_of(self, labels: Iterable[str]) -> Ids:
+        """Return the ids of many labels.
+
+        Raises:
+            KeyError: if a label is no entity.
+        """
+        return np.fromiter(map(self._index.__getitem__, labels), np.int64)
+
     def labels(self, ids: Iterable[int]) -> tuple[str, ...]:
         """Return the labels for entity ids."""
         return tuple(map(self.entities.__getitem__, ids))

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
+from itertools import chain
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
@@ -288,7 +289,9 @@ class Split:
             yield f"{dump(key)}: {dump(value)},\n"
         for index, part in enumerate(get_args(Part)):
             columns = self.recipes(part).T.tolist()
-            rows = (f"[{texts[a]}, {texts[b]}, {texts[c]}]" for a, b, c in zip(*columns, strict=True))
+            rows = (
+                f"[{texts[a]}, {texts[b]}, {texts[c]}]" for a, b, c in zip(*columns, strict=True)
+            )
             yield f"{dump(part)}: [\n"
             yield from json_rows(rows)
             yield "]\n" if index == len(PARTS) - 1 else "],\n"
@@ -386,12 +389,10 @@ def read_split(
                 "`wordcraft-kg build-graph`."
             )
         config = SplitConfig(**{field.name: content[field.name] for field in fields(SplitConfig)})
-        row_of = {recipe: row for row, recipe in enumerate(graph.recipe_labels())}
         # A recipe in no part keeps -1, so that the hash differs.
         parts = np.full(graph.num_recipes, -1, dtype=np.int8)
         for index, part in enumerate(PARTS):
-            rows = [row_of[Recipe(*row)] for row in content[part]]
-            parts[rows] = index
+            parts[_rows_of(graph, content[part])] = index
         split = Split(graph, config, Draw(parts, content["moved_for_coverage"]))
         # A recipe that stands twice does not change the hash, but the number of rows.
         num_rows = sum(len(content[part]) for part in PARTS)
@@ -405,6 +406,32 @@ def read_split(
         raise ArtefactError(
             f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again."
         ) from None
+
+
+def _rows_of(graph: RecipeGraph, recipes: Sequence[Sequence[str]]) -> Ids:
+    """Return the rows of recipes, given by labels, in ``graph.recipes``.
+
+    Raises:
+        KeyError: if the graph has no such recipe; names it.
+        TypeError: if it is not three labels.
+    """
+    if any(len(recipe) != 3 for recipe in recipes):
+        raise TypeError("a recipe is two ingredients and a result")
+    ids = graph.ids_of(chain.from_iterable(recipes)).reshape(-1, 3)
+    keys = _keys(ids, graph.num_entities)
+    known = _keys(graph.recipes, graph.num_entities)
+    # Behind the last recipe is none: the last one itself differs then.
+    rows = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    unknown = np.flatnonzero(known[rows] != keys)
+    if len(unknown):
+        raise KeyError(Recipe(*recipes[unknown[0]]))
+    return rows
+
+
+def _keys(recipes: Ids, num_entities: int) -> Ids:
+    """Return a number for each recipe that sorts like its ids; exact up to 2 million entities."""
+    a, b, result = recipes.T
+    return (a * num_entities + b) * num_entities + result
 
 
 # --- split kinds ---------------------------------------------------------------------------------

@@ -25,9 +25,10 @@ from wordcraft_kg.graphs import (
     read_book,
     write_graph_folder,
 )
+from wordcraft_kg.graphs import folder as folder_module
 from wordcraft_kg.graphs.audit import audit
 from wordcraft_kg.graphs.export import EXPORTERS, export_graph
-from wordcraft_kg.graphs.triples import triple_lines
+from wordcraft_kg.graphs.triples import RELATIONS
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +74,10 @@ def test_the_files_of_a_graph_folder_agree_with_the_graph(pristine, kitchen):
         ("unseen", split.unseen),
     ):
         text = (pristine / "triples" / f"{name}.tsv").read_text(encoding="utf-8")
-        assert text == "".join(triple_lines(triples, kitchen.entities))
+        assert text == "".join(
+            f"{kitchen.entities[head]}\t{RELATIONS[relation]}\t{kitchen.entities[tail]}\n"
+            for head, relation, tail in triples.tolist()
+        )
     assert read_book(pristine / "recipes.csv").recipes == tuple(kitchen.recipe_labels())
     lines = (pristine / "entities.tsv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == "id\tentity\tbase\tlayer\trecipes\tuses"
@@ -222,6 +226,49 @@ def test_a_missing_split_and_the_split_of_another_graph_are_refused(folder):
         GraphMismatchError, match=rf"belongs to graph {other.hash[:12]} but the folder's graph is"
     ):
         open_graph(folder)
+
+
+def test_the_short_way_reads_the_graph_that_any_book_is_read_as(tmp_path, kitchen, monkeypatch):
+    rows = [("a", "b", "c"), ("a", "a", "b"), ("c", "c", "c"), ("a", "b", "d")]
+    book = RecipeBook.of("idle", rows, base=["a"], listed=["z"], keep_self_results=True)
+    split = make_split(RecipeGraph.from_book(book), SplitConfig("none"))
+    for name, source in {"kitchen": write_graph(tmp_path / "kitchen"), "idle": None}.items():
+        path = source or tmp_path / name
+        if source is None:
+            write_graph_folder(path, book, split)
+        quick = folder_module._usual_graph(json.loads((path / "graph.json").read_text("utf-8")))
+        slow = RecipeGraph.from_book(read_book(path, keep_self_results=True))
+        assert quick == slow
+        assert quick.base_ids.tolist() == slow.base_ids.tolist()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"entities": ["b", "a", "c"]},
+        {"entities": ["a", "a", "c"]},
+        {"entities": ["a", "b\n", "c"]},
+        {"entities": ["a", "b", "c", "a + b + …"]},
+        {"recipes": [["a", "b", "c"], ["b", "a", "c"]]},
+        {"recipes": [["a", "b", "x"]]},
+        {"recipes": [["a", "b"]]},
+        {"recipes": [["a", "b", 3]]},
+        {"base": None},
+        {"base": ["x"]},
+        {"kinds": ["making"]},
+        {"format": "wordcraft-kg recipe book 2"},
+    ],
+    ids=str,
+)
+def test_unusual_content_goes_the_long_way_which_names_faults(change):
+    content = {
+        "format": "wordcraft-kg recipe book 1",
+        "base": ["a"],
+        "entities": ["a", "b", "c"],
+        "recipes": [["a", "b", "c"]],
+    }
+    assert folder_module._usual_graph(content) is not None
+    assert folder_module._usual_graph(content | change) is None
 
 
 def global_states():

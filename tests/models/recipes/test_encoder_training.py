@@ -19,7 +19,12 @@ from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import config, encoder_fitting, fitting, memory, training
-from wordcraft_kg.models.recipes.config import ENCODER_FROM, RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.config import (
+    ENCODER_FROM,
+    ENCODER_UP_TO,
+    RecipesConfig,
+    RecipeScorerConfig,
+)
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import Words, encoders_of, fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import extended
@@ -365,6 +370,9 @@ def test_a_small_book_is_without_an_encoder_unless_it_is_asked_for(book, tmp_pat
 def test_auto_depends_on_the_number_of_recipes_and_on_outside_knowledge(settings, expected):
     config = RecipeScorerConfig(**settings)
     assert (config.has_encoder(ENCODER_FROM - 1), config.has_encoder(ENCODER_FROM)) == expected
+    # Beyond a million recipes, nine encoders would take hours: only for those who ask.
+    assert config.has_encoder(ENCODER_UP_TO) == expected[1]
+    assert config.has_encoder(ENCODER_UP_TO + 1) == (config.encoder == "on")
 
 
 @pytest.mark.parametrize(

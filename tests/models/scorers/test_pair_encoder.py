@@ -267,7 +267,8 @@ def test_a_book_without_words_has_an_encoder_of_single_entities(recipes):
     )
 
 
-def test_lessons_need_few_encoders():
+def test_lessons_need_few_encoders(monkeypatch):
+    from wordcraft_kg.models.recipes import fitting
     from wordcraft_kg.models.recipes.fitting import encoders_of, lesson_folds
 
     entities = [f"e{number}" for number in range(30)]
@@ -283,3 +284,7 @@ def test_lessons_need_few_encoders():
         assert tuple(sorted((*left_out, turn))) in needed
         others = lesson_folds(folds, left_out, has_encoder=False)
         assert others == [fold for fold in range(5) if fold not in left_out]
+        with monkeypatch.context() as large:
+            # In a large book one fold has examples enough, with and without an encoder.
+            large.setattr(fitting, "ONE_LESSON_FROM", len(folds.recipes()))
+            assert lesson_folds(folds, left_out, has_encoder=False) == [turn]

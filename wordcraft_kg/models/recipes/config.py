@@ -17,6 +17,11 @@ ENCODER_FROM = 20_000
 Infinite Craft gains .020 with 8 distractors from as few as 10,000 of its recipes; built-in books
 have at most 6,510, and keep their results.
 """
+ENCODER_UP_TO = 1_000_000
+"""Most training recipes with which `encoder` auto is on.
+
+An encoder takes some nine CPU minutes for a million recipes, and five folds need nine encoders.
+"""
 
 
 @dataclass(frozen=True)
@@ -47,8 +52,8 @@ class RecipeScorerConfig:
         threads: CPU threads per fit.
         device: torch device for the pair encoder, such as cpu or cuda.
         encoder: whether to fit a pair encoder, which scores any result of a pair: on, off, or auto
-            for on from 20,000 training recipes on; with other books of so many recipes, it learns
-            from these books alone.
+            for on from 20,000 to 1,000,000 training recipes; with other books of 20,000 recipes
+            and more, it learns from these books alone.
 
     Example:
         >>> RecipeScorerConfig(folds=10).features
@@ -94,7 +99,8 @@ class RecipeScorerConfig:
         """Return whether a scorer of so many training recipes has a pair encoder."""
         if self.encoder != "auto":
             return self.encoder == "on"
-        return num_recipes >= ENCODER_FROM and not self.with_ and self.kg != "none"
+        is_of_size = ENCODER_FROM <= num_recipes <= ENCODER_UP_TO
+        return is_of_size and not self.with_ and self.kg != "none"
 
     def has_encoder_of_others(self, num_recipes: int) -> bool:
         """Return whether other books of so many recipes give a scorer a pair encoder."""

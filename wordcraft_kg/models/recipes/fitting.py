@@ -9,10 +9,10 @@ The ranker without fold i learns from fold j by lists without folds i and j; so 
 without fold j from fold i. These lists are made once, and 1 + K + K (K - 1) / 2 sets of lists serve
 K + 1 scorers.
 
-With a pair encoder, whose fit costs more than all else, a scorer's rankers learn from one fold: a
-large book has recipes enough in it. Folds are taken in twos, which learn from each other, so that
-lists and encoders without both serve both, see :func:`lesson_folds`. An encoder of other books is
-one for all folds.
+On large books, and with a pair encoder, whose fit costs more than all else, a scorer's rankers
+learn from one fold: a large book has recipes enough in it. Folds are taken in twos, which learn
+from each other, so that lists and encoders without both serve both, see :func:`lesson_folds`. An
+encoder of other books is one for all folds.
 """
 
 import math
@@ -54,6 +54,11 @@ EXAMPLES = 4_000
 
 On validation parts of `everyday`, splits 0 to 2, 3,000, 4,000 and 6,000 solve .571, .574 and .573
 by goal, .770, .771 and .773 by recipe.
+"""
+ONE_LESSON_FROM = 20_000
+"""Training recipes from which a scorer's rankers learn from a single held-out fold.
+
+It has as many examples as all folds together, and five folds need nine sets of lists instead of 16.
 """
 DRAWS = (2, 4)
 """Fewest and most tables of each size for a held-out recipe, with different distractors.
@@ -241,7 +246,8 @@ def lesson_folds(folds: Folds, left_out: LeftOut, *, has_encoder: bool) -> list[
         has_encoder: whether it has a pair encoder.
     """
     others = [fold for fold in range(folds.count) if fold not in left_out]
-    if not has_encoder:
+    num_recipes = np.count_nonzero(folds.train_sample.is_trained_on)
+    if not has_encoder and num_recipes < ONE_LESSON_FROM:
         return others
     # Folds 0 and 1 learn from each other, so do 2 and 3; the last of an odd number learns from 0.
     partners = [fold ^ 1 for fold in left_out]

@@ -5,11 +5,17 @@ from wordcraft_kg.base.settings import memory
 
 _PROGRAM = 1_200 * 2**20
 """Memory for Python, torch, SciPy, compiled loops, and queries that wait for their fit."""
-_BY_ENTITY = 200 * 8 + (32 + 40 + 64) * 12 + (3 * 4 + 8) * 256 + 2 * 128 + 2_000
-"""Bytes of a set of lists by entity: neighbours, supporting recipes, signatures, factors while they
-are computed, and profiles. Measured for 60,000 entities: 13,200 with 5.8 recipes each."""
+_FINISHED_BY_ENTITY = 200 * 8 + (32 + 40 + 64) * 12 + 3 * 4 * 256 + 2 * 128
+"""Bytes of a finished set of lists by entity: neighbours, supporting recipes, factors, signatures.
+"""
+_FINISHED_BY_RECIPE = 320
+"""Bytes of a finished set by recipe: hash tables, which a quarter to an eighth of the places fill.
+"""
+_BY_ENTITY = _FINISHED_BY_ENTITY + 8 * 256 + 2_000
+"""Bytes of a set of lists by entity while it is made: factors in double precision, and profiles.
+Measured for 60,000 entities: 13,200 with 5.8 recipes each."""
 _BY_RECIPE = 450
-"""Bytes of a set of lists by recipe: profiles while neighbours are searched, and hash tables."""
+"""Bytes of a set by recipe while it is made: profiles while neighbours are searched."""
 _EXAMPLES = 4 * 8_000 * 55 * 51 * 4
 """Bytes of the features from which the rankers of a fit learn."""
 _OF_ENCODER = 4 * (192 + 128 + 1)
@@ -29,9 +35,10 @@ def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> 
         dim: length of a word vector.
         workers: sets of lists, and fits, that are made at once.
     """
-    # One more set than workers: that of the scorer which is being fitted.
-    one = num_entities * (_BY_ENTITY + 4 * dim) + num_recipes * _BY_RECIPE
-    return _PROGRAM + (workers + 1) * one + workers * _EXAMPLES
+    made = num_entities * (_BY_ENTITY + 4 * dim) + num_recipes * _BY_RECIPE
+    # One more set than workers: that of the scorer which is being saved.
+    finished = num_entities * (_FINISHED_BY_ENTITY + 4 * dim) + num_recipes * _FINISHED_BY_RECIPE
+    return _PROGRAM + workers * (made + _EXAMPLES) + finished
 
 
 def encoder_bytes(num_entities: int, dim: int, workers: int, encoders: int) -> int:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
 from wordcraft_kg.models.scorers.config import check_table
@@ -56,7 +56,7 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
             width: number of columns.
         """
         # Unique, because the sparse matrix would add up repeated cells.
-        cells = np.unique(rows * width + columns)
+        cells = distinct(rows * width + columns)
         where = np.divmod(cells, max(width, 1))
         ones = np.ones(len(cells))
         return sparse.csr_array((ones, where), shape=(num_entities, width))

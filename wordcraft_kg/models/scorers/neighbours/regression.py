@@ -63,7 +63,9 @@ def link_factors(
     # A stable sort, so that ties are in the order of ids.
     by_count = np.argsort(-counts, kind="stable")
     landmarks = np.sort(seen[by_count[:LANDMARKS]])
-    kernel = _kernel(landmarks, landmarks, rows, vectors)
+    columns = rows[landmarks].T.tocsr()
+    of_words = vectors[landmarks].T
+    kernel = _kernel(landmarks, columns, of_words, rows, vectors)
     values, basis = np.linalg.eigh(kernel)
     # The largest eigenvalues; those up to rounding or below 0 have no root.
     has_root = values > 1e-6 * values[-1]
@@ -75,7 +77,7 @@ def link_factors(
     every = np.arange(size)
     turned = np.empty((size, len(kept)))
     for block in blocks:
-        turned[block] = _kernel(every[block], landmarks, rows, vectors) @ basis
+        turned[block] = _kernel(every[block], columns, of_words, rows, vectors) @ basis
     # Only entities with recipes are fitted; those without are no negative evidence.
     squares = np.zeros((len(kept), len(kept)))
     for block in blocks:
@@ -105,11 +107,26 @@ def link_factors(
     return left, turned.astype(np.float32), pair_left
 
 
-def _kernel(one: Ids, other: Ids, rows: Any, vectors: Floats) -> NDArray[np.float64]:
-    """Return k(x, y) for the entities ``one`` by rows and ``other`` by columns."""
-    products = rows[one] @ rows[other].T
+def _kernel(
+    some: Ids,
+    columns: Any,
+    of_words: Floats,
+    rows: Any,
+    vectors: Floats,
+) -> NDArray[np.float64]:
+    """Return k(x, y) for N entities by rows and L landmarks by columns, shape (N, L).
+
+    Args:
+        some: the N entities.
+        columns: profiles of the landmarks, sparse, shape (M, L); by rows, because SciPy would turn
+            another layout anew for each block of entities.
+        of_words: word vectors of the landmarks, shape (D, L).
+        rows: profiles of all entities, sparse, shape (T, M).
+        vectors: word vectors of all entities, shape (T, D).
+    """
+    products = rows[some] @ columns
     structure = products.toarray().astype(np.float64)
     if not vectors.shape[1]:
         return structure
-    cosines = np.maximum(vectors[one] @ vectors[other].T, 0)
+    cosines = np.maximum(vectors[some] @ of_words, 0)
     return np.asarray(structure + TEXT * cosines.astype(np.float64) ** 2)

@@ -1,0 +1,28 @@
+"""Arrays of ids: distinct numbers and rows."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.graphs.arrays import distinct, sorted_unique
+
+SMALL = st.integers(-3, 3)
+LARGE = st.integers(-(2**40), 2**40)
+
+
+@given(st.lists(LARGE))
+def test_distinct_numbers_are_those_of_numpy(numbers):
+    array = np.array(numbers, dtype=np.int64)
+    assert distinct(array).tolist() == np.unique(array).tolist()
+
+
+@pytest.mark.parametrize("numbers", [SMALL, LARGE], ids=["one number a row", "too large for one"])
+@given(data=st.data())
+def test_distinct_rows_are_sorted_by_the_columns(numbers, data):
+    rows = data.draw(st.lists(st.tuples(numbers, numbers, numbers)))
+    array = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    expected = sorted(set(rows), key=lambda row: (row[1], row[0], row[2]))
+    found = sorted_unique(array, (1, 0, 2))
+    assert list(map(tuple, found.tolist())) == expected
+    assert found.flags.c_contiguous

@@ -50,7 +50,7 @@ FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 FOLD_TRIPLES = 5_000
 """Most triples of a fold that are ranked, by two models: enough to see that it was left out."""
 FOLD_SCORES = 2**23
-"""Most scores for tails of these triples, but for the first 250: less time in large books."""
+"""Most scores for tails of these triples, but for the first 50: less time in large books."""
 OF_RECIPE = "of_recipe"
 """Name of the tensor with each recipe's fold."""
 TRAIN_RESULTS = "train_results"
@@ -327,7 +327,7 @@ def write_folds(
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
         own = recipe_triples(folds.recipes_of(number))
         new = own[~is_in(own, seen, graph.num_entities)]
-        affordable = max(250, FOLD_SCORES // graph.num_entities)
+        affordable = max(50, FOLD_SCORES // graph.num_entities)
         return sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))
 
     queries = [asked(number) for number in range(folds.count)]

@@ -352,7 +352,7 @@ class LinkRows:
     def _completion(self, entities: Ids) -> Floats:
         """Return ``kernel.completion`` of some entities and all others, shape (B, T)."""
         nodes, pairs = self._nodes_and_pairs
-        rows = nodes.T.tocsr()[entities]
+        rows = self._nodes_by_entity[entities]
         return np.asarray((rows @ pairs @ pairs @ pairs @ nodes).toarray(), dtype=np.float32)
 
     @cached_property
@@ -364,6 +364,12 @@ class LinkRows:
         """
         nodes, pairs = self._nodes_and_pairs
         return SparseRows.of((nodes.T @ pairs).tocsr()), SparseRows.of(pairs)
+
+    @cached_property
+    def _nodes_by_entity(self) -> Any:
+        """The nodes of each entity, sparse, shape (T, nodes)."""
+        nodes, _ = self._nodes_and_pairs
+        return nodes.T.tocsr()
 
     @cached_property
     def _nodes_and_pairs(self) -> tuple[Any, Any]:

@@ -4,7 +4,7 @@ A graph is opened by folder, recipe book file or book name. A folder's bytes dep
 and the split's settings, so two people can compare their folders.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path, PureWindowsPath
@@ -32,7 +32,7 @@ from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, label_fault
+from wordcraft_kg.graphs.recipes import RecipeBook, label_fault
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
@@ -121,16 +121,18 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
     )
 
 
-def _derived_files(split: Split, kinds: Mapping[Recipe, str]) -> dict[str, Iterable[str]]:
+def _derived_files(split: Split, book: RecipeBook) -> dict[str, Iterable[str]]:
     """Return the lines of all tables in a graph folder by file name.
 
-    They follow from graph, split and kinds alone.
+    Args:
+        split: the split.
+        book: recipes of the split's graph, sorted, and their kinds.
     """
     graph = split.graph
     frame = entities_frame(graph)
     frame.insert(0, "id", range(len(frame)))
     files: dict[str, Iterable[str]] = {
-        "recipes.csv": recipe_table(graph.recipe_labels(), kinds=kinds),
+        "recipes.csv": recipe_table(book.recipes, kinds=book.kinds),
         "entities.tsv": [frame.to_csv(sep="\t", index=False, lineterminator="\n")],
     }
     parts = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}
@@ -151,7 +153,7 @@ def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
             Values that this version does not know are not compared.
     """
     book = read_book(folder / "graph.json", keep_self_results=True)
-    for name, lines in _derived_files(opened.split, book.kinds).items():
+    for name, lines in _derived_files(opened.split, book).items():
         if read_large_file(folder / name) != "".join(lines).encode():
             raise ArtefactError(
                 f"{folder / name} does not agree with graph.json and split.json. Build the graph "
@@ -219,7 +221,7 @@ def write_graph_folder(
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
         (folder / "triples").mkdir()
-        for name, lines in _derived_files(split, book.kinds).items():
+        for name, lines in _derived_files(split, of_graph).items():
             write_atomically(folder / name, lines)
         record = audit(graph, split, book)
         write_atomically(folder / "audit.json", dump_json(as_values(record)))

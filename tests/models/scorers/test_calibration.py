@@ -148,6 +148,15 @@ def test_a_sample_of_pairs_stands_for_all(scorer, folds, monkeypatch):
     np.testing.assert_array_equal(sample.others, again.others)
 
 
+def test_a_sample_of_a_fold_stands_for_all_of_it(scorer, folds, monkeypatch):
+    everything = predictions(scorer.left_out(0), folds, 0)
+    monkeypatch.setattr(calibration, "MOST_OF_FOLD", 40)
+    sample = predictions(scorer.left_out(0), folds, 0)
+    whole = everything.true.sum(axis=(1, 2))
+    np.testing.assert_allclose(sample.true.sum(axis=(1, 2)), whole)
+    assert np.count_nonzero(sample.true) <= 80 < np.count_nonzero(everything.true)
+
+
 def test_recipes_outside_train_change_nothing_but_by_their_number(scorer, folds):
     """The results of all test recipes are replaced; only what is looked at could change."""
     graph, split = folds.split.graph, folds.split

@@ -7,7 +7,10 @@ import torch
 
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
+from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.models.scorers import recipe_curve
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.neighbours import knowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 
 
@@ -59,6 +62,28 @@ def test_scores_of_links_are_those_of_the_link_ranker(scorer, cross_fitted):
     pairs = scorer.table(COMBINES_WITH)
     torch.testing.assert_close(pairs, pairs.T, rtol=2e-3, atol=1e-4)
     assert not torch.equal(pairs, scorer.table(COMPONENT_OF))
+
+
+def test_links_of_a_large_graph_are_scored_one_by_one_to_the_same_scores(scorer, monkeypatch):
+    generator = torch.Generator().manual_seed(4)
+    heads, tails = torch.randint(len(scorer.entities), (2, 60), generator=generator)
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        by_rows = scorer.knowledge.scores_of_links(relation, heads, tails)
+        with monkeypatch.context() as large:
+            large.setattr(knowledge, "BY_ROWS", 0)
+            one_by_one = scorer.knowledge.scores_of_links(relation, heads, tails)
+        torch.testing.assert_close(one_by_one, by_rows, rtol=2e-3, atol=1e-3)
+
+
+def test_a_sample_of_a_fold_stands_for_all_its_recipes(cross_fitted, opened_kitchen, monkeypatch):
+    folds = make_folds(opened_kitchen.split, cross_fitted.count)
+    left_out = cross_fitted.left_out(0)
+    everything = recipe_curve.score_histogram(left_out, folds, 0)[:, 1]
+    assert everything.sum() == len(folds.recipes_of(0)) > 10
+    monkeypatch.setattr(recipe_curve, "MOST_OF_FOLD", 10)
+    sample = recipe_curve.score_histogram(left_out, folds, 0)[:, 1]
+    assert sample.sum() == pytest.approx(everything.sum())
+    assert 0 < np.count_nonzero(sample) <= 10
 
 
 def test_a_scorer_made_from_its_tensors_scores_the_same(scorer):

@@ -26,6 +26,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_features import pairs_of
+from wordcraft_kg.models.scorers.ranking import sampled
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 KINDS = 2
@@ -38,6 +39,8 @@ SAMPLED = 2_500
 """Results of a fold that are scored on random tables, about."""
 _SLOTS = 12
 """Entities on a sampled table."""
+MOST_OF_FOLD = 2**18
+"""Most recipes of a fold, and most of its triples of a relation, that are scored."""
 _RIDGE = 1e-3
 """Weight of squared parameters in the loss: the intercept of a kind without data stays finite."""
 
@@ -164,11 +167,15 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         np.add.at(counts[:, 0], chosen, of_cells[is_other])
 
     with torch.no_grad():
-        own = torch.from_numpy(folds.recipes_of(fold).copy())
+        of_fold = folds.recipes_of(fold)
+        recipes = sampled(of_fold, MOST_OF_FOLD, seed)
+        # In a large book, each sampled recipe stands for several.
+        weight = len(of_fold) / max(len(recipes), 1)
+        own = torch.from_numpy(recipes.copy())
         # A recipe is a table of two slots, and its only pair that counts is slot 0 with slot 1.
         only_pair = (torch.tensor([0]), torch.tensor([1]))
         kinds, bins = scored(own[:, 2], own[:, :2], only_pair)
-        np.add.at(counts[:, 1], (kinds, bins), 1)
+        np.add.at(counts[:, 1], (kinds, bins), weight)
 
         slots = min(_SLOTS, size)
         entities = torch.arange(size)

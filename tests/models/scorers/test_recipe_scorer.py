@@ -10,7 +10,7 @@ from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.scorers import recipe_curve
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.neighbours import knowledge
+from wordcraft_kg.models.scorers.neighbours import link_rows
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 
 
@@ -70,9 +70,18 @@ def test_links_of_a_large_graph_are_scored_one_by_one_to_the_same_scores(scorer,
     for relation in (COMBINES_WITH, COMPONENT_OF):
         by_rows = scorer.knowledge.scores_of_links(relation, heads, tails)
         with monkeypatch.context() as large:
-            large.setattr(knowledge, "BY_ROWS", 0)
+            large.setattr(link_rows, "BY_ROWS", 0)
             one_by_one = scorer.knowledge.scores_of_links(relation, heads, tails)
         torch.testing.assert_close(one_by_one, by_rows, rtol=2e-3, atol=1e-3)
+    rows = scorer.knowledge.link_rows()
+    for relation, sides in ((COMBINES_WITH, [False]), (COMPONENT_OF, [False, True])):
+        for asks_heads in sides:
+            asked = (relation, heads[:20].numpy(), tails.view(20, 3).numpy())
+            by_rows = rows.of_relation(*asked, heads=asks_heads)
+            with monkeypatch.context() as large:
+                large.setattr(link_rows, "BY_ROWS", 0)
+                one_by_one = rows.of_relation(*asked, heads=asks_heads)
+            torch.testing.assert_close(one_by_one, by_rows, rtol=2e-3, atol=1e-3)
 
 
 def test_a_sample_of_a_fold_stands_for_all_its_recipes(cross_fitted, opened_kitchen, monkeypatch):

@@ -46,9 +46,6 @@ LINK_TABLES = tuple(f"{relation}_table" for relation in RELATIONS)
 """Names of the tables of link scores."""
 _TOGETHER = 256
 """Entities whose links are scored together."""
-BY_ROWS = 50_000
-"""Most entities with which scattered links are scored by rows, whose time grows with all entities.
-"""
 _FEW = 4
 """With more links of an entity than a share of 1 / 4, all its links are scored: that is faster."""
 BUFFERS = (
@@ -510,8 +507,7 @@ class RecipeKnowledge(nn.Module):
     def scores_of_links(self, relation: int, heads: Tensor, tails: Tensor) -> Tensor:
         """Score links by the first model's link ranker.
 
-        Links with the same head, or the same tail if these are fewer, are scored together; in a
-        graph of more than :data:`BY_ROWS` entities, each link by itself.
+        Links with the same head, or the same tail if these are fewer, are scored together.
 
         Args:
             relation: relation id.
@@ -521,9 +517,6 @@ class RecipeKnowledge(nn.Module):
         Returns:
             shape (n,), float32.
         """
-        if self.num_entities > BY_ROWS:
-            first = torch.zeros_like(tails)
-            return self.slot_scores(relation, tails, heads[:, None], first)[:, 0]
         by_tail = len(tails.unique()) < len(heads.unique())
         key, other = (tails, heads) if by_tail else (heads, tails)
         order = key.argsort(stable=True)

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts
 from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists, Numbers
 
+BY_ROWS = 50_000
+"""Most entities with which the links to some candidates are found among all links of an entity."""
 OF_COMPONENTS = (
     "words",
     "kernel",
@@ -184,6 +186,8 @@ class LinkRows:
         Returns:
             shape (B, N, F), float32.
         """
+        if candidates is not None and len(self._uses) > BY_ROWS:
+            return self._one_by_one(relation, entities, candidates, heads=heads)
         features = []
         # Sums of a block have a cell for each of its entities and all others.
         step = max(1, CELLS // len(self._uses))
@@ -199,6 +203,43 @@ class LinkRows:
             width = len(OF_COMBINES if relation == COMBINES_WITH else OF_COMPONENTS)
             return torch.zeros(0, 0 if candidates is None else candidates.shape[1], width)
         return torch.cat(features)
+
+    def _one_by_one(
+        self,
+        relation: int,
+        entities: Ids,
+        candidates: Ids,
+        *,
+        heads: bool,
+    ) -> Tensor:
+        """Return the features of :meth:`of_relation`, up to rounding, each link by itself.
+
+        Following all links of an entity takes time for all entities, also for one candidate.
+
+        Args:
+            relation: relation id.
+            entities: ids on one side, shape (B,).
+            candidates: ids on the other side, shape (B, N).
+            heads: whether candidates are the heads.
+        """
+        # Compiled loops are imported late: numba takes as long to import as all the rest.
+        from wordcraft_kg.models.scorers.neighbours import link_loops
+
+        keys = entities
+        slots = candidates
+        if relation == COMPONENT_OF and not heads:
+            # The loops take links to one goal at a time, and here each candidate is a goal.
+            keys = candidates.ravel()
+            slots = np.repeat(entities, candidates.shape[1])[:, None]
+        names = OF_COMPONENTS if relation == COMPONENT_OF else OF_COMBINES
+        features = np.zeros((*slots.shape, len(names)), dtype=np.float32)
+        if relation == COMPONENT_OF:
+            link_loops.component_features(self.lists, keys, slots, features)
+        else:
+            # Plain tuples: machine code on the disk names the types of its arguments.
+            halves, pairs = map(tuple, self.halves)
+            link_loops.combines_features(self.lists, halves, pairs, keys, slots, features)
+        return torch.from_numpy(features).view(*candidates.shape, len(names))
 
     def components(
         self,

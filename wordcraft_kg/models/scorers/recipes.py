@@ -186,13 +186,20 @@ class RecipeScorer(StoredScorer):
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # Grids of queries and candidates, as rankings ask for, are whole rows.
         is_grid, is_turned = grids(heads, relations, tails)
-        if (is_grid or is_turned) and len(relations.unique()) == 1:
-            relation = int(relations.flatten()[0])
+        if is_grid or is_turned:
             key, others = (heads[:, 0], tails[0]) if is_grid else (tails[:, 0], heads[0])
-            if self._has_table(relation, len(key) * len(self.entities)):
-                table = self.table(relation)
-                return (table.T if is_turned else table)[key][:, others]
-            return self.knowledge.link_scores(relation, key, heads=is_turned)[:, others]
+            of_key = relations.flatten().expand(len(key))
+            scores = torch.zeros(len(key), len(others), device=self.device)
+            for relation in of_key.unique().tolist():
+                is_own = of_key == relation
+                own = key[is_own]
+                if self._has_table(relation, len(own) * len(self.entities)):
+                    table = self.table(relation)
+                    of_all = (table.T if is_turned else table)[own]
+                else:
+                    of_all = self.knowledge.link_scores(relation, own, heads=is_turned)
+                scores[is_own] = of_all[:, others]
+            return scores
         heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
         scores = torch.zeros(heads.shape, device=self.device)
         for relation in relations.unique().tolist():

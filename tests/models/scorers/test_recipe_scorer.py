@@ -64,6 +64,22 @@ def test_scores_of_links_are_those_of_the_link_ranker(scorer, cross_fitted):
     assert not torch.equal(pairs, scorer.table(COMPONENT_OF))
 
 
+@pytest.mark.parametrize("has_table", [True, False])
+def test_queries_of_both_relations_have_the_scores_of_each(scorer, has_table, monkeypatch):
+    everything = torch.arange(len(scorer.entities))
+    relations = torch.tensor([COMBINES_WITH, COMPONENT_OF, COMPONENT_OF, COMBINES_WITH])[:, None]
+    some = torch.tensor([3, 3, 7, 0])[:, None]
+    expected = [scorer.table(relation)[row] for relation, row in zip(relations, some, strict=True)]
+    reversed_ = [
+        scorer.table(relation)[:, row].T for relation, row in zip(relations, some, strict=True)
+    ]
+    monkeypatch.setattr(scorer, "_has_table", lambda *_: has_table)
+    tails = scorer.score(some, relations, everything[None])
+    torch.testing.assert_close(tails, torch.cat(expected), rtol=1e-4, atol=1e-4)
+    heads = scorer.score(everything[None], relations, some)
+    torch.testing.assert_close(heads, torch.cat(reversed_), rtol=2e-3, atol=1e-3)
+
+
 def test_links_of_a_large_graph_are_scored_one_by_one_to_the_same_scores(scorer, monkeypatch):
     generator = torch.Generator().manual_seed(4)
     heads, tails = torch.randint(len(scorer.entities), (2, 60), generator=generator)

@@ -319,6 +319,120 @@ def plan_weights() -> Iterator[str]:
         yield f"| {title} | {planner} | **{weighed}** | {' | '.join(of_splits)} | {tasks:,} |"
 
 
+WORDS = {
+    "with words": "recipe scorer alone, w",
+    "without words": "graph without words, w",
+    "words without graph": "words without graph, w",
+}
+"""Columns of the table on words, and their players in untrained-players.json."""
+
+
+def words() -> Iterator[str]:
+    """Yield the table of success with and without words, and of votes."""
+    yield f"| Little Alchemy 2 | {' | '.join(WORDS)} | votes, MRR of results |"
+    yield f"|---|{'---|' * (len(WORDS) + 1)}"
+    rows = {
+        (row["split"], row["player"]): row
+        for row in _read("untrained-players.json")
+        if (row["book"], row["distractors"]) == ("little-alchemy-2", 8)
+    }
+    for split in ("by-recipe", "by-slot", "by-goal"):
+        cells = []
+        for player in WORDS.values():
+            row = rows[split, player]
+            cells.append(_shown(_mean(row["success"])) + _interval(row["success"], row["tasks"]))
+        votes = [
+            row["mrr"]
+            for row in _read("link-quality.json")
+            if (row["book"], row["split"], row["row"])
+            == ("little-alchemy-2", split, "votes, results")
+        ]
+        assert len(votes) == FEW_SPLITS
+        yield f"| {split.replace('-', ' ')} | {' | '.join(cells)} | {_shown(_mean(votes))} |"
+
+
+def small_books() -> Iterator[str]:
+    """Yield the table of ComplEx and counting on small books: means over books."""
+    yield (
+        "| recipes, split | books | counting | fixed weight | chosen weights | fixed: below (worst) "
+        "| chosen: below (worst) |"
+    )
+    yield "|---|---|---|---|---|---|---|"
+    groups: dict[str, list[Row]] = {}
+    stored = _read("evidence/data/small-books.json")
+    for row in stored:
+        size = row["book"].rpartition(" ")[2]
+        groups.setdefault(f"{size}, {row['split'].replace('-', ' ')}", []).append(row)
+    by_split = sorted(groups, key=lambda name: (name.endswith("goal"), int(name.split(",")[0])))
+    for name, rows in [(name, groups[name]) for name in by_split] + [("all", stored)]:
+        means = [
+            _shown(_mean([row[key] for row in rows])) for key in ("frequency", "fixed", "chosen")
+        ]
+        below = []
+        for key in ("fixed", "chosen"):
+            differences = [row[key] - row["frequency"] for row in rows]
+            below.append(f"{sum(d < 0 for d in differences)} ({_signed(min(differences))})")
+        yield f"| {name} | {len(rows)} | {' | '.join((*means, *below))} |"
+
+
+PEOPLE = {
+    "unjudged-glove": "recipe scorer, GloVe",
+    "unjudged-minilm": "recipe scorer, MiniLM",
+    "one person": "one person",
+}
+
+
+def people_pairs() -> Iterator[str]:
+    """Yield the table of people's and scorers' answers about pairs."""
+    yield "| | is it a recipe (AUC) | which of four results |"
+    yield "|---|---|---|"
+    rows = {row["row"]: row for row in _read("evidence/data/people-pairs.json")}
+    for name, title in PEOPLE.items():
+        if name in rows:
+            cells = []
+            for key in ("auc", "right"):
+                value, low, high = rows[name][key]
+                cells.append(f"{_shown(value)} [{_shown(low)}, {_shown(high)}]")
+            yield f"| {title} | {' | '.join(cells)} |"
+    yield "| chance | .500 | .250 |"
+
+
+def joint_training() -> Iterator[str]:
+    """Yield the table of ComplEx with WordNet's triples, by weight."""
+    yield "| WordNet's triples | by recipe | by goal |"
+    yield "|---|---|---|"
+    rows: dict[tuple[str, float | None], dict[str, float]] = {}
+    for row in _read("evidence/data/joint-training.json"):
+        rows.setdefault((row["knowledge"], row["weight"]), {})[row["split"]] = row["mrr"]
+    for (knowledge, weight), by_split in rows.items():
+        title = "none" if weight is None else f"weight {weight:g}"
+        if knowledge == "shuffled":
+            title += ", labels shuffled"
+        yield f"| {title} | {_shown(by_split['by-recipe'])} | {_shown(by_split['by-goal'])} |"
+
+
+def lists() -> Iterator[str]:
+    """Yield the table of the recipe scorer by neighbour lists and by tables of all pairs."""
+    figures = {"MRR": "mrr", "8 distractors": "8", "1 distractor": "1"}
+    heads = [f"{name}, {way}" for name in figures for way in ("lists", "tables")]
+    yield f"| with GloVe vectors | {' | '.join(heads)} |"
+    yield f"|---|{'---|' * len(heads)}"
+    sources = ("evidence/data/lists.json", "outside-knowledge.json")
+    for split in ("by-recipe", "by-goal"):
+        cells = []
+        for figure in figures.values():
+            for source in sources:
+                values = [
+                    row[figure]
+                    for row in _read(source)
+                    if (row["book"], row["split"], row["row"])
+                    == ("little-alchemy-2", split, "and GloVe")
+                ]
+                assert len(values) == FEW_SPLITS
+                cells.append(_shown(_mean(values)))
+        yield f"| Little Alchemy 2, {split.replace('-', ' ')} | {' | '.join(cells)} |"
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -354,5 +468,10 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "discoverers": discoverers,
     "penalty": penalty,
     "new entities": new_entities,
+    "words": words,
+    "small books": small_books,
+    "people pairs": people_pairs,
+    "joint training": joint_training,
+    "lists": lists,
 }
 """The tables by name."""

@@ -433,6 +433,77 @@ def lists() -> Iterator[str]:
         yield f"| Little Alchemy 2, {split.replace('-', ' ')} | {' | '.join(cells)} |"
 
 
+EXPLORERS = {
+    "`recipe-learner`": ("discovery-learner", "recipe-learner"),
+    "`nearest-words`": ("discovery-plain", "nearest-words"),
+    "`random-no-repeat`": ("discovery-plain", "random-no-repeat"),
+}
+"""Rows of players without a goal: the file and the name of their curves."""
+PUBLISHED = ("o1", "DeepSeek-R1", "GPT-4o")
+
+
+def explorers() -> Iterator[str]:
+    """Yield the table of entities that players of Little Alchemy 2 know after some attempts."""
+    after = ("100", "200", "300", "400", "500")
+    yield f"| player | {' | '.join(after)} |"
+    yield f"|---|{'---|' * len(after)}"
+    files = {
+        name: json.loads((HERE / f"evidence/data/{name}.json").read_text(encoding="utf-8"))
+        for name in ("discovery-learner", "discovery-plain")
+    }
+    for title, (file, player) in EXPLORERS.items():
+        curve = files[file]["players"][player]
+        cells = []
+        for n in after:
+            text = f"{curve[n]['mean']:.1f}"
+            if n in ("100", "500"):
+                text += f" [{curve[n]['low']:.1f}, {curve[n]['high']:.1f}]"
+            cells.append(text)
+        yield f"| {title} | {' | '.join(cells)} |"
+    people = files["discovery-plain"]["people"]
+    cells = [f"{people[n]:.0f}" if n in people else "" for n in after]
+    yield f"| people who are still playing | {' | '.join(cells)} |"
+    literature = json.loads((PACKS / "literature.json").read_text(encoding="utf-8"))["rows"]
+    for player in PUBLISHED:
+        (row,) = [
+            row
+            for row in literature
+            if (row["player"], row["measure"]) == (player, "entities known")
+        ]
+        cells = [f"{row['figures'][n]['value']}" if n in row["figures"] else "" for n in after]
+        yield f"| {player} (published) | {' | '.join(cells)} |"
+
+
+IN_WORLDS = {
+    "`random-no-repeat`": "random-no-repeat",
+    "`nearest-words`": "nearest-words",
+    "`book-votes`": "book-votes",
+    "`recipe-learner` without doubt": "neither",
+    "**`recipe-learner`**": "doubt (the default)",
+    "... with own parts, not the default": "doubt and own parts",
+}
+"""Rows of players in many worlds, and the ends of their names in discovery_worlds.json."""
+WORLDS = HERE.parent / "benchmarks" / "discovery_worlds.json"
+
+
+def worlds() -> Iterator[str]:
+    """Yield the table of players in many worlds: relative area, and entities after 500 attempts."""
+    stored = json.loads(WORLDS.read_text(encoding="utf-8"))
+    heads = []
+    for name in stored:
+        heads += [f"{name}: area", "known after 500"]
+    yield f"| player | {' | '.join(heads)} |"
+    yield f"|---|{'---|' * len(heads)}"
+    for title, ending in IN_WORLDS.items():
+        cells = []
+        for of_family in stored.values():
+            (row,) = [row for name, row in of_family["players"].items() if name.endswith(ending)]
+            area = row["area"]
+            cells.append(f"{_shown(area['mean'])} [{_shown(area['low'])}, {_shown(area['high'])}]")
+            cells.append(f"{row['known']['500']['mean']:.0f}")
+        yield f"| {title} | {' | '.join(cells)} |"
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -473,5 +544,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "people pairs": people_pairs,
     "joint training": joint_training,
     "lists": lists,
+    "explorers": explorers,
+    "worlds": worlds,
 }
 """The tables by name."""

@@ -375,42 +375,6 @@ def small_books() -> Iterator[str]:
         yield f"| {name} | {len(rows)} | {' | '.join((*means, *below))} |"
 
 
-PEOPLE = {
-    "unjudged-glove": "recipe scorer, GloVe",
-    "unjudged-minilm": "recipe scorer, MiniLM",
-    "one person": "one person",
-}
-
-
-def people_pairs() -> Iterator[str]:
-    """Yield the table of people's and scorers' answers about pairs."""
-    yield "| | is it a recipe (AUC) | which of four results |"
-    yield "|---|---|---|"
-    rows = {row["row"]: row for row in _read("evidence/data/people-pairs.json")}
-    for name, title in PEOPLE.items():
-        if name in rows:
-            cells = []
-            for key in ("auc", "right"):
-                value, low, high = rows[name][key]
-                cells.append(f"{_shown(value)} [{_shown(low)}, {_shown(high)}]")
-            yield f"| {title} | {' | '.join(cells)} |"
-    yield "| chance | .500 | .250 |"
-
-
-def joint_training() -> Iterator[str]:
-    """Yield the table of ComplEx with WordNet's triples, by weight."""
-    yield "| WordNet's triples | by recipe | by goal |"
-    yield "|---|---|---|"
-    rows: dict[tuple[str, float | None], dict[str, float]] = {}
-    for row in _read("evidence/data/joint-training.json"):
-        rows.setdefault((row["knowledge"], row["weight"]), {})[row["split"]] = row["mrr"]
-    for (knowledge, weight), by_split in rows.items():
-        title = "none" if weight is None else f"weight {weight:g}"
-        if knowledge == "shuffled":
-            title += ", labels shuffled"
-        yield f"| {title} | {_shown(by_split['by-recipe'])} | {_shown(by_split['by-goal'])} |"
-
-
 def lists() -> Iterator[str]:
     """Yield the table of the recipe scorer by neighbour lists and by tables of all pairs."""
     figures = {"MRR": "mrr", "8 distractors": "8", "1 distractor": "1"}
@@ -504,6 +468,37 @@ def worlds() -> Iterator[str]:
         yield f"| {title} | {' | '.join(cells)} |"
 
 
+def probabilities() -> Iterator[str]:
+    """Yield the table of expected and observed true triples of the recipe scorer."""
+    yield (
+        "| relation | triples | expected | observed | log loss, base rate | log loss, fitted "
+        "| expected calibration error |"
+    )
+    yield "|---|---|---|---|---|---|---|"
+    for row in _read("evidence/data/probabilities.json"):
+        name = row["relation"] + (", self pairs" if row["pairs"] == "itself" else "")
+        losses = (f"{row[key] * 1000:.2f}" for key in ("base_log_loss", "log_loss"))
+        counts = f"{row['triples']:,} | {row['expected']:,.0f} | {row['observed']:,}"
+        yield f"| {name} | {counts} | {' | '.join(losses)} | {_shown_finely(row['ece'])} |"
+
+
+def _shown_finely(value: float) -> str:
+    return f"{value:.4f}".removeprefix("0")
+
+
+def promised() -> Iterator[str]:
+    """Yield the table of promised and observed probabilities of different pairs."""
+    yield "| relation | triples | promised | observed |"
+    yield "|---|---|---|---|"
+    for row in _read("evidence/data/probabilities.json"):
+        if row["pairs"] == "distinct":
+            for bin_ in row["bins"]:
+                ends = f"[{_shown_finely(bin_['low'])}, {_shown_finely(bin_['high'])}]"
+                observed = f"{_shown_finely(bin_['observed'])} {ends}"
+                promise = _shown_finely(bin_["probability"])
+                yield f"| {row['relation']} | {bin_['triples']:,} | {promise} | {observed} |"
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -541,10 +536,10 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "new entities": new_entities,
     "words": words,
     "small books": small_books,
-    "people pairs": people_pairs,
-    "joint training": joint_training,
     "lists": lists,
     "explorers": explorers,
     "worlds": worlds,
+    "probabilities": probabilities,
+    "promised": promised,
 }
 """The tables by name."""

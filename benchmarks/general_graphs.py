@@ -1,4 +1,4 @@
-"""Figures on WordNet and ConceptNet in docs/evidence/alignment.md.
+"""Measure how well labels get their sense in WordNet, and the size of ConceptNet.
 
     python benchmarks/general_graphs.py senses everyday /usr/share/wordnet
     python benchmarks/general_graphs.py assertions everyday assertions.csv --lines 3000000

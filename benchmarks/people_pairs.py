@@ -3,7 +3,7 @@ questions.
 
     python benchmarks/people_pairs.py --fetch --recipes rated.csv
     wordcraft-kg train-recipes little-alchemy-2 --kg full --without rated.csv --out models/unjudged
-    python benchmarks/people_pairs.py --model models/unjudged
+    python benchmarks/people_pairs.py --model models/unjudged --json docs/evidence/data/people-pairs.json
 
 Brändle et al. (2023) asked 103 people about pairs of Little Alchemy 2: do these two combine (1 to
 7), and which of four things do they make? The file is published under the MIT licence. The scorer
@@ -273,6 +273,21 @@ def area_under_curve(
     return Estimate(float(value), *interval(np.array(areas)))
 
 
+def store(answers: dict[str, Answers], path: Path) -> None:
+    """Write answers to a file, in place of its rows of the same names."""
+    old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    rows = [row for row in old if row["row"] not in answers]
+    for name, each in answers.items():
+        rows.append(
+            {
+                "row": name,
+                "auc": [round(value, 4) for value in each.auc],
+                "right": [round(value, 4) for value in each.right],
+            }
+        )
+    write_atomically(path, "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")
+
+
 def main() -> None:
     """Print the table, and write the recipes of rated pairs if asked."""
     parser = argparse.ArgumentParser(
@@ -282,10 +297,12 @@ def main() -> None:
     parser.add_argument("--model", type=Path, help="model of train-recipes, without rated pairs")
     parser.add_argument("--recipes", type=Path, help="CSV file to write: recipes of rated pairs")
     parser.add_argument("--fetch", action="store_true", help="download the judgements, by SHA-256")
+    parser.add_argument("--json", type=Path, help="file to write the rows to, after its other rows")
     given = parser.parse_args()
     graph = open_graph(given.graph).graph
     judgements = read_judgements(judgements_file(fetch=given.fetch), graph)
     rows = [("", "is it a recipe (AUC)", "which of four results")]
+    by_name: dict[str, Answers] = {}
     if given.model is not None:
         scorer = whole_of(load_scorer(given.model, graph=graph))
         if not isinstance(scorer, RecipeScorer):
@@ -293,9 +310,12 @@ def main() -> None:
                 f"{given.model} is not a recipe scorer; expected one of train-recipes."
             )
         answers = answers_of_scorer(judgements, graph, given.model.name, scorer)
-        rows.append((given.model.name, str(answers.auc), str(answers.right)))
-    people = answers_of_people(judgements, graph)
-    rows += [("one person", str(people.auc), str(people.right)), ("chance", "0.500", "0.250")]
+        by_name[given.model.name] = answers
+    by_name["one person"] = answers_of_people(judgements, graph)
+    rows += [(name, str(each.auc), str(each.right)) for name, each in by_name.items()]
+    rows.append(("chance", "0.500", "0.250"))
+    if given.json is not None:
+        store(by_name, given.json)
     if given.recipes is not None:
         with staged_file(given.recipes) as file:
             write_atomically(file, recipe_table(judged_recipes(judgements, graph)))

@@ -3,6 +3,7 @@ counting.
 
     python benchmarks/small_books.py                       # all sizes and seeds
     python benchmarks/small_books.py --sizes 100 --seeds 0 --each
+    python benchmarks/small_books.py --json docs/evidence/data/small-books.json
 
 Filtered MRR on unseen test triples, which neither training nor choice uses. Books: random recipes
 from `everyday-1` and `kitchen`, the first recipes by crafting round in `everyday-1`, and synthetic
@@ -12,15 +13,18 @@ time, in CPU seconds. Books with fewer than 30 unseen triples are left out, as i
 """
 
 import argparse
+import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from synthetic_book import synthetic_rows
 
+from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.graphs import RecipeGraph, Split, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.planner import layers
@@ -142,6 +146,7 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--each", action="store_true", help="print each book, too")
+    parser.add_argument("--json", type=Path, help="file to write each book's figures to")
     arguments = parser.parse_args()
     measure("kitchen, drawn", 100, "by-recipe", 0)  # the first training of a process is slower
     rows = []
@@ -162,6 +167,12 @@ def main() -> None:
         if of_size:
             print(summary(f"{size}, {kind}", of_size))
     print(summary("all", rows))
+    if arguments.json:
+        stored = [
+            {key: round(v, 4) if isinstance(v, float) else v for key, v in row._asdict().items()}
+            for row in rows
+        ]
+        write_atomically(arguments.json, "[\n" + ",\n".join(map(json.dumps, stored)) + "\n]\n")
 
 
 if __name__ == "__main__":

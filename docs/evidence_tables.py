@@ -319,6 +319,186 @@ def plan_weights() -> Iterator[str]:
         yield f"| {title} | {planner} | **{weighed}** | {' | '.join(of_splits)} | {tasks:,} |"
 
 
+WORDS = {
+    "with words": "recipe scorer alone, w",
+    "without words": "graph without words, w",
+    "words without graph": "words without graph, w",
+}
+"""Columns of the table on words, and their players in untrained-players.json."""
+
+
+def words() -> Iterator[str]:
+    """Yield the table of success with and without words, and of votes."""
+    yield f"| Little Alchemy 2 | {' | '.join(WORDS)} | votes, MRR of results |"
+    yield f"|---|{'---|' * (len(WORDS) + 1)}"
+    rows = {
+        (row["split"], row["player"]): row
+        for row in _read("untrained-players.json")
+        if (row["book"], row["distractors"]) == ("little-alchemy-2", 8)
+    }
+    for split in ("by-recipe", "by-slot", "by-goal"):
+        cells = []
+        for player in WORDS.values():
+            row = rows[split, player]
+            cells.append(_shown(_mean(row["success"])) + _interval(row["success"], row["tasks"]))
+        votes = [
+            row["mrr"]
+            for row in _read("link-quality.json")
+            if (row["book"], row["split"], row["row"])
+            == ("little-alchemy-2", split, "votes, results")
+        ]
+        assert len(votes) == FEW_SPLITS
+        yield f"| {split.replace('-', ' ')} | {' | '.join(cells)} | {_shown(_mean(votes))} |"
+
+
+def small_books() -> Iterator[str]:
+    """Yield the table of ComplEx and counting on small books: means over books."""
+    yield (
+        "| recipes, split | books | counting | fixed weight | chosen weights | fixed: below (worst) "
+        "| chosen: below (worst) |"
+    )
+    yield "|---|---|---|---|---|---|---|"
+    groups: dict[str, list[Row]] = {}
+    stored = _read("evidence/data/small-books.json")
+    for row in stored:
+        size = row["book"].rpartition(" ")[2]
+        groups.setdefault(f"{size}, {row['split'].replace('-', ' ')}", []).append(row)
+    by_split = sorted(groups, key=lambda name: (name.endswith("goal"), int(name.split(",")[0])))
+    for name, rows in [(name, groups[name]) for name in by_split] + [("all", stored)]:
+        means = [
+            _shown(_mean([row[key] for row in rows])) for key in ("frequency", "fixed", "chosen")
+        ]
+        below = []
+        for key in ("fixed", "chosen"):
+            differences = [row[key] - row["frequency"] for row in rows]
+            below.append(f"{sum(d < 0 for d in differences)} ({_signed(min(differences))})")
+        yield f"| {name} | {len(rows)} | {' | '.join((*means, *below))} |"
+
+
+def lists() -> Iterator[str]:
+    """Yield the table of the recipe scorer by neighbour lists and by tables of all pairs."""
+    figures = {"MRR": "mrr", "8 distractors": "8", "1 distractor": "1"}
+    heads = [f"{name}, {way}" for name in figures for way in ("lists", "tables")]
+    yield f"| with GloVe vectors | {' | '.join(heads)} |"
+    yield f"|---|{'---|' * len(heads)}"
+    sources = ("evidence/data/lists.json", "outside-knowledge.json")
+    for split in ("by-recipe", "by-goal"):
+        cells = []
+        for figure in figures.values():
+            for source in sources:
+                values = [
+                    row[figure]
+                    for row in _read(source)
+                    if (row["book"], row["split"], row["row"])
+                    == ("little-alchemy-2", split, "and GloVe")
+                ]
+                assert len(values) == FEW_SPLITS
+                cells.append(_shown(_mean(values)))
+        yield f"| Little Alchemy 2, {split.replace('-', ' ')} | {' | '.join(cells)} |"
+
+
+EXPLORERS = {
+    "`recipe-learner`": ("discovery-learner", "recipe-learner"),
+    "`nearest-words`": ("discovery-plain", "nearest-words"),
+    "`random-no-repeat`": ("discovery-plain", "random-no-repeat"),
+}
+"""Rows of players without a goal: the file and the name of their curves."""
+PUBLISHED = ("o1", "DeepSeek-R1", "GPT-4o")
+
+
+def explorers() -> Iterator[str]:
+    """Yield the table of entities that players of Little Alchemy 2 know after some attempts."""
+    after = ("100", "200", "300", "400", "500")
+    yield f"| player | {' | '.join(after)} |"
+    yield f"|---|{'---|' * len(after)}"
+    files = {
+        name: json.loads((HERE / f"evidence/data/{name}.json").read_text(encoding="utf-8"))
+        for name in ("discovery-learner", "discovery-plain")
+    }
+    for title, (file, player) in EXPLORERS.items():
+        curve = files[file]["players"][player]
+        cells = []
+        for n in after:
+            text = f"{curve[n]['mean']:.1f}"
+            if n in ("100", "500"):
+                text += f" [{curve[n]['low']:.1f}, {curve[n]['high']:.1f}]"
+            cells.append(text)
+        yield f"| {title} | {' | '.join(cells)} |"
+    people = files["discovery-plain"]["people"]
+    cells = [f"{people[n]:.0f}" if n in people else "" for n in after]
+    yield f"| people who are still playing | {' | '.join(cells)} |"
+    literature = json.loads((PACKS / "literature.json").read_text(encoding="utf-8"))["rows"]
+    for player in PUBLISHED:
+        (row,) = [
+            row
+            for row in literature
+            if (row["player"], row["measure"]) == (player, "entities known")
+        ]
+        cells = [f"{row['figures'][n]['value']}" if n in row["figures"] else "" for n in after]
+        yield f"| {player} (published) | {' | '.join(cells)} |"
+
+
+IN_WORLDS = {
+    "`random-no-repeat`": "random-no-repeat",
+    "`nearest-words`": "nearest-words",
+    "`book-votes`": "book-votes",
+    "`recipe-learner` without doubt": "neither",
+    "**`recipe-learner`**": "doubt (the default)",
+    "... with own parts, not the default": "doubt and own parts",
+}
+"""Rows of players in many worlds, and the ends of their names in discovery_worlds.json."""
+WORLDS = HERE.parent / "benchmarks" / "discovery_worlds.json"
+
+
+def worlds() -> Iterator[str]:
+    """Yield the table of players in many worlds: relative area, and entities after 500 attempts."""
+    stored = json.loads(WORLDS.read_text(encoding="utf-8"))
+    heads = []
+    for name in stored:
+        heads += [f"{name}: area", "known after 500"]
+    yield f"| player | {' | '.join(heads)} |"
+    yield f"|---|{'---|' * len(heads)}"
+    for title, ending in IN_WORLDS.items():
+        cells = []
+        for of_family in stored.values():
+            (row,) = [row for name, row in of_family["players"].items() if name.endswith(ending)]
+            area = row["area"]
+            cells.append(f"{_shown(area['mean'])} [{_shown(area['low'])}, {_shown(area['high'])}]")
+            cells.append(f"{row['known']['500']['mean']:.0f}")
+        yield f"| {title} | {' | '.join(cells)} |"
+
+
+def probabilities() -> Iterator[str]:
+    """Yield the table of expected and observed true triples of the recipe scorer."""
+    yield (
+        "| relation | triples | expected | observed | log loss, base rate | log loss, fitted "
+        "| expected calibration error |"
+    )
+    yield "|---|---|---|---|---|---|---|"
+    for row in _read("evidence/data/probabilities.json"):
+        name = row["relation"] + (", self pairs" if row["pairs"] == "itself" else "")
+        losses = (f"{row[key] * 1000:.2f}" for key in ("base_log_loss", "log_loss"))
+        counts = f"{row['triples']:,} | {row['expected']:,.0f} | {row['observed']:,}"
+        yield f"| {name} | {counts} | {' | '.join(losses)} | {_shown_finely(row['ece'])} |"
+
+
+def _shown_finely(value: float) -> str:
+    return f"{value:.4f}".removeprefix("0")
+
+
+def promised() -> Iterator[str]:
+    """Yield the table of promised and observed probabilities of different pairs."""
+    yield "| relation | triples | promised | observed |"
+    yield "|---|---|---|---|"
+    for row in _read("evidence/data/probabilities.json"):
+        if row["pairs"] == "distinct":
+            for bin_ in row["bins"]:
+                ends = f"[{_shown_finely(bin_['low'])}, {_shown_finely(bin_['high'])}]"
+                observed = f"{_shown_finely(bin_['observed'])} {ends}"
+                promise = _shown_finely(bin_["probability"])
+                yield f"| {row['relation']} | {bin_['triples']:,} | {promise} | {observed} |"
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -354,5 +534,12 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "discoverers": discoverers,
     "penalty": penalty,
     "new entities": new_entities,
+    "words": words,
+    "small books": small_books,
+    "lists": lists,
+    "explorers": explorers,
+    "worlds": worlds,
+    "probabilities": probabilities,
+    "promised": promised,
 }
 """The tables by name."""

@@ -142,9 +142,10 @@ def test_omitted_lines_of_a_transcript_may_be_any_and_others_may_not():
 def command_lines(page):
     """Return the arguments of each command of this package in a page's blocks."""
     lines = []
-    for block in re.findall(
-        r"^```(?!python|pycon|toml)\w*\n(.*?)^```", page, re.DOTALL | re.MULTILINE
-    ):
+    # All blocks are found first: the end of a block of Python looks like the beginning of another.
+    for kind, block in re.findall(r"^```(\w*)\n(.*?)^```", page, re.DOTALL | re.MULTILINE):
+        if kind in ("python", "pycon", "toml"):
+            continue
         for line in block.replace("\\\n", " ").splitlines():
             program, _, rest = line.removeprefix("$ ").partition(" ")
             # The benchmark's canary begins with the name, too.
@@ -156,6 +157,7 @@ def command_lines(page):
 def test_command_lines_are_read_from_blocks_with_their_continuations():
     text = "```\nwordcraft-kg books  # all\n$ wordcraft-kg score a \\\n  b + c\nls\n```\n"
     assert command_lines(text) == [["books"], ["score", "a", "b", "+", "c"]]
+    assert command_lines("```python\nimport os\n```\n" + text) == command_lines(text)
 
 
 PRINTED = [
@@ -174,6 +176,38 @@ def test_a_printed_command_has_existing_options_and_readable_values(page, line):
     if {"--help", "--install-completion", "help", "--version"} & {*line}:
         return
     make_app().parse_args(line, exit_on_error=False, print_error=False)
+
+
+def pages_of(section):
+    """Return the paths of a section of the website's menu, notebooks left out."""
+    menu = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+    (entries,) = [each[section] for each in menu if section in each]
+    paths = [path for entry in entries for path in entry.values()]
+    return [f"docs/{path}" for path in paths if not path.startswith("notebooks/")]
+
+
+def words_of(text):
+    """Return the words of a page without blocks of code, tables and addresses of links."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    lines = [line for line in text.splitlines() if not line.startswith("|")]
+    text = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", "\n".join(lines))
+    return [word for word in text.split() if re.search(r"\w", word)]
+
+
+def test_words_of_a_page_are_those_outside_of_code_and_tables():
+    text = "# One two\n\n```\na b\n```\n\n| c |\n|---|\n\nSee [three four](page.md) - `five`.\n"
+    assert words_of(text) == ["One", "two", "See", "three", "four", "`five`."]
+
+
+HOW_TO, EXPLANATIONS = pages_of("How to"), pages_of("Explanation")
+LONGEST = {**dict.fromkeys(EXPLANATIONS, 1_200), **dict.fromkeys(HOW_TO, 600)}
+"""Most words of a page."""
+
+
+@pytest.mark.parametrize("page", LONGEST)
+def test_a_page_is_short(page):
+    assert len(words_of((ROOT / page).read_text(encoding="utf-8"))) <= LONGEST[page]
 
 
 @pytest.mark.slow
@@ -207,6 +241,153 @@ def test_the_commands_of_readme_and_tutorials_print_what_they_show(
                 assert not shown or is_shown(shown, printed), (command, printed)
                 commands += 1
     assert commands >= 4
+
+
+SERVER = "serves until it is stopped; tests of the app start it and talk to it"
+NETWORK = "needs the network"
+MODEL = "needs the weights of a language model; tests/apps/elicitation runs it on a small one"
+WORDNET = (
+    "needs WordNet or ConceptNet, or knowledge made of them; tests/models/knowledge has small files"
+)
+OTHERS = "needs games of a language model in Inspect; tests/apps/text_agents has logs"
+RAY = "needs the nodes of a Ray cluster; tests/studies starts one on this machine"
+NOT_RUN = {
+    "books --fetch": NETWORK,
+    "hub pull": NETWORK,
+    "hub push models/mine": NETWORK,
+    "evaluate-links models/theirs": NETWORK,
+    "encode": MODEL,
+    "elicit": MODEL,
+    "train-recipes graphs/la2 --features vectors/": MODEL,
+    "train-recipes graphs/mine --features vectors/": MODEL,
+    "bench run craft-8-lite --out submission --name": MODEL,
+    "import-knowledge graphs/la2 --wordnet": WORDNET,
+    "import-knowledge graphs/mine --wordnet": WORDNET,
+    "import-knowledge graphs/mine --conceptnet": WORDNET,
+    "train-complex graphs/mine --with": WORDNET,
+    "bench run craft-8-lite --player inspect:": OTHERS,
+    "reference everyday --distractors 8 --external-results": OTHERS,
+    "bench run craft-8-lite --player openenv:": "needs games of a server's clients; tests/apps/text_agents has them",
+    "explore graphs/everyday --model models/everyday-recipes --model": SERVER,
+    "mcp": SERVER,
+    "serve openenv": SERVER,
+    "people serve": SERVER,
+    "people summary": "needs a study with people's answers; tests/apps/people has one",
+    "play": "waits for keys; tests/cli plays",
+    "score models/la2-recipes": "its labels are of Little Alchemy 2, which has no licence",
+    "reproduce embeddings": "takes hours; the study of the page is run in its place",
+    "reproduce all": "takes hours",
+    "reproduce knowledge-everyday --show": "reads a study that takes hours",
+    "reproduce docs/results": "reads files of the repository; tests/test_results_page.py reads them",
+    "reproduce study.toml --out results --engine ray": RAY,
+}
+"""Beginnings of the how-to pages' commands that no test runs as printed, and why."""
+BOOKS_IN_PLACE = {
+    "everyday": "kitchen",
+    "little-alchemy-2": str(ROOT / "examples/my-book.csv"),
+}
+"""Small books in place of the printed ones."""
+SMALLER = {
+    "train-agent": {"--steps": "256", "--eval-every": "0"},
+    "train-complex": {"--dim": "4", "--epochs": "1"},
+    "train-links": {"--dim": "4", "--epochs": "1"},
+    "train-recipes": {"--folds": "3"},
+    "discover": {"--attempts": "20", "--runs": "1"},
+    "chats": {"--tasks": "5"},
+}
+"""Options that make a command short, by its name."""
+
+
+def reason_not_to_run(line):
+    """Return why a command is not run; None for one that is run."""
+    text = " ".join(line)
+    starts = [start for start in NOT_RUN if f"{text} ".startswith(f"{start} ")]
+    starts += [start for start in NOT_RUN if start.endswith((":", "/")) and text.startswith(start)]
+    return NOT_RUN[starts[0]] if starts else None
+
+
+def shortened(line):
+    """Return a command's words with small books and short trainings."""
+    words = [BOOKS_IN_PLACE.get(word, word) for word in line]
+    for option, value in SMALLER.get(words[0], {}).items():
+        if option in words:
+            words[words.index(option) + 1] = value
+        else:
+            words += [option, value]
+    if words[0] == "evaluate-agent" and words[1].startswith("--"):
+        words.insert(1, "kitchen")  # in place of the default book
+    return words
+
+
+COMMANDS = {page: [line for printed_on, line in PRINTED if printed_on == page] for page in HOW_TO}
+"""Commands of the how-to pages."""
+
+
+def test_a_command_is_made_short_or_has_a_reason():
+    line = ["train-agent", "everyday", "--steps", "1000000", "--out", "runs/deep"]
+    expected = "train-agent kitchen --steps 256 --out runs/deep --eval-every 0"
+    assert shortened(line) == expected.split()
+    assert reason_not_to_run(["play", "--depth", "2"]) == NOT_RUN["play"]
+    assert reason_not_to_run(["players"]) is None
+    inspect = ["bench", "run", "craft-8-lite", "--player", "inspect:logs/x.eval"]
+    assert reason_not_to_run(inspect) == OTHERS
+
+
+@pytest.mark.parametrize("start", NOT_RUN)
+def test_a_reason_not_to_run_belongs_to_a_printed_command(start):
+    texts = [" ".join(line) for lines in COMMANDS.values() for line in lines]
+    assert any(text.startswith(start) for text in texts)
+
+
+@pytest.fixture(scope="module")
+def wide_world(world, tmp_path_factory):
+    """A folder with everything that commands of the how-to pages read and do not make."""
+    home = tmp_path_factory.mktemp("wide") / "world"
+    shutil.copytree(world, home)
+    mine = ROOT / "examples/my-book.csv"
+    commands = (
+        f"build-graph kitchen --out {home}/graphs/kitchen",
+        f"build-graph {mine} --out {home}/graphs/la2",
+        f"train-recipes {home}/graphs/everyday --folds 3 --out {home}/models/everyday-recipes --quiet",
+    )
+    for command in commands:
+        assert main(command.split()) == 0
+    shutil.copy(mine, home / "recipes.csv")
+    shutil.copy(mine, home / "large.csv")
+    (home / "triples.tsv").write_text("wheat\tgoes_with\tflour\nflour\tgoes_with\tbread\n")
+    study = re.search(r"^```toml\n(.*?)^```", (ROOT / "docs/studies.md").read_text(), re.S | re.M)[
+        1
+    ]
+    for printed, small in (
+        ("seeds = 3", "seeds = 1"),
+        ("steps = 300_000", "steps = 256"),
+        ('"everyday"', '"kitchen"'),
+    ):
+        assert printed in study
+        study = study.replace(printed, small)
+    (home / "mine.toml").write_text(study)
+    return home
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in HOW_TO if COMMANDS[page]])
+def test_the_commands_of_a_how_to_page_run(page, wide_world, tmp_path, monkeypatch, capsys):
+    shutil.copytree(wide_world, tmp_path / "world")
+    monkeypatch.chdir(tmp_path / "world")
+    for line in COMMANDS[page]:
+        if reason_not_to_run(line) is not None:
+            continue
+        if line[0] == "hub":
+            pytest.importorskip("huggingface_hub", reason="needs the extra hub")
+        words = shortened(line)
+        if "--out" in words:
+            out = Path(words[words.index("--out") + 1])
+            if out.is_dir() and words[0] != "reproduce":
+                shutil.rmtree(out)
+        code = main(words)
+        shown = capsys.readouterr()
+        # 1 is the answer of a check that finds a problem in the book.
+        assert code == 0 or (code == 1 and words[0] == "check-book"), (words, shown.err)
 
 
 @pytest.mark.parametrize(

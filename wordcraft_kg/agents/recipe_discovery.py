@@ -48,7 +48,7 @@ DOUBT = 2.0
 """How much a candidate result loses by failed attempts, in nats for a factor e of failures.
 
 Chosen on the worlds 0 to 7 of ``everyday`` with a scorer of Little Alchemy 2, by the area under the
-curve; ``docs/discovery.md`` has results with and without it.
+curve; ``docs/evidence/worlds.md`` has results with and without it.
 """
 SPREAD = 0.0
 """Variance of an entity's own part of the log-odds that its pairs make something new; 0 for none.

@@ -126,7 +126,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     environments, further settings are refused.
 
     ## Version history
-    v0: first version. docs/environment.md lists the differences from the environment of Jiang et
+    v0: first version. docs/rules.md lists the differences from the environment of Jiang et
     al. 2020.
     """
 

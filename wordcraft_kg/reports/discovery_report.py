@@ -121,7 +121,7 @@ def discovery_map(
         attempt = float(np.median(known)) if len(known) else None
         found = charts.Found(graph.entities[entity], int(layer[entity]), attempt, share)
         entities.append(found)
-    about = f"Entities that {player} discovered, by crafting round; early discoveries are dark"
+    about = f"Entities that {player} discovered, by crafting round; early ones in strong colour"
     return charts.found_map(entities, view.attempts, number, about)
 
 

@@ -136,7 +136,8 @@ def test_prompts_and_schema_are_those_of_the_manifest():
     assert read_manifest()[0].prompts["text"] == prompt_hash()
     assert json.loads(SCHEMA.read_text()) == submission_schema()
     assert (
-        read_manifest()[0].canary in (Path(__file__).parents[3] / "docs/benchmark.md").read_text()
+        read_manifest()[0].canary
+        in (Path(__file__).parents[3] / "docs/benchmark-rules.md").read_text()
     )
 
 

@@ -39,7 +39,7 @@ SPEED = 30.0
 """How many times as fast the mixing weights of :class:`SourceWeights` learn as other parameters.
 
 With 1 the weights of good sources end at 3, where others reach 40, and with 100 those of useless
-sources do not come to rest: see docs/evidence/residual.md.
+sources do not come to rest.
 """
 MOST_ATTEMPTS = 5
 """Attempts that a policy tells apart, the deepest tasks' number; more count as this many."""

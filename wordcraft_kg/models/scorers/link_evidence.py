@@ -6,9 +6,7 @@ Links (h', r, t) with a head similar to h, and links (h, r, t') with a tail simi
     evidence(h, r, t) = Σ_h' cos₊(h, h')³ + Σ_t' cos₊(t, t')³
 
 over the training links, with cosines from :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`,
-0 where they are negative. So evidence needs nothing but scores. Its rank correlation with scores,
-and the fall of a score after a training without the recipes that are named, are measured in
-docs/evidence/link-evidence.md (``benchmarks/link_evidence.py``).
+0 where they are negative. So evidence needs nothing but scores.
 
 Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest
 neighbors"; Hanawa et al. 2021, "Evaluation of similarity-based explanations"), restricted to links

@@ -35,7 +35,7 @@ class Found(NamedTuple):
 
 
 def found_map(entities: Sequence[Found], attempts: int, number: int, description: str) -> Markup:
-    """Draw a map of discoveries: a line of cells for each round, early attempts dark.
+    """Draw a map of discoveries: a line of cells for each round, early attempts in strong colour.
 
     Entities that stayed unknown are empty frames. A cell's tooltip names entity and attempt.
 

@@ -49,7 +49,9 @@ def folded(text: str) -> str:
     Differences in case, Unicode form, variation selectors, blanks and hyphens disappear.
     """
     text = without_variation_selectors(text)
-    return " ".join(re.sub("[-_]", " ", unicodedata.normalize("NFKC", text).casefold()).split())
+    usual = unicodedata.normalize("NFKC", text)
+    spaced = re.sub("[-_]", " ", usual.casefold())
+    return " ".join(spaced.split())
 
 
 def read_label(
@@ -89,22 +91,26 @@ def read_label(
         return meant[0]
     text = " ".join(written.split())
     if meant:
-        choices = [quoted(labels[place]) for place in meant[:_MOST_CHOICES]]
+        named = [labels[place] for place in meant[:_MOST_CHOICES]]
+        choices = [quoted(label) for label in named]
         remedy = "Write more of the name"
         if by_number:
-            choices = [f"{quoted(labels[place])} ({place + 1})" for place in meant[:_MOST_CHOICES]]
+            from_one = [place + 1 for place in meant[:_MOST_CHOICES]]
+            numbered = zip(choices, from_one, strict=True)
+            choices = [f"{choice} ({number})" for choice, number in numbered]
             remedy += ", or the number"
         shown = ", ".join(choices)
         others = len(meant) - _MOST_CHOICES
         more = f" and {others} more" if others > 0 else ""
-        raise ActionError(f"'{_shown(text)}' is ambiguous: {shown}{more}. {remedy}.")
+        given = _shown(text)
+        raise ActionError(f"'{given}' is ambiguous: {shown}{more}. {remedy}.")
     numbers = f"1 to {len(labels)}, " if by_number else ""
     expected = f"expected {numbers}an item name, or the start of a name"
     if not text:
         raise ActionError(f"no answer: {expected}.")
-    raise ActionError(
-        f"unknown item {_shown(text)!r}: {expected}.{nearest(text[:100].casefold(), labels)}"
-    )
+    given = repr(_shown(text))
+    similar = nearest(text[:100].casefold(), labels)
+    raise ActionError(f"unknown item {given}: {expected}.{similar}")
 
 
 class LabelIndex:
@@ -115,7 +121,8 @@ class LabelIndex:
 
     def __init__(self, labels: Sequence[str]):
         # A text much longer than any label names none, and would take long to compare.
-        self._longest = _MOST_AROUND + 4 * max(map(len, labels), default=0)
+        longest_label = max(map(len, labels), default=0)
+        self._longest = _MOST_AROUND + 4 * longest_label
         # Each form of a label is made once: there may be thousands of labels and texts.
         self._exact = {label: place for place, label in enumerate(labels)}
         self._plain: list[str] = []
@@ -138,7 +145,8 @@ class LabelIndex:
     @cached_property
     def most_words(self) -> int:
         """Number of words and separators in the longest label."""
-        return max((len(WORDS.findall(label)) for label in self._exact), default=0)
+        numbers = [len(WORDS.findall(label)) for label in self._exact]
+        return max(numbers, default=0)
 
     def place_of(self, label: str) -> int | None:
         """Return the index of an exact label, or None."""
@@ -181,21 +189,28 @@ class LabelIndex:
         for form in _plurals(bare):
             in_plural |= self._bare.get(form, set())
         signs = _signs(text)
-        for places in (self._folded.get(plain), self._bare.get(bare), in_plural):
-            meant = [
-                place for place in places or () if not with_signs or self._signs[place] == signs
-            ]
+        by_rule = (self._folded.get(plain), self._bare.get(bare), in_plural)
+        for places in by_rule:
+            meant = list(places or ())
+            if with_signs:
+                meant = [place for place in meant if self._signs[place] == signs]
             if meant:
                 return sorted(meant)
         # The sign at an end is not the beginning of a longer name.
         if not by_beginning or (with_signs and signs[1]):
             return []
         # Searched in turn: beginnings come last, and rarely.
-        meant = [place for place, label in enumerate(self._plain) if label.startswith(plain)]
+        beginnings = enumerate(self._plain)
+        meant = [place for place, label in beginnings if label.startswith(plain)]
         if not with_signs:
             return meant
         # A label without its sign is another label, not a beginning.
-        return [place for place in meant if self._plain[place].rstrip(SIGNS) != plain]
+        longer = []
+        for place in meant:
+            without_sign = self._plain[place].rstrip(SIGNS)
+            if without_sign != plain:
+                longer.append(place)
+        return longer
 
 
 index_of = lru_cache(maxsize=64)(LabelIndex)
@@ -231,19 +246,26 @@ def read_pair(
     text = " ".join(written.split())
     if not labels:
         raise ActionError("nothing to combine: expected at least one item.")
-    expected = f"expected two items, such as '{labels[0]} + {labels[-1]}'"
+    example = f"{labels[0]} + {labels[-1]}"
+    expected = f"expected two items, such as '{example}'"
     if not text:
         raise ActionError(f"no answer: {expected}.")
     if len(text) > _MOST_WRITTEN:
-        raise ActionError(f"the answer has {len(text):,} characters: {expected}, in a short line.")
+        size = f"{len(text):,} characters"
+        raise ActionError(f"the answer has {size}: {expected}, in a short line.")
     unread: list[str] = []
     bare = _without_marks(text)
     # The text as it is comes first: a label may begin with a verb, or hold an arrow.
-    readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
+    without_result = _MADE.sub("", text)
+    without_verb = _VERB.sub("", bare)
+    without_both = _VERB.sub("", _MADE.sub("", bare))
+    readings = (text, without_result, without_verb, without_both)
     for reading in dict.fromkeys(readings):
         pairs = _pairs_in(reading, labels, unread, grammar)
-        if len({tuple(sorted(pair)) for pair in pairs}) > 1:
-            ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in pairs)
+        distinct = {tuple(sorted(pair)) for pair in pairs}
+        if len(distinct) > 1:
+            as_texts = [f"{labels[one]} + {labels[other]}" for one, other in pairs]
+            ways = " or ".join(as_texts)
             raise ActionError(
                 f"'{_shown(text)}' is ambiguous: {ways}. Write the numbers, such as '1 2'."
             )
@@ -251,15 +273,18 @@ def read_pair(
             return pairs[0]
     if unread:
         read_label(unread[0], labels, grammar=grammar)  # raises the error for that half
-    raise ActionError(f"cannot parse {_shown(text)!r}: {expected}.")
+    given = repr(_shown(text))
+    raise ActionError(f"cannot parse {given}: {expected}.")
 
 
 def last_line(message: str) -> str:
     """Return the answer in a message: the last non-empty line, without list marks and quotes."""
-    lines = [line.strip() for line in message.splitlines() if line.strip(_MARKS + "-•>|#")]
+    marks = _MARKS + "-•>|#"
+    lines = [line.strip() for line in message.splitlines() if line.strip(marks)]
     if not lines:
         return ""
-    return _LIST_MARK.sub("", lines[-1]).strip("*`| \t")
+    answer = _LIST_MARK.sub("", lines[-1])
+    return answer.strip("*`| \t")
 
 
 def _meant(written: str, labels: Sequence[str], *, by_number: bool, grammar: int) -> list[int]:
@@ -279,7 +304,8 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool, grammar: int
         place = int(text) - 1
         if place < len(labels):
             return [place]
-    return index_of(tuple(labels)).places(text, by_beginning=True, with_signs=False)
+    index = index_of(tuple(labels))
+    return index.places(text, by_beginning=True, with_signs=False)
 
 
 def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
@@ -300,7 +326,8 @@ def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
             place = index.place_of(spelling)
             if place is not None:
                 return [place]
-        is_place = by_number and _PLACE.fullmatch(number) and int(number) <= len(index)
+        is_number = by_number and _PLACE.fullmatch(number)
+        is_place = is_number and int(number) <= len(index)
         return [int(number) - 1] if is_place else []
     named = index.places(text)
     if named or not by_number:
@@ -313,7 +340,8 @@ def _printed(text: str, index: LabelIndex) -> list[int]:
     match = _PRINTED.fullmatch(text)
     if match is None:
         return []
-    place = int(match["before"] or match["after"]) - 1
+    number = match["before"] or match["after"]
+    place = int(number) - 1
     label = match["first"] or match["last"]
     if _NUMBER.fullmatch(label):
         agrees = index.place_of(label) == place
@@ -328,7 +356,9 @@ def _pairs_in(
     """Return the distinct pairs; halves that name no single label join ``unread``."""
     pairs: dict[tuple[int, int], None] = {}
     for halves in _halves(text, labels, grammar):
-        first, second = (_meant(half, labels, by_number=True, grammar=grammar) for half in halves)
+        one, other = halves
+        first = _meant(one, labels, by_number=True, grammar=grammar)
+        second = _meant(other, labels, by_number=True, grammar=grammar)
         if len(first) != 1:
             unread.append(halves[0])
         if len(second) != 1:
@@ -344,9 +374,15 @@ def _halves(text: str, labels: Sequence[str], grammar: int) -> list[tuple[str, s
     if two_numbers.fullmatch(text):
         one, other = text.split()
         # `2 -7` may also be the item `-7` as prompts print it, at place 2.
-        is_one_item = grammar > 1 and bool(_printed(text, index_of(tuple(labels))))
+        index = index_of(tuple(labels))
+        is_one_item = grammar > 1 and bool(_printed(text, index))
         return [] if is_one_item else [(one, other)]
-    return [(text[: at.start()], text[at.end() :]) for at in _SEPARATOR.finditer(text)]
+    found = []
+    for separator in _SEPARATOR.finditer(text):
+        before = text[: separator.start()]
+        after = text[separator.end() :]
+        found.append((before, after))
+    return found
 
 
 @lru_cache(maxsize=1 << 15)
@@ -368,12 +404,14 @@ def _bare(text: str) -> str:
 
 def _signs(text: str) -> tuple[str, str]:
     """Return the signs that belong to the name in a text, without article and punctuation."""
-    return signs_of(_ARTICLE.sub("", _without_marks(text).lower()))
+    bare = _without_marks(text).lower()
+    return signs_of(_ARTICLE.sub("", bare))
 
 
 def _without_marks(text: str) -> str:
     """Return a text without quotes and punctuation at its ends; `.5` keeps its point."""
-    with_points = text.rstrip(_MARKS).lstrip(_MARKS.replace(".", ""))
+    but_points = _MARKS.replace(".", "")
+    with_points = text.rstrip(_MARKS).lstrip(but_points)
     return with_points if _FRACTION.match(with_points) else text.strip(_MARKS)
 
 
@@ -392,4 +430,6 @@ def _plurals(word: str) -> set[str]:
 
 
 def _shown(text: str) -> str:
-    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+    if len(text) <= _MOST_SHOWN:
+        return text
+    return f"{text[:_MOST_SHOWN]}..."

@@ -52,7 +52,8 @@ def case_key(label: str) -> str:
         return label.casefold()
     narrow = "".join(map(_in_usual_width, without_variation_selectors(label)))
     # Composed again: folding may decompose a character, such as the capital I with a dot.
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", narrow).casefold())
+    composed = unicodedata.normalize("NFC", narrow)
+    return unicodedata.normalize("NFC", composed.casefold())
 
 
 def spelling_key(label: str) -> str:
@@ -67,7 +68,8 @@ def spelling_key(label: str) -> str:
     folded = case_key(label)
     words = " ".join(folded.translate(_SAME_SIGN).split())
     # A label of underscores alone is like no other label.
-    return _BESIDE_DIGIT.sub("", _JOINER.sub("", words)) or folded
+    joined = _JOINER.sub("", words)
+    return _BESIDE_DIGIT.sub("", joined) or folded
 
 
 def grouped(labels: Iterable[str], key: Callable[[str], str]) -> list[tuple[str, ...]]:
@@ -75,7 +77,8 @@ def grouped(labels: Iterable[str], key: Callable[[str], str]) -> list[tuple[str,
     groups: dict[str, list[str]] = {}
     for label in labels:
         groups.setdefault(key(label), []).append(label)
-    return [tuple(group) for group in groups.values() if len(group) > 1]
+    several = [group for group in groups.values() if len(group) > 1]
+    return [tuple(group) for group in several]
 
 
 def means_another(label: str, other: str) -> bool:
@@ -92,7 +95,10 @@ def means_another(label: str, other: str) -> bool:
     if one == two:
         return False
     has_number = _NUMBER.fullmatch(one) or _NUMBER.fullmatch(two)
-    return bool(has_number) or one.strip(SIGNS) == two.strip(SIGNS)
+    if has_number:
+        return True
+    # Only signs at the ends differ.
+    return one.strip(SIGNS) == two.strip(SIGNS)
 
 
 def signs_of(text: str) -> tuple[str, str]:
@@ -107,8 +113,11 @@ def signs_of(text: str) -> tuple[str, str]:
     """
     first = _NUMBER_SIGN.match(text)
     last = _CHARGE.search(text)
-    ends = (first[0] if first else "", last[0] if last else "")
-    before, after = (end.replace("\u2212", "-") for end in ends)
+    before = first[0] if first else ""
+    after = last[0] if last else ""
+    # Each minus sign as a hyphen, so that both spellings are the same.
+    before = before.replace("\u2212", "-")
+    after = after.replace("\u2212", "-")
     return before, after
 
 
@@ -121,7 +130,8 @@ def words_in(label: str) -> list[str]:
         >>> words_in("minecraft:oak_log"), words_in("IronPlate"), words_in("O2-")
         (['minecraft', 'oak', 'log'], ['Iron', 'Plate'], ['O2-'])
     """
-    spaced = _BETWEEN_WORDS.sub(" ", label.replace("_", " ")).split()
+    blanks = label.replace("_", " ")
+    spaced = _BETWEEN_WORDS.sub(" ", blanks).split()
     return list(chain.from_iterable(map(_at_capitals, spaced)))
 
 
@@ -132,10 +142,13 @@ def _at_capitals(word: str) -> list[str]:
     starts = [0]
     for place in range(1, len(word)):
         follows_small = word[place - 1].islower()
-        begins_word = word[place - 1].isupper() and word[place + 1 : place + 2].islower()
+        follows_capital = word[place - 1].isupper()
+        next_letter = word[place + 1 : place + 2]
+        begins_word = follows_capital and next_letter.islower()
         if word[place].isupper() and (follows_small or begins_word):
             starts.append(place)
-    return [word[start:end] for start, end in pairwise([*starts, len(word)])]
+    ends = pairwise([*starts, len(word)])
+    return [word[start:end] for start, end in ends]
 
 
 def _in_usual_width(char: str) -> str:

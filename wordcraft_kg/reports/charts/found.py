@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from wordcraft_kg.base.escaping import for_html
+from wordcraft_kg.reports.charts.svg import element, titled
 
 CELL = 10
 """Distance between the corners of two cells, in pixels."""
@@ -54,7 +54,7 @@ def found_map(entities: Sequence[Found], attempts: int, number: int, description
     for round_number in sorted(by_round):
         # The early ones first, then the unknown ones, each in alphabetical order.
         cells = sorted(by_round[round_number], key=_order)
-        parts.append(f'<text x="0" y="{top + 9}" class="small">round {round_number}</text>')
+        parts.append(element("text", f"round {round_number}", x=0, y=top + 9, class_="small"))
         for place, entity in enumerate(cells):
             row, column = divmod(place, columns)
             x = _LEFT + column * CELL
@@ -62,29 +62,31 @@ def found_map(entities: Sequence[Found], attempts: int, number: int, description
             parts.append(_cell(entity, x, y, attempts, number))
         rows = -(-len(cells) // columns)
         top += rows * CELL + _STEP
-    opening = f'<svg viewBox="0 0 {_WIDTH} {top + 4}" role="img"'
-    label = f'aria-label="{for_html(description)}">'
-    return Markup("".join([opening, " ", label, *parts, "</svg>"]))
+    box = f"0 0 {_WIDTH} {top + 4}"
+    return element("svg", *parts, viewBox=box, role="img", aria_label=description)
 
 
 def _order(entity: Found) -> tuple[float, str]:
-    attempt = float("inf") if entity.attempt is None else entity.attempt
-    return attempt, entity.label
+    if entity.attempt is None:
+        return float("inf"), entity.label
+    return entity.attempt, entity.label
 
 
-def _cell(entity: Found, x: int, y: int, attempts: int, number: int) -> str:
+def _cell(entity: Found, x: int, y: int, attempts: int, number: int) -> Markup:
     """Return an entity's square with its tooltip."""
-    place = f'x="{x}" y="{y}" width="{_SIZE}" height="{_SIZE}"'
+    look = {"class_": "grid"}
     if entity.attempt is None:
         tooltip = f"{entity.label}: not found"
-        look = 'class="grid"'
     else:
-        when = "known at the start" if entity.attempt == 0 else f"attempt {entity.attempt:g}"
+        when = "known at the start"
+        if entity.attempt > 0:
+            when = f"attempt {entity.attempt:g}"
         tooltip = f"{entity.label}: {when}"
         if entity.share < 1:
             tooltip += f", in {entity.share:.0%} of the runs"
         # By the square root: half of all entities are found in the first quarter of a run.
         late = (entity.attempt / attempts) ** 0.5
         opacity = 1 - (1 - _LIGHTEST) * late
-        look = f'class="series-{number}" fill-opacity="{opacity:.2f}"'
-    return f"<rect {place} {look}><title>{for_html(tooltip)}</title></rect>"
+        look["class_"] = f"series-{number}"
+        look["fill_opacity"] = f"{opacity:.2f}"
+    return element("rect", titled(tooltip), x=x, y=y, width=_SIZE, height=_SIZE, **look)

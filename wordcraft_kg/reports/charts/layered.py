@@ -6,8 +6,8 @@ from itertools import chain
 
 from markupsafe import Markup
 
-from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.charts.scales import shortened, spread
+from wordcraft_kg.reports.charts.svg import element, titled
 
 LETTER = 5.9
 SMALL_LETTER = 5.2
@@ -80,8 +80,10 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     first = min(layers)
     last = max(layers)
     columns: list[list[_Place]] = [[] for _ in range(first, last + 1)]
-    place_of = {thing.label: _Place(thing.layer - first, [], []) for thing in things}
-    for place in place_of.values():
+    place_of = {}
+    for thing in things:
+        place = _Place(thing.layer - first, [], [])
+        place_of[thing.label] = place
         columns[place.column].append(place)
     arrows = _arrows(things, place_of, columns)
     _settle(columns)
@@ -99,25 +101,34 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         place.y = round(place.y - top)
     width = lefts[-1] + widths[-1] + MARGIN
     height = round(bottom) + 18  # a line for the layers' numbers
-    parts = [
-        f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
-        f' class="layered" role="group" '
-        f'aria-label="{for_html(description)}">'
-    ]
-    for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first):
+    parts = []
+    columns_of_page = zip(lefts, widths, strict=True)
+    for number, (left, wide) in enumerate(columns_of_page, start=first):
         middle = left + wide / 2
-        place_of_text = f'x="{middle:g}" y="{height - 6}"'
-        parts.append(f'<text {place_of_text} class="small middle">layer {number}</text>')
-    parts += [
-        f'<path d="{_curve(route, lefts, widths)}" class="arrow">{title}</path>'
-        for title, route in arrows
-    ]
+        parts.append(_small(f"layer {number}", middle, height - 6))
+    for title, route in arrows:
+        curve = _curve(route, lefts, widths)
+        parts.append(element("path", titled(title), d=curve, class_="arrow"))
     for thing in things:
         place = place_of[thing.label]
         left = lefts[place.column]
-        width = widths[place.column]
-        parts += _box(thing, given, left, width, int(place.y))
-    return Markup("".join([*parts, "</svg>"]))
+        thing_width = widths[place.column]
+        parts += _box(thing, given, left, thing_width, int(place.y))
+    return element(
+        "svg",
+        *parts,
+        viewBox=f"0 0 {width} {height}",
+        width=width,
+        height=height,
+        class_="layered",
+        role="group",
+        aria_label=description,
+    )
+
+
+def _small(text: str, middle: float, y: int) -> Markup:
+    """Return a small text, or ready elements, around a middle."""
+    return element("text", text, x=f"{middle:g}", y=y, class_="small middle")
 
 
 def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
@@ -126,7 +137,9 @@ def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
     for thing in things:
         label = shortened(thing.label, _LONGEST)
         of = " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
-        text = max(LETTER * len(label), SMALL_LETTER * len(of))
+        of_label = LETTER * len(label)
+        of_ingredients = SMALL_LETTER * len(of)
+        text = max(of_label, of_ingredients)
         column = thing.layer - first
         # Four pixels on each side of a text keep it off the frame of its box.
         widths[column] = max(widths[column], round(text) + 8)
@@ -159,8 +172,8 @@ def _arrows(
                 route.append(passing[part, column])
             route[-1].after.append(to)
             to.before.append(route[-1])
-            words = f"{for_html(part)} → {for_html(thing.label)}"
-            arrows.append((f"<title>{words}</title>", [*route, to]))
+            title = f"{part} → {thing.label}"
+            arrows.append((title, [*route, to]))
     return arrows
 
 
@@ -181,7 +194,8 @@ def _settle(layers: list[list[_Place]]) -> None:
         for layer in layers if from_left else reversed(layers):
             wanted = [_mean(place, from_left, both) for place in layer]
             # Bounds so wide that they move nothing: only the gaps count.
-            reach = _GAP * len(layer) + max(map(abs, wanted), default=0.0)
+            farthest = max(map(abs, wanted), default=0.0)
+            reach = _GAP * len(layer) + farthest
             heights = spread(wanted, _GAP, -reach, reach)
             for place, y in zip(layer, heights, strict=True):
                 place.y = y
@@ -198,7 +212,8 @@ def _mean(place: _Place, from_left: bool, both: bool) -> float:
         near = place.before if from_left else place.after
     if not near:
         return place.y
-    return sum(one.y for one in near) / len(near)
+    total = sum(one.y for one in near)
+    return total / len(near)
 
 
 def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
@@ -212,35 +227,36 @@ def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
         end = int(place.y)
         # Both control points lie half-way, at the height of their end: an S without overshoot.
         half = left - _BETWEEN / 2
-        path.append(f"C{half:g} {y} {half:g} {end} {left} {end}")
+        controls = f"{half:g} {y} {half:g} {end}"
+        path.append(f"C{controls} {left} {end}")
         y = end
         if place is not route[-1]:
-            path.append(f"H{left + widths[place.column]}")
+            right = left + widths[place.column]
+            path.append(f"H{right}")
     return "".join(path) + "l-6-3m6 3l-6 3"
 
 
-def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> list[str]:
+def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> list[Markup]:
     """Return a box with its label, and the ingredients below, as SVG elements."""
     ingredients = []
     for part in thing.of:
         style = "given" if part in given else "made"
-        shown = for_html(shortened(part, _LONGEST_PART))
-        ingredients.append(f'<tspan class="{style}">{shown}</tspan>')
-    of = " + ".join(ingredients)
+        shown = shortened(part, _LONGEST_PART)
+        ingredients.append(element("tspan", shown, class_=style))
+    of = Markup(" + ").join(ingredients)
     middle = left + width / 2
-    label = for_html(shortened(thing.label, _LONGEST))
-    title = thing.title or thing.label
-    top = y - _BOX // 2
-    inside = (
-        f"<title>{for_html(title)}</title>"
-        f'<rect x="{left}" y="{top}" width="{width}" height="{_BOX}" rx="4"'
-        f' class="{thing.style}"/>'
-        f'<text x="{middle:g}" y="{y + 4}" class="middle {thing.style}">{label}</text>'
-    )
+    label = shortened(thing.label, _LONGEST)
+    half = _BOX // 2
+    style = f"middle {thing.style}"
+    inside = [
+        titled(thing.title or thing.label),
+        element("rect", x=left, y=y - half, width=width, height=_BOX, rx=4, class_=thing.style),
+        element("text", label, x=f"{middle:g}", y=y + 4, class_=style),
+    ]
     if thing.href:
-        box = f'<a href="{for_html(thing.href)}">{inside}</a>'
+        box = element("a", *inside, href=thing.href)
     else:
-        box = f"<g>{inside}</g>"
+        box = element("g", *inside)
     # The base line of the ingredients, below the box.
-    below = y + _BOX // 2 + 12
-    return [box, f'<text x="{middle:g}" y="{below}" class="small middle">{of}</text>']
+    below = y + half + 12
+    return [box, _small(of, middle, below)]

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 
 from markupsafe import Markup
 
-from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.charts.scales import Estimate, estimate, shortened, spread
+from wordcraft_kg.reports.charts.svg import element, titled
 
 OKABE_ITO = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 LIGHT = (*OKABE_ITO, "#1b1f24", "#7f3c00")
@@ -86,7 +86,8 @@ def short(name: str) -> str:
 
 def room_for(names: Iterable[str], extra: int = 20) -> int:
     """Return the margin in pixels that the longest of these names needs, plus ``extra`` pixels."""
-    letters = max((len(short(name)) for name in names), default=0)
+    lengths = [len(short(name)) for name in names]
+    letters = max(lengths, default=0)
     return round(extra + LETTER * letters)
 
 
@@ -121,7 +122,7 @@ class Plot:
         self.right = right
         self.left = left
         self.height = height
-        self.parts: list[str] = []
+        self.parts: list[Markup] = []
 
     def x(self, value: float) -> float:
         """Return a value's x-coordinate in pixels."""
@@ -152,29 +153,33 @@ class Plot:
             anchor: end of the text at ``x``: middle, end, or empty for its start.
             name: complete text, which becomes a tooltip if ``text`` is a shortened form.
         """
-        attributes = ""
+        attributes = {"x": f"{x:g}", "y": f"{y:.5g}"}
         if anchor:
-            attributes += f' text-anchor="{anchor}"'
+            attributes["text_anchor"] = anchor
         if style:
-            attributes += f' class="{style}"'
-        title = ""
-        if name and name != text:
-            title = f"<title>{for_html(name)}</title>"
-        content = f"{for_html(text)}{title}"
-        self.parts.append(f'<text x="{x:g}" y="{y:.5g}"{attributes}>{content}</text>')
+            attributes["class_"] = style
+        tooltip = name if name != text else ""
+        self._add("text", text, titled(tooltip), **attributes)
+
+    def _add(self, name: str, /, *inside: object, **attributes: object) -> None:
+        """Add an element, see :func:`~wordcraft_kg.reports.charts.svg.element`."""
+        self.parts.append(element(name, *inside, **attributes))
 
     def _line(self, x: _Ends, y: _Ends, style: str) -> None:
         """Draw a straight line between two points, x and y in pixels."""
-        across = f'x1="{x[0]}" x2="{x[1]}"'
-        down = f'y1="{y[0]}" y2="{y[1]}"'
-        self.parts.append(f'<line {across} {down} class="{style}"/>')
+        x1, x2 = x
+        y1, y2 = y
+        self._add("line", x1=x1, x2=x2, y1=y1, y2=y2, class_=style)
 
     def y_axis(self, ticks: Sequence[float], texts: Sequence[str]) -> None:
         """Draw horizontal grid lines with tick labels."""
+        across = (self.left, WIDTH - self.right)
+        # Texts end a little before the grid, and their base line is below the middle of a letter.
+        text_end = self.left - 5
         for value, text in zip(ticks, texts, strict=True):
             y = self.y(value)
-            self._line((self.left, WIDTH - self.right), (y, y), "grid")
-            self.text(self.left - 5, y + 4, text, anchor="end")
+            self._line(across, (y, y), "grid")
+            self.text(text_end, y + 4, text, anchor="end")
 
     def x_axis(self, ticks: Sequence[float], texts: Sequence[str], *, grid: bool = False) -> None:
         """Write tick labels below the chart.
@@ -185,19 +190,24 @@ class Plot:
             grid: draw a vertical line at each tick.
         """
         bottom = self.height - BOTTOM
+        down = (self.top, bottom)
+        base_line = bottom + 15
         style = "small" if len(ticks) > 6 else "tick"
         for value, text in zip(ticks, texts, strict=True):
             x = self.x(value)
             if grid:
-                self._line((x, x), (self.top, bottom), "grid")
-            self.text(x, bottom + 15, text, style, "middle")
+                self._line((x, x), down, "grid")
+            self.text(x, base_line, text, style, "middle")
 
     def titles(self, x_title: str, y_title: str = "") -> None:
         """Write the axis titles."""
-        middle = (self.left + WIDTH - self.right) / 2
-        self.text(middle, self.height - 6, x_title, anchor="middle")
+        right_end = WIDTH - self.right
+        middle = (self.left + right_end) / 2
+        below = self.height - 6
+        self.text(middle, below, x_title, anchor="middle")
         if y_title:
-            self.text(self.left, self.top - 10, y_title, "small")
+            above = self.top - 10
+            self.text(self.left, above, y_title, "small")
 
     def polyline(
         self, points: Iterable[Sequence[float | None]], style: str, title: str = ""
@@ -209,15 +219,21 @@ class Plot:
             style: CSS classes.
             title: tooltip, or empty.
         """
-        path = self._path((x or 0, y or 0) for x, y, *_ in points)
-        end = "/>"
-        if title:
-            end = f"><title>{for_html(title)}</title></polyline>"
-        self.parts.append(f'<polyline points="{path}" class="{style}"{end}')
+        corners = []
+        for x, y, *_ in points:
+            corners.append((x or 0, y or 0))
+        path = self._path(corners)
+        tooltip = [titled(title)] if title else []
+        self._add("polyline", *tooltip, points=path, class_=style)
 
     def _path(self, points: Iterable[tuple[float, float]]) -> str:
         """Return points in values of the axes as coordinates of SVG."""
-        return " ".join(f"{self.x(x)},{self.y(y)}" for x, y in points)
+        corners = []
+        for x, y in points:
+            across = self.x(x)
+            down = self.y(y)
+            corners.append(f"{across},{down}")
+        return " ".join(corners)
 
     def bands(self, points: Sequence[CurvePoint], number: int) -> None:
         """Fill the area between the bounds of consecutive points in colour ``number``.
@@ -234,13 +250,15 @@ class Plot:
         for run in filter(None, runs):
             if len(run) == 1:
                 ((x, low, high),) = run
-                self.whiskers((x, None, None), (low, low, high), number)
+                exact = (x, None, None)
+                self.whiskers(exact, (low, low, high), number)
                 continue
             # Around the area: along the upper bounds to the right, and back along the lower bounds.
             there = [(x, high) for x, _, high in run]
             back = [(x, low) for x, low, _ in reversed(run)]
             path = self._path([*there, *back])
-            self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
+            style = f"band {style_of(number)}"
+            self._add("polygon", points=path, class_=style)
 
     def hover_points(
         self, name: str, points: Sequence[CurvePoint], number: int, percent: bool
@@ -262,7 +280,8 @@ class Plot:
         from_the_end = points[::-1][::every]
         for x, y, low, high in reversed(from_the_end):
             value = estimate((y, low, high), percent)
-            self.circle(x, y, radius, style, f"{name}, {x:,.10g}: {value}")
+            title = f"{name}, {x:,.10g}: {value}"
+            self.circle(x, y, radius, style, title)
 
     def circle(self, x: float, y: float, radius: float, style: str, title: str) -> None:
         """Draw a point.
@@ -274,14 +293,14 @@ class Plot:
             style: CSS classes.
             title: tooltip.
         """
-        self._dot(self.x(x), self.y(y), radius, style, title)
+        across = self.x(x)
+        down = self.y(y)
+        self._dot(across, down, radius, style, title)
 
     def _dot(self, x: float, y: float, radius: float, style: str, title: str) -> None:
         """Draw a circle with a tooltip, x and y in pixels."""
-        inside = f"<title>{for_html(title)}</title>"
-        self.parts.append(
-            f'<circle cx="{x}" cy="{y}" r="{radius}" class="{style}">{inside}</circle>'
-        )
+        tooltip = titled(title)
+        self._add("circle", tooltip, cx=x, cy=y, r=radius, class_=style)
 
     def whiskers(self, x: Estimate, y: Estimate, number: int) -> None:
         """Draw a point's intervals as lines (whiskers).
@@ -295,10 +314,12 @@ class Plot:
         across, left, right = x
         up, low, high = y
         if left is not None and right is not None:
-            self.polyline([(left, up), (right, up)], style)
+            ends = [(left, up), (right, up)]
+            self.polyline(ends, style)
         if low is not None and high is not None:
             at = self.x(across)
-            self._line((at, at), (self.y(low), self.y(high)), style)
+            down = (self.y(low), self.y(high))
+            self._line((at, at), down, style)
 
     def marker(self, x: float, y: float, number: int, title: str) -> None:
         """Draw a marker in the shape and colour of a data series.
@@ -314,9 +335,11 @@ class Plot:
         if not corners:
             self._dot(x, y, _RADIUS, style, title)
             return
-        path = " ".join(f"{x + right:.1f},{y + down:.1f}" for right, down in corners)
-        inside = f"<title>{for_html(title)}</title>"
-        self.parts.append(f'<polygon points="{path}" class="{style}">{inside}</polygon>')
+        points = []
+        for right, down in corners:
+            points.append(f"{x + right:.1f},{y + down:.1f}")
+        path = " ".join(points)
+        self._add("polygon", titled(title), points=path, class_=style)
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str]]) -> None:
         """Label curves at their right ends (x, y, name, style).
@@ -335,8 +358,10 @@ class Plot:
             # Two pixels: a shorter leader would look like a speck.
             if has_moved or edge - x > 2:
                 across = (f"{x + 2:.1f}", edge + 10)
-                self._line(across, (y, f"{place:.1f}"), "leader")
-            self.text(edge + 13, place + 4, short(name), style, name=name)
+                down = (y, f"{place:.1f}")
+                self._line(across, down, "leader")
+            shown = short(name)
+            self.text(edge + 13, place + 4, shown, style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:
         """Return the chart as SVG.
@@ -345,14 +370,10 @@ class Plot:
         """
         x = float(self.left)
         for number, name in enumerate(legend):
-            square = f'x="{x:g}" y="6" width="11" height="11"'
             style = f"series-{number}"
-            self.parts.append(f'<rect {square} class="{style}"/>')
+            self._add("rect", x=f"{x:g}", y=6, width=11, height=11, class_=style)
             self.text(x + 16, 16, name)
             # The square with its space, the name, and the space before the next square.
             x += 32 + LETTER * len(name)
-        label = for_html(self.description)
         box = f"0 0 {WIDTH} {self.height}"
-        opening = f'<svg viewBox="{box}" role="img" aria-label="{label}">'
-        everything = [opening, *self.parts, "</svg>"]
-        return Markup("".join(everything))
+        return element("svg", *self.parts, viewBox=box, role="img", aria_label=self.description)

@@ -3,9 +3,11 @@
 import re
 from collections.abc import Sequence
 
-from wordcraft_kg.base.escaping import for_html
+from markupsafe import Markup
+
 from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
+from wordcraft_kg.reports.charts.svg import element
 
 _INK = {
     "ink": "#1b1f24",
@@ -14,7 +16,7 @@ _INK = {
     "other": "#8c959f",
     "page": "#ffffff",
 }
-_FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
+_FONTS = Markup("Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif")
 _PANEL = 460
 MARGIN = 16
 HEAD = 40
@@ -38,10 +40,9 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
     # The title's letters are larger than those of charts, about by this factor.
     letter = LETTER * 1.3
     letters = int((width - 2 * MARGIN) / letter)
-    parts = [
-        f'<text x="{MARGIN}" y="26" style="font-size: 15px; font-weight: 600">'
-        f"{for_html(shortened(title, letters))}</text>"
-    ]
+    heading = shortened(title, letters)
+    look = "font-size: 15px; font-weight: 600"
+    parts: list[str] = [element("text", heading, x=MARGIN, y=26, style=look)]
     top = HEAD
     for row in rows:
         heights = [_height(chart) for _, chart in row]
@@ -49,33 +50,39 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
             left = MARGIN + column * (_PANEL + MARGIN)
             if caption:
                 most = int(_PANEL / LETTER)
-                shown = for_html(shortened(caption, most))
-                parts.append(
-                    f'<text x="{left}" y="{top + 14}" style="font-weight: 600">{shown}</text>'
-                )
+                shown = shortened(caption, most)
+                base_line = top + 14
+                parts.append(element("text", shown, x=left, y=base_line, style="font-weight: 600"))
+            height = _height(chart)
             place = f'x="{left}" y="{top + _CAPTION}"'
-            size = f'width="{_PANEL}" height="{_height(chart)}"'
+            size = f'width="{_PANEL}" height="{height}"'
             # Nobody hovers over a printed figure, and the invisible points would be drawn.
             plain = _HOVERED.sub("", str(chart))
-            parts.append(plain.replace("<svg ", f"<svg {place} {size} ", 1))
+            opening = f"<svg {place} {size} "
+            parts.append(plain.replace("<svg ", opening, 1))
         # The highest chart of a row makes its height.
         top += _CAPTION + max(heights) + MARGIN
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}"'
-        f' width="{width}" height="{top}" '
-        f'role="img" aria-label="{for_html(title)}" font-family="{_FONTS}">'
+    page = element("rect", width=width, height=top, fill=_INK["page"])
+    lines = [
+        element("title", title),
+        f"<style>\n{style}</style>",
+        page,
+        *parts,
+    ]
+    # A line for each element, also for the tags around them all.
+    content = Markup("\n" + "\n".join(lines) + "\n")
+    whole = element(
+        "svg",
+        content,
+        xmlns="http://www.w3.org/2000/svg",
+        viewBox=f"0 0 {width} {top}",
+        width=width,
+        height=top,
+        role="img",
+        aria_label=title,
+        font_family=_FONTS,
     )
-    page = f'<rect width="{width}" height="{top}" fill="{_INK["page"]}"/>'
-    return "\n".join(
-        [
-            head,
-            f"<title>{for_html(title)}</title>",
-            f"<style>\n{style}</style>",
-            page,
-            *parts,
-            "</svg>\n",
-        ]
-    )
+    return f"{whole}\n"
 
 
 def _height(chart: str) -> int:

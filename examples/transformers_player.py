@@ -12,6 +12,10 @@ the table that were not tried in this game, so no answer is invalid. By probabil
 the most probable of these texts as a whole. In both, if look-ups are offered, the goal is looked up
 first (the first item in open-ended games). The rules and, while they fit, all turns are the
 context.
+
+By recipes, the model reads no rules: the answer is the untried pair for which the text "Recipe:
+goal = first + second" is the most probable, both orders together. So play models that
+examples/finetune_language_model.py taught the train recipes.
 """
 
 import argparse
@@ -20,6 +24,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from transformers import AutoModelForCausalLM, AutoTokenizer, DynamicCache
 from transformers.utils import logging
@@ -201,6 +206,24 @@ def by_probabilities(
     return chosen
 
 
+def by_recipes(reader: Reader, goal: str, items: list[str], tried: set[frozenset[str]]) -> str:
+    """Return the untried pair whose recipe, as a text in either order, is the most probable."""
+    reader.read(reader.tokens(f"Recipe: {goal} ="))
+    answers = [
+        (one, other) for one in items for other in items if frozenset((one, other)) not in tried
+    ]
+    texts = [reader.tokens(f" {one} + {other}") for one, other in answers]
+    scores: dict[frozenset[str], float] = {}
+    for answer, score in zip(answers, reader.log_probs(texts), strict=True):
+        # A pair of different items has two texts, an item with itself one.
+        pair = frozenset(answer)
+        scores[pair] = float(np.logaddexp(scores.get(pair, -np.inf), score))
+    best = max(scores.values())
+    chosen = next(answer for answer in answers if scores[frozenset(answer)] == best)
+    tried.add(frozenset(chosen))
+    return f"{chosen[0]} + {chosen[1]}"
+
+
 @torch.inference_mode()
 def play(reader: Reader, by: str, context: int, most: int) -> None:
     """Answer the lines on stdin."""
@@ -238,12 +261,28 @@ def play(reader: Reader, by: str, context: int, most: int) -> None:
         print(answer.strip().splitlines()[-1] if answer.strip() else "", flush=True)
 
 
+@torch.inference_mode()
+def play_by_recipes(reader: Reader) -> None:
+    """Answer the lines on stdin by the probabilities of recipes as texts."""
+    tried: set[frozenset[str]] = set()
+    for line in sys.stdin:
+        message = json.loads(line)
+        if not message["goal"]:
+            sys.exit("error: this game has no goal, so no recipe to write; choose another --by.")
+        if message["new"]:
+            tried = set()
+        answer = by_recipes(reader, message["goal"], message["table"], tried)
+        reader.counts["prompts"] += 1
+        reader.counts["input tokens"] += len(reader.ids)
+        print(answer, flush=True)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description="A language model of transformers as a player of the line protocol."
     )
     parser.add_argument("model", help="model folder, .gguf file, or a name on the Hugging Face hub")
-    ways = ["generation", "constrained", "probabilities"]
+    ways = ["generation", "constrained", "probabilities", "recipes"]
     parser.add_argument("--by", choices=ways, default="generation")
     parser.add_argument(
         "--context", type=int, default=2048, help="tokens of a conversation, before it begins anew"
@@ -253,5 +292,8 @@ if __name__ == "__main__":
     logging.set_verbosity_error()
     logging.disable_progress_bar()
     player = Reader(options.model)
-    play(player, options.by, options.context, options.new_tokens)
+    if options.by == "recipes":
+        play_by_recipes(player)
+    else:
+        play(player, options.by, options.context, options.new_tokens)
     print(", ".join(f"{count:,} {name}" for name, count in player.counts.items()), file=sys.stderr)

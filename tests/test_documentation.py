@@ -27,7 +27,14 @@ PAGES = [
         for name in ("agents", "environment", "language-models", "link-prediction", "text-agents")
     ),
 ]
-ELSEWHERE = {"chat_player", "demo", "line_player", "impala_single_file", "transformers_player"}
+ELSEWHERE = {
+    "chat_player",
+    "demo",
+    "finetune_language_model",
+    "line_player",
+    "impala_single_file",
+    "transformers_player",
+}
 """Examples with tests of their own."""
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELSEWHERE)
 LONG = (

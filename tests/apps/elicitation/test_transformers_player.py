@@ -4,6 +4,7 @@ import json
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from transformers import AutoTokenizer
@@ -93,6 +94,40 @@ def test_a_constrained_answer_goes_on_with_the_most_probable_allowed_token(reade
             pair = tuple(answer.split(" + "))
             left -= {pair, pair[::-1]}
     assert len(tried) == 15
+
+
+@torch.inference_mode()
+def test_the_answer_by_recipes_is_the_pair_of_the_most_probable_texts(reader, monkeypatch, capsys):
+    """Against each text read anew; a pair has two texts, an item with itself one."""
+    prompt = reader.tokens("Recipe: bread =")
+    expected = {}
+    for a, b in itertools.product(ITEMS, ITEMS):
+        ids = [*prompt, *reader.tokens(f" {a} + {b}")]
+        rows = reader.model(torch.tensor([ids])).logits[0].log_softmax(-1)
+        places = range(len(prompt), len(ids))
+        probability = np.exp(sum(float(rows[place - 1, ids[place]]) for place in places))
+        pair = frozenset((a, b))
+        expected[pair] = expected.get(pair, 0.0) + probability
+    game = [
+        {"goal": "bread", "table": ITEMS, "text": "", "new": number % 5 == 0}
+        for number in range(10)
+    ]
+    lines = "".join(json.dumps(line) + "\n" for line in game)
+    monkeypatch.setattr("sys.stdin", io.StringIO(lines))
+    PLAYER["play_by_recipes"](reader)
+    answers = capsys.readouterr().out.splitlines()
+    assert answers[:5] == answers[5:]
+    for answer in answers[:5]:
+        pair = frozenset(answer.split(" + "))
+        assert expected[pair] == pytest.approx(max(expected.values()), rel=1e-3)
+        del expected[pair]
+
+
+def test_games_without_a_goal_are_refused_by_recipes(reader, monkeypatch):
+    line = json.dumps({"goal": None, "table": ITEMS, "text": "", "new": True})
+    monkeypatch.setattr("sys.stdin", io.StringIO(line + "\n"))
+    with pytest.raises(SystemExit, match="has no goal"):
+        PLAYER["play_by_recipes"](reader)
 
 
 def test_a_tokenizer_without_chat_template_is_refused_by_name(model_folder):

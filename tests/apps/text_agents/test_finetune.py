@@ -1,0 +1,201 @@
+"""Fine-tuning by examples/finetune_language_model.py, with a tiny random model."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from transformers import LlamaConfig, LlamaForCausalLM
+
+from wordcraft_kg import open_graph
+from wordcraft_kg.apps.text_agents.benchmark import open_track
+from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+
+SCRIPT = runpy.run_path(
+    str(Path(__file__).parents[3] / "examples" / "finetune_language_model.py"), run_name="script"
+)
+Settings = SCRIPT["Settings"]
+Tree = SCRIPT["Tree"]
+SMALL = Settings(folds=5, layers=1, epochs=1, lr=1e-2, batch=200)
+
+
+def tokens(text):
+    """Return a number below 100 for each pair of letters: words have several tokens."""
+    letters = text.replace(" ", "_")
+    return [sum(map(ord, letters[at : at + 2])) % 100 for at in range(0, len(letters), 2)]
+
+
+@pytest.fixture(scope="module")
+def splits():
+    graph = open_graph("kitchen").graph
+    return [make_split(graph, SplitConfig(kind)) for kind in ("by-recipe", "by-goal")]
+
+
+def tiny(seed=0):
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return LlamaForCausalLM(
+            LlamaConfig(
+                vocab_size=100,
+                hidden_size=16,
+                intermediate_size=24,
+                num_hidden_layers=2,
+                num_attention_heads=2,
+                num_key_value_heads=1,
+                tie_word_embeddings=True,
+                # Embeddings stay as they are: with the usual small ones no logit could be large.
+                initializer_range=0.5,
+            )
+        )
+
+
+def grown(splits):
+    recipes = SCRIPT["learned"](splits, 5)
+    return lambda rng: SCRIPT["trees"](splits, recipes, tokens, rng)
+
+
+def test_the_learned_recipes_are_train_recipes_of_all_splits_and_not_left_out(splits):
+    learned = set(map(tuple, SCRIPT["learned"](splits, 5).tolist()))
+    assert len(learned) > 100
+    for split in splits:
+        assert learned <= set(map(tuple, split.recipes("train").tolist()))
+        assert not learned & set(map(tuple, split.recipes("test").tolist()))
+        assert not learned & set(map(tuple, make_folds(split, 5).recipes_of(0).tolist()))
+    everything = set(map(tuple, SCRIPT["learned"](splits[:1], 0).tolist()))
+    assert everything == set(map(tuple, splits[0].recipes("train").tolist()))
+
+
+def test_the_texts_are_those_of_the_learned_recipes_alone(splits):
+    """Each text, and no other, is a learned recipe with its ingredients in one of two orders."""
+    recipes = SCRIPT["learned"](splits, 5)
+    names = splits[0].graph.entities
+    written = []
+
+    def record(text):
+        written.append(text)
+        return tokens(text)
+
+    SCRIPT["trees"](splits, recipes, record, np.random.default_rng(0))
+    pairs = {text for text in written if not text.startswith("Recipe")}
+    allowed = {
+        f" {names[a]} + {names[b]}"
+        for one, other, _ in recipes
+        for a, b in [(one, other), (other, one)]
+    }
+    assert pairs <= allowed
+    assert len(written) == len(recipes) + len(np.unique(recipes[:, 2]))
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+def test_a_leaked_test_recipe_is_refused_by_name(splits, kind):
+    leaked = splits[kind].recipes("test")[:1]
+    recipes = np.concatenate([SCRIPT["learned"](splits, 5), leaked])
+    goal = splits[0].graph.entities[leaked[0, 2]]
+    with pytest.raises(ValueError, match=f"-> {goal}' is no train recipe of the by-"):
+        SCRIPT["trees"](splits, recipes, tokens, np.random.default_rng(0))
+
+
+def test_splits_of_two_books_are_refused(splits):
+    other = open_graph("paper-examples").split
+    with pytest.raises(ValueError, match="another book"):
+        SCRIPT["learned"]([splits[0], other], 0)
+
+
+@pytest.mark.parametrize("track", ["craft-1-lite", "craft-8-lite", "goal-8-lite"])
+def test_no_recipe_that_solves_a_task_of_a_track_is_learned(track):
+    """The splits of the built-in book are those of the tracks, and the tasks are not learned."""
+    opened = open_track(track)
+    graph = opened.opened.graph
+    kinds = ("by-recipe", "by-goal")
+    own = [make_split(open_graph("everyday").graph, SplitConfig(kind)) for kind in kinds]
+    assert opened.opened.split.hash in {split.hash for split in own}
+    learned = set(map(tuple, SCRIPT["learned"](own, 20).tolist()))
+    asked = {
+        tuple(graph.recipes[plan[-1]].tolist())
+        for task in opened.frozen.tasks
+        for plan in task.plans
+    }
+    assert len(asked) >= 100
+    assert not asked & learned
+
+
+@torch.no_grad()
+def test_a_tree_has_the_loss_of_its_texts_one_by_one():
+    model = tiny()
+    batch = [
+        Tree([1, 2, 3], [[4, 5, 6], [4, 7], [8]]),
+        Tree([9, 2], [[10, 11, 12, 13]]),
+    ]
+    losses = []
+    for tree in batch:
+        for branch in tree.branches:
+            text = [*tree.stem, *branch]
+            rows = model(torch.tensor([text])).logits[0].log_softmax(-1)
+            places = range(len(tree.stem), len(text))
+            losses += [-float(rows[place - 1, text[place]]) for place in places]
+    assert len(losses) == 10
+    assert float(SCRIPT["loss_of"](model, batch)) == pytest.approx(np.mean(losses), abs=1e-5)
+
+
+def test_batches_hold_each_tree_once_and_few_tokens(splits):
+    of = grown(splits)(np.random.default_rng(0))
+    made = SCRIPT["batches"](of, 200, np.random.default_rng(0))
+    assert sorted(id(tree) for batch in made for tree in batch) == sorted(map(id, of))
+    padded = [len(batch) * max(tree.size for tree in batch) for batch in made if len(batch) > 1]
+    assert max(padded) <= 200
+    assert sum(tree.size for tree in of) > 0.7 * sum(padded)
+
+
+def test_training_lowers_the_loss_and_leaves_embeddings_and_lower_layers(splits, tmp_path):
+    model = tiny()
+    before = {name: value.clone() for name, value in model.state_dict().items()}
+    settings = Settings(folds=5, layers=1, epochs=6, lr=3e-2, batch=200)
+    rows = list(SCRIPT["train"](model, grown(splits), settings, tmp_path))
+    assert [row["step"] for row in rows] == list(range(1, rows[0]["of"] + 1))
+    few = len(rows) // 4
+    first, last = ([row["loss"] for row in part] for part in (rows[:few], rows[-few:]))
+    assert np.mean(last) < np.mean(first) - 0.3
+    changed = {
+        name for name, value in model.state_dict().items() if not torch.equal(value, before[name])
+    }
+    assert any(name.startswith("model.layers.1.") for name in changed)
+    assert not any("layers.0" in name or "embed" in name or "lm_head" in name for name in changed)
+
+
+def test_training_in_two_parts_gives_the_same_bits(splits, tmp_path):
+    whole, parts = tiny(), tiny()
+    of = grown(splits)
+    rows = list(SCRIPT["train"](whole, of, SMALL, tmp_path / "whole"))
+    middle = len(rows) // 2
+    begun = list(SCRIPT["train"](parts, of, SMALL, tmp_path / "parts", stop_after=middle))
+    assert len(begun) == middle
+    parts = tiny()
+    # The rest is as before an interruption: also the steps after the last state run again.
+    rest = list(SCRIPT["train"](parts, of, SMALL, tmp_path / "parts"))
+    assert [row["loss"] for row in begun + rest] == [row["loss"] for row in rows]
+    for name, value in whole.state_dict().items():
+        assert torch.equal(value, parts.state_dict()[name]), name
+
+
+def test_a_state_of_other_settings_or_texts_is_refused(splits, tmp_path):
+    list(SCRIPT["train"](tiny(), grown(splits), SMALL, tmp_path, stop_after=1))
+    other = Settings(folds=5, layers=1, epochs=1, lr=2e-2, batch=200)
+    with pytest.raises(ValueError, match="other settings or texts"):
+        list(SCRIPT["train"](tiny(), grown(splits), other, tmp_path))
+    with pytest.raises(ValueError, match="other settings or texts"):
+        list(SCRIPT["train"](tiny(), grown(splits[:1]), SMALL, tmp_path))
+
+
+def test_tables_hold_a_right_pair_and_eight_distractors(splits):
+    split = splits[1]
+    left_out = make_folds(split, 5).recipes_of(0)
+    asked = list(SCRIPT["tables"](split, left_out, 10, np.random.default_rng(0)))
+    assert len(asked) == 10
+    train = {split.graph.entities[goal] for goal in SCRIPT["learned"]([split], 5)[:, 2]}
+    for goal, items, right in asked:
+        assert len(items) in (9, 10)
+        assert any(pair <= set(items) for pair in right)
+        assert goal not in items
+        assert goal not in train

@@ -240,7 +240,7 @@ def train(
         optimiser.param_groups[0]["lr"] = settings.lr * min(warm, left)
         started = time.process_time()
         loss = loss_of(model, steps[step])
-        loss.backward()
+        torch.autograd.backward(loss)
         norm = torch.nn.utils.clip_grad_norm_(trained.values(), 1.0)
         optimiser.step()
         optimiser.zero_grad()
@@ -263,7 +263,7 @@ def _digest(steps: Sequence[Sequence[Tree]]) -> str:
 
 def _write_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    tensors = {}
+    tensors: dict[str, torch.Tensor] = {}
     for name, value in trained.items():
         moments = optimiser.state[value]
         tensors |= {f"weight.{name}": value.detach()}
@@ -280,7 +280,7 @@ def _read_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[s
         return 0
     with safe_open(path, "pt") as file:
         found = json.loads(file.metadata()["facts"])
-    step = found.pop("step")
+    step = int(found.pop("step"))
     if found != facts:
         raise ValueError(f"{path} has other settings or texts: {found}; choose another --out.")
     tensors = load_file(path)
@@ -297,7 +297,7 @@ def _read_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[s
 def main() -> None:
     """Train, ask for the recipes left out, and write the model's folder."""
     from transformers.utils import logging
-    from transformers_player import Reader, by_recipes  # type: ignore[import-not-found]
+    from transformers_player import Reader, by_recipes
 
     defaults = asdict(Settings())
     parser = argparse.ArgumentParser(description="Fine-tune a language model on train recipes.")
@@ -331,23 +331,30 @@ def main() -> None:
             print(json.dumps(row), file=sys.stderr, flush=True)
     reader.model.eval()
     if settings.epochs:
+        # The weights of a .gguf file were expanded when they were read, and are saved as usual.
+        if getattr(reader.model, "hf_quantizer", None) is not None:
+            reader.model.hf_quantizer = None
+            del reader.model.config.quantization_config
         reader.model.save_pretrained(options.out)
         reader.tokenizer.save_pretrained(options.out)
 
     # A step that ran twice, before and after an interruption, counts once.
     done = {row["step"]: row for row in map(json.loads, log.read_text("utf-8").splitlines())}
     weights = options.out / "model.safetensors"
-    facts: dict[str, Any] = {
+    of_splits: list[dict[str, Any]] = []
+    facts = {
         "settings": asdict(settings),
         "weights": {weights.name: sha256_of(weights)} if settings.epochs else {},
         "book": splits[0].graph.name,
         "recipes": len(recipes),
         "tokens": sum(row["tokens"] for row in done.values()),
         "cpu_seconds": round(sum(row["cpu_seconds"] for row in done.values())),
-        "splits": [],
+        "splits": of_splits,
     }
     for split in splits:
-        left_out = make_folds(split, settings.folds).recipes_of(LEFT_OUT) if settings.folds else []
+        left_out = np.zeros((0, 3), dtype=np.int64)
+        if settings.folds:
+            left_out = make_folds(split, settings.folds).recipes_of(LEFT_OUT)
         rng = np.random.default_rng(settings.seed)
         right = 0
         asked = list(tables(split, left_out, options.tasks, rng))
@@ -355,7 +362,7 @@ def main() -> None:
             for goal, items, pairs in asked:
                 answer = by_recipes(reader, goal, items, set())
                 right += frozenset(answer.split(" + ")) in pairs
-        facts["splits"].append(
+        of_splits.append(
             {
                 "kind": split.config.kind,
                 "hash": split.hash,

@@ -286,9 +286,14 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
         labels = list(query.slots)
         labels[slot] = None
         opened = RecipeQuery(labels[0], labels[1], labels[2])
-        scores = scoring.scores(scoring.rows(opened))
+        rows = scoring.rows(opened)
+        scores = scoring.scores(rows)
+        # A recipe's score among others may differ in its last bits from its score alone, so that
+        # it would be ranked behind itself.
+        is_other = (rows != row).any(axis=1)
+        among = scores[~is_other].max() if not is_other.all() else own[0]
         # Optimistic for ties: entities with equal scores share the best rank.
-        return 1 + int((scores > own).sum())
+        return 1 + int((scores[is_other] > among).sum())
 
     return RankedRecipe(
         **msgspec.structs.asdict(recipe),

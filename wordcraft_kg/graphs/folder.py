@@ -5,6 +5,7 @@ and the split's settings, so two people can compare their folders.
 """
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path, PureWindowsPath
@@ -271,7 +272,10 @@ def _read_graph(folder: Path) -> RecipeGraph:
             f"'{folder}' {what_is(folder)}; expected a graph folder. "
             "Make a graph folder: wordcraft-kg build-graph"
         )
-    recorded = read_json(path, GRAPH_FILE)
+    recorded: Any = None
+    # What is no JSON is named below, with its line.
+    with suppress(ArtefactError):
+        recorded = read_json(path, GRAPH_FILE)
     graph = _usual_graph(recorded)
     if graph is None:
         try:
@@ -282,6 +286,7 @@ def _read_graph(folder: Path) -> RecipeGraph:
         except RecipeFileError as error:
             raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
         graph = RecipeGraph.from_book(book)
+        recorded = read_json(path, GRAPH_FILE)
     name = recorded.get("name", graph.name)
     damaged = f"{path} is damaged or was edited"
     again = "Build the graph again with `wordcraft-kg build-graph`."

@@ -263,6 +263,9 @@ def test_the_commands_of_readme_and_tutorials_print_what_they_show(
                 assert program == "wordcraft-kg"
                 assert main(words) == 0, command
                 printed = capsys.readouterr().out
+                # Which of two similar plans a trained agent takes depends on rounding, too.
+                if words[0] == "explain":
+                    shown = shown[: shown.index("\n", shown.index("Episode"))] + f"\n{OMITTED}\n"
                 assert not shown or is_shown(shown, printed), (command, printed)
                 commands += 1
     assert commands >= 4

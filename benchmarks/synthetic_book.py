@@ -71,8 +71,7 @@ def hub_rows(entities: int, recipes: int, base: int, seed: int) -> np.ndarray:
 
     # A recipe of older entities for each, so that all are reachable.
     results = np.arange(base, entities)
-    first = rows_for(results, results)
-    seen = np.unique(first, axis=0)
+    seen = np.unique(rows_for(results, results), axis=0)
     while len(seen) < recipes:
         every = np.full(recipes - len(seen), entities)
         others = drawn(every - base, MADE_OFTEN, 0.04) + base

@@ -289,6 +289,7 @@ NOT_RUN = {
     "train-recipes graphs/la2 --features vectors/": MODEL,
     "train-recipes graphs/mine --features vectors/": MODEL,
     "bench run craft-8-lite --out submission --name": MODEL,
+    "bench run craft-8-lite --out submission --weights tuned/model.safetensors": MODEL,
     "import-knowledge graphs/la2 --wordnet": WORDNET,
     "import-knowledge graphs/mine --wordnet": WORDNET,
     "import-knowledge graphs/mine --conceptnet": WORDNET,

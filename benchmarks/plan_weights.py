@@ -4,8 +4,14 @@
     wordcraft-kg train-recipes graphs/everyday --features glove --out models/everyday
     python benchmarks/plan_weights.py graphs/everyday models/everyday --part valid
 
+    wordcraft-kg train-agent graphs/everyday --scorer models/everyday --depth 2 --distractors 4 \\
+        --use combines,component,recipe,plan --out runs/weighed
+    python benchmarks/plan_weights.py graphs/everyday models/everyday --runs runs/weighed
+
 Plays an evenly spaced sample of tasks, a table each, with as many attempts as the depth. ``--parts-of``
-learns only some weights: those of probabilities, or those of a plan's form. Prints a JSON line each.
+learns only some weights: those of probabilities, or those of a plan's form. ``--runs`` plays trained
+agents of the same graph on the same tables: what does training add to planner and weights? Prints a
+JSON line each.
 """
 
 import argparse
@@ -15,8 +21,9 @@ from pathlib import Path
 
 import torch
 
+from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import TaskConfig
-from wordcraft_kg.agents.evaluation import Evaluator
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.plan_weights import TASKS, fit_plan_weights
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.base.statistics import paired_difference
@@ -49,6 +56,7 @@ def main() -> None:
     parser.add_argument("--train-tasks", type=int, default=TASKS)
     parser.add_argument("--seeds", default="0", help="seeds of the train tasks' sample")
     parser.add_argument("--parts-of", action="store_true", help="learn some weights only, too")
+    parser.add_argument("--runs", nargs="*", default=[], help="trained agents, at one depth")
     options = parser.parse_args()
     torch.set_num_threads(1)
     opened = open_graph(options.graph)
@@ -92,6 +100,18 @@ def main() -> None:
                     "cpu_seconds_to_learn": round(seconds, 1),
                 }
                 print(json.dumps(row), flush=True)
+        # Beside the weights of the last seed, which are all weights unless parts are asked for.
+        for run in options.runs:
+            agent = open_agent(run)
+            played = evaluator(PolicyPlayer(agent.policy))
+            row = {"run": Path(run).name, "seed": agent.config.trainer.seed, "depth": depth}
+            row |= {"tasks": len(played.tasks), "agent": round(played.metrics().mean, 4)}
+            for name, other in (("planner", planner), ("weighed", result)):
+                difference = paired_difference(played.success, other.success, played.groups)
+                row[f"against_{name}"] = [round(value, 4) for value in difference]
+                is_other = played.decisions != other.decisions
+                row[f"other_decisions_than_{name}"] = round(float(is_other.mean()), 4)
+            print(json.dumps(row), flush=True)
 
 
 if __name__ == "__main__":

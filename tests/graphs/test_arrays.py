@@ -1,11 +1,13 @@
 """Arrays of ids: distinct numbers and rows."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wordcraft_kg.graphs.arrays import distinct, sorted_unique
+from wordcraft_kg.graphs.arrays import distinct, recipe_keys, sorted_unique
 
 SMALL = st.integers(-3, 3)
 LARGE = st.integers(-(2**40), 2**40)
@@ -26,3 +28,14 @@ def test_distinct_rows_are_sorted_by_the_columns(numbers, data):
     found = sorted_unique(array, (1, 0, 2))
     assert list(map(tuple, found.tolist())) == expected
     assert found.flags.c_contiguous
+
+
+def test_keys_of_recipes_sort_like_rows_and_ignore_the_order_of_ingredients():
+    every = np.array(list(itertools.product(range(4), repeat=3)))
+    keys = recipe_keys(*every.T, num_entities=4)
+    mirrored = recipe_keys(*every[:, [1, 0, 2]].T, num_entities=4)
+    assert np.array_equal(keys, mirrored)
+    ordered = every[every[:, 0] <= every[:, 1]]
+    of_ordered = recipe_keys(*ordered.T, num_entities=4)
+    assert np.all(np.diff(of_ordered) > 0)
+    assert len(np.unique(keys)) == len(ordered)

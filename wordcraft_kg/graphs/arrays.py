@@ -65,6 +65,26 @@ def sorted_unique(rows: Ids, columns: Sequence[int]) -> Ids:
     return unique
 
 
+def recipe_keys(a: Ids, b: Ids, result: Ids, *, num_entities: int) -> Ids:
+    """Encode recipes as numbers, whatever the order of their ingredients.
+
+    Numbers sort like rows with the smaller ingredient first; they are exact up to 2 million
+    entities.
+
+    Args:
+        a: ids of an ingredient.
+        b: ids of the other one.
+        result: ids of what they make; the three arrays broadcast.
+        num_entities: number of entities in the graph.
+
+    Returns:
+        The broadcast shape.
+    """
+    smaller = np.minimum(a, b)
+    larger = np.maximum(a, b)
+    return np.asarray((smaller * num_entities + larger) * num_entities + result)
+
+
 def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
     """Stack rows with different lengths into an array.
 

@@ -23,7 +23,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of, require, whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.arrays import Ids, frozen
+from wordcraft_kg.graphs.arrays import Ids, frozen, recipe_keys
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
@@ -418,20 +418,14 @@ def _rows_of(graph: RecipeGraph, recipes: Sequence[Sequence[str]]) -> Ids:
     if any(len(recipe) != 3 for recipe in recipes):
         raise TypeError("a recipe is two ingredients and a result")
     ids = graph.ids_of(chain.from_iterable(recipes)).reshape(-1, 3)
-    keys = _keys(ids, graph.num_entities)
-    known = _keys(graph.recipes, graph.num_entities)
+    keys = recipe_keys(*ids.T, num_entities=graph.num_entities)
+    known = recipe_keys(*graph.recipes.T, num_entities=graph.num_entities)
     # Behind the last recipe is none: the last one itself differs then.
     rows = np.minimum(np.searchsorted(known, keys), len(known) - 1)
     unknown = np.flatnonzero(known[rows] != keys)
     if len(unknown):
         raise KeyError(Recipe(*recipes[unknown[0]]))
     return rows
-
-
-def _keys(recipes: Ids, num_entities: int) -> Ids:
-    """Return a number for each recipe that sorts like its ids; exact up to 2 million entities."""
-    a, b, result = recipes.T
-    return (a * num_entities + b) * num_entities + result
 
 
 # --- split kinds ---------------------------------------------------------------------------------

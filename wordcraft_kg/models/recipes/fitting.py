@@ -29,7 +29,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, recipe_keys
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
 from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee
@@ -649,9 +649,9 @@ def _result_queries(
     candidates = propose_results(lists, encoder, a, b).numpy()
     competes = candidates >= 0
     first, second, results = known.T
-    of_known = _codes(first, second, results, size)
-    codes = _codes(pairs[:, :1], pairs[:, 1:], candidates, size)
-    is_right = np.isin(codes, of_known) & competes
+    of_known = recipe_keys(first, second, results, num_entities=size)
+    keys = recipe_keys(pairs[:, :1], pairs[:, 1:], candidates, num_entities=size)
+    is_right = np.isin(keys, of_known) & competes
     # A pair whose result nobody proposes has nothing to teach.
     has_right = is_right.any(1)
     asked = candidates[has_right]
@@ -775,10 +775,10 @@ def table_examples(
     b = tables[:, other]
     competes = (a >= 0) & (b >= 0)
     first, second, results = known.T
-    of_known = _codes(first, second, results, size)
-    codes = _codes(a, b, goals[:, None], size)
-    # The code of a pair with an empty slot may be that of another recipe.
-    is_right = np.isin(codes, of_known) & competes
+    of_known = recipe_keys(first, second, results, num_entities=size)
+    keys = recipe_keys(a, b, goals[:, None], num_entities=size)
+    # The key of a pair with an empty slot may be that of another recipe.
+    is_right = np.isin(keys, of_known) & competes
     queries = Examples(_tensor(of_pairs), _tensor(competes), _tensor(is_right))
     ids = np.column_stack([tables, goals])
     return _tensor(ids), _tensor(of_slots), queries
@@ -833,13 +833,6 @@ def _tables(
         chosen = others[:amount]
         tables[row, 2 : 2 + len(chosen)] = chosen
     return tables
-
-
-def _codes(a: Ids, b: Ids, result: Ids, size: int) -> Ids:
-    """Return a number for each recipe, whatever the order of its ingredients."""
-    smaller = np.minimum(a, b)
-    larger = np.maximum(a, b)
-    return (smaller * size + larger) * size + result
 
 
 def _seed_of(seed: int, left_out: Collection[int]) -> int:

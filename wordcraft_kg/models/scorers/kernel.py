@@ -204,7 +204,7 @@ def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     # Both directions; a + a gives the same cell twice, which counts once.
     forth = one * count + other
     back = other * count + one
-    ends = np.unique(np.concatenate([forth, back]))
+    ends = distinct(np.concatenate([forth, back]))
     where = np.divmod(ends, max(count, 1))
     pairs = sparse.csr_array((np.ones(len(ends)), where), shape=(count, count))
     degrees = np.asarray(pairs.sum(axis=1))

@@ -22,7 +22,7 @@ from scipy.special import expit
 from torch import Tensor, nn
 
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, recipe_keys
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_features import pairs_of
@@ -39,8 +39,11 @@ SAMPLED = 2_500
 """Results of a fold that are scored on random tables, about."""
 _SLOTS = 12
 """Entities on a sampled table."""
-MOST_OF_FOLD = 2**18
-"""Most recipes of a fold, and most of its triples of a relation, that are scored."""
+MOST_OF_FOLD = 2**16
+"""Most recipes of a fold, and most of its triples of a relation, that are scored.
+
+A curve has at most four parameters; more would take minutes in a book of millions of recipes.
+"""
 _RIDGE = 1e-3
 """Weight of squared parameters in the loss: the intercept of a kind without data stays finite."""
 
@@ -118,7 +121,7 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
     knowledge = scorer.knowledge
     size = len(scorer.entities)
     counts = np.zeros((KINDS, 2, len(_CENTRES)))
-    train_codes = _codes(folds.recipes(), size)
+    train_keys = recipe_keys(*folds.recipes().T, num_entities=size)
 
     def scored(goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None) -> tuple[Ids, Ids]:
         """Return kinds and bins of slot pairs for goals.
@@ -152,13 +155,8 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         first, second = pairs_of(len(slots), slots.device)
         one = slots[None, first].numpy()
         other = slots[None, second].numpy()
-        # Recipes of a graph have the smaller id first.
-        low = np.minimum(one, other)
-        high = np.maximum(one, other)
         results = goal.numpy()[:, None]
-        recipes = np.stack(np.broadcast_arrays(low, high, results), axis=-1)
-        codes = _codes(recipes.reshape(-1, 3), size)
-        is_other = ~np.isin(codes, train_codes).reshape(bins.shape)
+        is_other = ~np.isin(recipe_keys(one, other, results, num_entities=size), train_keys)
         # A result on the table is no goal, and no task teaches the ranker that a + b makes no a.
         is_other &= (one != results) & (other != results)
         of_cells = np.broadcast_to(weights, bins.shape)
@@ -239,9 +237,3 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     shift = math.log(num_unseen * folds.count / num_seen)
     new, made = map(float, intercepts)
     return RecipeCurve(intercepts=(new, made), slope=float(slope), shift=shift)
-
-
-def _codes(recipes: Ids, size: int) -> Ids:
-    """Return a number for each recipe, ids (n, 3); ingredients in another order have another."""
-    a, b, result = recipes.T
-    return (a * size + b) * size + result

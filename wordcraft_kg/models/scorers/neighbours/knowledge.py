@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, recipe_keys
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.neighbours.link_rows import (
     CELLS,
@@ -600,8 +600,10 @@ class RecipeKnowledge(nn.Module):
     def knows(self, recipes: Tensor, model: int) -> Tensor:
         """Return a mask of the recipes, ids (n, 3), in a model's training data, shape (n,)."""
         size = len(self.vectors)
-        known = _codes(self.recipes[self.seen[model]].long(), size)
-        return torch.isin(_codes(recipes.long(), size), known)
+        of_model = self.recipes[self.seen[model]].long().cpu().numpy()
+        known = recipe_keys(*of_model.T, num_entities=size)
+        keys = recipe_keys(*recipes.long().cpu().numpy().T, num_entities=size)
+        return torch.from_numpy(np.isin(keys, known)).to(recipes.device)
 
     def _ids(self, entities: Tensor) -> Ids:
         """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot."""
@@ -760,13 +762,6 @@ class RecipeKnowledge(nn.Module):
 def _of_one_model(ranker: Ranker) -> dict[str, Tensor]:
     """Return a ranker's weights by name, with a first axis for a single model."""
     return {name: weights[None] for name, weights in ranker.weights().items()}
-
-
-def _codes(recipes: Tensor, size: int) -> Tensor:
-    """Return a number for each recipe, ids (n, 3), whatever the order of its ingredients."""
-    low = torch.minimum(recipes[:, 0], recipes[:, 1])
-    high = torch.maximum(recipes[:, 0], recipes[:, 1])
-    return (low * size + high) * size + recipes[:, 2]
 
 
 def _forget(knowledge: nn.Module, _: object) -> None:

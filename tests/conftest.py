@@ -15,11 +15,12 @@ import pytest
 from graph_folders import write_graph
 from hypothesis import settings
 
+from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
 from wordcraft_kg.graphs import RecipeGraph, open_book, open_graph
 from wordcraft_kg.graphs.library import DATA_VARIABLE
-from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES
+from wordcraft_kg.runs.parallel import THREADS_VARIABLES
 
 # Ray reads these once, when it is imported, which torchrl does; a token in the home folder would
 # count otherwise.

@@ -26,6 +26,8 @@ MAX_DIM = 2**16
 """Limit for the dimension of a vector."""
 MAX_THREADS = 1_024
 """Limit for CPU threads and processes."""
+CORES_VARIABLE = "WORDCRAFT_KG_CORES"
+"""Environment variable: number of CPU cores to use, for processes without core affinity."""
 _CONTAINER_LIMITS = (
     "/sys/fs/cgroup/memory.max",
     "/sys/fs/cgroup/memory/memory.limit_in_bytes",
@@ -185,6 +187,14 @@ def check_memory(
             f"`{name}` {value:,}: {what} would take {needed / gib:,.1f} GiB, "
             f"and {available / gib:,.1f} GiB are there."
         )
+
+
+def cores() -> int:
+    """Return the number of CPU cores that this process may use."""
+    given = os.environ.get(CORES_VARIABLE, "")
+    if given.isdecimal():
+        return max(int(given), 1)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def memory() -> int:

@@ -21,10 +21,9 @@ from types import ModuleType
 from typing import Any, Generic, Protocol, TypeVar
 
 from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGError, reason
+from wordcraft_kg.base.settings import cores
 from wordcraft_kg.runs.checkpoints import Checkpoints
 
-CORES_VARIABLE = "WORDCRAFT_KG_CORES"
-"""Environment variable: number of CPU cores to use, for processes without core affinity."""
 THREADS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 """Environment variables: number of CPU threads, which numerical libraries read at import."""
 _TICK = 0.2
@@ -207,14 +206,6 @@ class Workers(Generic[J, R]):
         # Closed on this side, so that the death of the process closes the connection.
         theirs.close()
         return _Worker(process, ours)
-
-
-def cores() -> int:
-    """Return the number of CPU cores that this process may use."""
-    given = os.environ.get(CORES_VARIABLE, "")
-    if given.isdecimal():
-        return max(int(given), 1)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _cores_of(

@@ -18,7 +18,7 @@ from wordcraft_kg.agents.config import (
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ConfigError, SplitError
 from wordcraft_kg.base.feature_spec import LEARNED, NAMES, SHUFFLED, VECTORS, FeatureSpec
-from wordcraft_kg.base.settings import MAX_THREADS, nearest, one_of, refuse, whole
+from wordcraft_kg.base.settings import MAX_THREADS, cores, nearest, one_of, refuse, whole
 from wordcraft_kg.graphs.folder import default_split
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -27,7 +27,6 @@ from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 from wordcraft_kg.models.scorers.features import ENCODED, named
-from wordcraft_kg.runs.parallel import cores
 from wordcraft_kg.studies.study import (
     OF_AGENT,
     OF_GRAPH,

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.base.errors import ConfigError, reason
 from wordcraft_kg.base.extras import missing_extra
+from wordcraft_kg.base.settings import CORES_VARIABLE, cores
 from wordcraft_kg.runs.interruption import sigterm_as_interrupt
-from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES, cores
+from wordcraft_kg.runs.parallel import THREADS_VARIABLES
 from wordcraft_kg.studies.local_workers import PATIENCE, TICK
 from wordcraft_kg.studies.node_check import Expected
 from wordcraft_kg.studies.tasks import Outcome, Task

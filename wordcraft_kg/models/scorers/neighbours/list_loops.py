@@ -82,11 +82,14 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
     column_rows,
     column_data,
     common,
-    width,
+    first,
+    near,
+    cosines,
 ):
-    """Return the entities with the most similar profiles, ids ascending, and cosines.
+    """Write the entities with the most similar profiles, ids ascending, and cosines.
 
-    Profiles come by row and by column, as compressed sparse rows of P and of Pᵀ.
+    Profiles come by row and by column, as compressed sparse rows of P and of Pᵀ. N entities are
+    served, so that threads can share all.
 
     Args:
         starts: where each entity's entries begin and the last one's end, shape (T + 1,).
@@ -96,19 +99,18 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
         column_rows: entity of each entry, by column.
         column_data: value of each entry, by column.
         common: columns with more entries than this number are skipped.
-        width: K, the length of the lists.
-
-    Returns:
-        ids, ``FAR`` at the end, and cosines, 0 at the end: shape (T, K) each.
+        first: the first of the N entities.
+        near: receives ids, shape (N, K); ``FAR`` everywhere before, and then at the end of lists.
+        cosines: receives cosines, shape (N, K); zeros before.
     """
     size = len(starts) - 1
-    near = np.full((size, width), FAR, dtype=np.int32)
-    cosines = np.zeros((size, width), dtype=np.float32)
+    width = near.shape[1]
     sums = np.zeros(size, dtype=np.float32)
     touched = np.empty(size, dtype=np.int32)
     ids = np.empty(width, dtype=np.int32)
     values = np.empty(width, dtype=np.float32)
-    for entity in range(size):
+    for row_of_list in range(len(near)):
+        entity = first + row_of_list
         # The sums of all entities that share a column with this one, in the order of columns.
         number = 0
         for place in range(starts[entity], starts[entity + 1]):
@@ -131,9 +133,8 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
             sums[row] = 0
         order = np.argsort(ids[:count])
         for place in range(count):
-            near[entity, place] = ids[order[place]]
-            cosines[entity, place] = values[order[place]]
-    return near, cosines
+            near[row_of_list, place] = ids[order[place]]
+            cosines[row_of_list, place] = values[order[place]]
 
 
 @compiled
@@ -145,11 +146,15 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
     norms,
     near_words,
     is_allowed,
-    width,
+    first,
+    ids,
+    alike,
+    words_alike,
 ):
-    """Return each entity's most similar allowed entities by structure and words together.
+    """Write entities' most similar allowed entities by structure and words together.
 
-    Candidates are the entity itself and both kinds of neighbours.
+    Candidates are the entity itself and both kinds of neighbours. N entities are served, so that
+    threads can share all.
 
     Args:
         vectors: unit word vectors, shape (T, D).
@@ -160,24 +165,23 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
         norms: each entity's similarity with itself, shape (T,).
         near_words: neighbours by words, shape (T, K_w), -1 at the end.
         is_allowed: shape (T,), bool: entities that may be listed.
-        width: length of the lists.
-
-    Returns:
-        ids, -1 at the end, squared similarities, and word cosines to the power 4: shape (T, width)
-        each, the most similar first.
+        first: the first of the N entities.
+        ids: receives the lists, the most similar first, shape (N, width); -1 everywhere before, and
+            then at the end of lists.
+        alike: receives squared similarities, shape (N, width); zeros before.
+        words_alike: receives word cosines to the power 4, shape (N, width); zeros before.
     """
     size = len(norms)
-    ids = np.full((size, width), -1, dtype=np.int32)
-    alike = np.zeros((size, width), dtype=np.float32)
-    words_alike = np.zeros((size, width), dtype=np.float32)
+    width = ids.shape[1]
     is_listed = np.zeros(size, dtype=np.bool_)
     structure = np.zeros(size, dtype=np.float32)
     values = np.empty(width, dtype=np.float32)
     longest = 0
-    for entity in range(size):
+    for entity in range(first, first + len(ids)):
         longest = max(longest, near_starts[entity + 1] - near_starts[entity])
     listed = np.empty(1 + longest + near_words.shape[1], dtype=np.int32)
-    for entity in range(size):
+    for row in range(len(ids)):
+        entity = first + row
         number = 1
         listed[0] = entity
         for place in range(near_starts[entity], near_starts[entity + 1]):
@@ -201,17 +205,16 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
                 words = dot(vectors, entity, other)
                 value = similarity(structure[other], words, norms[entity], norms[other])
             if value > 0:
-                count = insert(ids[entity], values, count, other, value)
+                count = insert(ids[row], values, count, other, value)
         # Work space is cleared where it was written.
         for place in range(number):
             is_listed[listed[place]] = False
             structure[listed[place]] = 0
         for place in range(count):
-            other = ids[entity, place]
-            alike[entity, place] = values[place] * values[place]
+            other = ids[row, place]
+            alike[row, place] = values[place] * values[place]
             is_same = other == entity
-            words_alike[entity, place] = 1 if is_same else fourth(dot(vectors, entity, other))
-    return ids, alike, words_alike
+            words_alike[row, place] = 1 if is_same else fourth(dot(vectors, entity, other))
 
 
 @compiled

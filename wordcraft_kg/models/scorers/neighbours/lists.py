@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.kernel import TEXT, profiles
+from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, write_blocks
 from wordcraft_kg.models.scorers.neighbours.regression import RANK, link_factors
 
 Numbers = NDArray[np.int32]
@@ -177,28 +178,9 @@ def make_lists(
     near_starts, near, near_cosines = _structural_neighbours(rows, min(nearest, max(size, 1)))
     # A profile has length 1, words add their part; entities with neither stay at the words' part.
     norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
-    is_used = num_uses > 0
-    is_made = num_makers > 0
-    of_used, used_alike, used_words = list_loops.merged_neighbours(
-        vectors,
-        near_starts,
-        near,
-        near_cosines,
-        norms,
-        near_words,
-        is_used,
-        min(used, size),
-    )
-    of_made, made_alike, made_words = list_loops.merged_neighbours(
-        vectors,
-        near_starts,
-        near,
-        near_cosines,
-        norms,
-        near_words,
-        is_made,
-        min(made, size),
-    )
+    both_kinds = (vectors, near_starts, near, near_cosines, norms, near_words)
+    of_used, used_alike, used_words = _merged(both_kinds, num_uses > 0, min(used, size))
+    of_made, made_alike, made_words = _merged(both_kinds, num_makers > 0, min(made, size))
     starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
     most = min(support, max(len(ordered), 1))
     supporting, support_alike, support_words = list_loops.supporting(
@@ -263,17 +245,65 @@ def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Float
 
     # A function of its own: in a large book, its arrays take as much memory as all lists.
     columns = rows.T.tocsr()
-    near, cosines = list_loops.structural_neighbours(
+    profiles_both_ways = (
         rows.indptr,
         rows.indices,
         rows.data,
         columns.indptr,
         columns.indices,
         columns.data,
-        COMMON,
-        nearest,
     )
+    size = rows.shape[0]
+    near = np.full((size, nearest), list_loops.FAR, dtype=np.int32)
+    cosines = np.zeros((size, nearest), dtype=np.float32)
+
+    def write(block: slice) -> None:
+        list_loops.structural_neighbours(
+            *profiles_both_ways,
+            COMMON,
+            block.start,
+            near[block],
+            cosines[block],
+        )
+
+    write_blocks(write, blocks_of(size))
     return _both_ways(near, cosines)
+
+
+def _merged(
+    both_kinds: tuple[Floats, Ids, Numbers, Floats, Floats, Numbers],
+    is_allowed: NDArray[np.bool_],
+    width: int,
+) -> tuple[Numbers, Floats, Floats]:
+    """Return the lists of :func:`~.list_loops.merged_neighbours` of all entities.
+
+    Args:
+        both_kinds: word vectors, and neighbours by structure and by words: its first arguments.
+        is_allowed: shape (T,): entities that may be listed.
+        width: length of the lists.
+
+    Returns:
+        ids, squared similarities, and word cosines to the power 4: shape (T, width) each.
+    """
+    from wordcraft_kg.models.scorers.neighbours import list_loops
+
+    size = len(is_allowed)
+    ids = np.full((size, width), -1, dtype=np.int32)
+    alike = np.zeros((size, width), dtype=np.float32)
+    words = np.zeros((size, width), dtype=np.float32)
+
+    def write(block: slice) -> None:
+        list_loops.merged_neighbours(
+            *both_kinds,
+            is_allowed,
+            block.start,
+            ids[block],
+            alike[block],
+            words[block],
+        )
+
+    write_blocks(write, blocks_of(size))
+    return ids, alike, words
 
 
 def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:

@@ -14,6 +14,7 @@ L³ for eigenvectors and (links) m for the products.
 Source: Williams and Seeger 2001 (Nyström); Stock et al. 2018 (two-step and Kronecker ridge).
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
 from wordcraft_kg.models.scorers.kernel import TEXT
+from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, of_blocks, write_blocks
 
 RANK = 256
 """Coordinates m of an entity in the regression."""
@@ -29,8 +31,6 @@ LANDMARKS = 1_536
 """Most landmarks: the entities in most recipes, ties by id."""
 RIDGE = 1.0
 """λ, as in the regression with full tables."""
-_BLOCK = 2_048
-"""Rows of the kernel in memory at once."""
 
 Floats = NDArray[np.float32]
 
@@ -72,20 +72,28 @@ def link_factors(
     kept = np.flatnonzero(has_root)[-rank:]
     basis = basis[:, kept] / np.sqrt(values[kept])
     # Blocks of entities from here on: all at once would take several times the memory of the
-    # factors.
-    blocks = [slice(start, start + _BLOCK) for start in range(0, size, _BLOCK)]
+    # factors. Sums of blocks are added in their order.
+    blocks = blocks_of(size)
     every = np.arange(size)
     turned = np.empty((size, len(kept)))
-    for block in blocks:
+
+    def coordinates(block: slice) -> None:
         turned[block] = _kernel(every[block], columns, of_words, rows, vectors) @ basis
+
+    def squares_of_seen(block: slice) -> NDArray[np.float64]:
+        of_seen = turned[seen[block]]
+        return np.asarray(of_seen.T @ of_seen)
+
+    def rotate(block: slice) -> None:
+        turned[block] = turned[block] @ turn
+
+    write_blocks(coordinates, blocks)
     # Only entities with recipes are fitted; those without are no negative evidence.
     squares = np.zeros((len(kept), len(kept)))
-    for block in blocks:
-        of_seen = turned[seen[block]]
-        squares += of_seen.T @ of_seen
+    for part in of_blocks(squares_of_seen, blocks):
+        squares += part
     weights, turn = np.linalg.eigh(squares)
-    for block in blocks:
-        turned[block] = turned[block] @ turn
+    write_blocks(rotate, blocks)
     triples = recipe_triples(recipes)
     products = np.maximum(weights, 0)
     shrinkage = products[:, None] * products + RIDGE
@@ -96,15 +104,40 @@ def link_factors(
         heads, _, tails = triples[is_own].T
         ones = np.ones(len(heads))
         links = sparse.csr_array((ones, (heads, tails)), shape=(size, size))
-        inner = np.zeros_like(shrinkage)
-        for block in blocks:
-            inner += turned[block].T @ (links[block] @ turned)
-        left = np.empty(turned.shape, dtype=np.float32)
-        for block in blocks:
-            left[block] = turned[block] @ (inner / shrinkage)
-        lefts.append(left)
+        lefts.append(_left_factor(turned, links, shrinkage, blocks))
     left, pair_left = lefts
     return left, turned.astype(np.float32), pair_left
+
+
+def _left_factor(
+    turned: NDArray[np.float64],
+    links: Any,
+    shrinkage: NDArray[np.float64],
+    blocks: Sequence[slice],
+) -> Floats:
+    """Return ``Φ Q [(Qᵀ Φᵀ Y Φ Q) / (g gᵀ + λ)]``, shape (T, m).
+
+    Args:
+        turned: Φ Q, shape (T, m).
+        links: Y, sparse, shape (T, T).
+        shrinkage: g gᵀ + λ, shape (m, m).
+        blocks: of entities.
+    """
+
+    def product(block: slice) -> NDArray[np.float64]:
+        return np.asarray(turned[block].T @ (links[block] @ turned))
+
+    inner = np.zeros_like(shrinkage)
+    for part in of_blocks(product, blocks):
+        inner += part
+    weights = inner / shrinkage
+    left = np.empty(turned.shape, dtype=np.float32)
+
+    def write(block: slice) -> None:
+        left[block] = turned[block] @ weights
+
+    write_blocks(write, blocks)
+    return left
 
 
 def _kernel(

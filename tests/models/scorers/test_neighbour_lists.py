@@ -10,6 +10,7 @@ import torch
 from link_helpers import random_graph
 
 from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.models.scorers.kernel import (
     TEXT,
@@ -18,7 +19,7 @@ from wordcraft_kg.models.scorers.kernel import (
     link_matrices,
     profiles,
 )
-from wordcraft_kg.models.scorers.neighbours import knowledge
+from wordcraft_kg.models.scorers.neighbours import blocks, knowledge
 from wordcraft_kg.models.scorers.neighbours import lists as lists_module
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
 from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST, table_features
@@ -302,6 +303,19 @@ def test_nearest_words_are_the_largest_positive_cosines_with_ties_by_id():
     np.testing.assert_array_equal(nearest_words(vectors, 6, first=30), near[30:])
     assert nearest_words(vectors[:, :0], 6).shape == (40, 0)
     assert nearest_words(vectors[:1], 6).shape == (1, 0)
+
+
+def test_lists_have_the_same_bits_with_any_number_of_threads(monkeypatch):
+    monkeypatch.setattr(blocks, "ROWS", 7)
+    recipes = distinct(random_graph(3, 30, 80).recipes)
+    vectors = unit_vectors(30)
+    made = []
+    for number in ("1", "3"):
+        monkeypatch.setenv(CORES_VARIABLE, number)
+        made.append(make_lists(recipes, vectors, nearest_words(vectors, 8), nearest=5))
+    alone, together = made
+    for name, array in alone._asdict().items():
+        np.testing.assert_array_equal(array, getattr(together, name), err_msg=name)
 
 
 def test_structural_neighbours_have_the_largest_cosines_of_profiles():

@@ -52,10 +52,11 @@ With lists as long as the book nothing is approximate but the pruning: tests com
 full tables.
 
 Read :mod:`.pair_features` and :mod:`.feature_loops` for the features of tables, :mod:`.link_rows`
-for those of links, :mod:`.similar` for k. Loops that make lists and hash tables are in
-:mod:`.list_loops` and :mod:`.hash_loops`, those that propose what a plan may make first in
-:mod:`.candidate_loops`. The loops are compiled by numba: lists end at different places, and
-searches stop early, which vectorised operations would pad to the longest. Three of the features
-by torch take some 90 to 200 times as long on a CPU as all of them by the loops, see
-``benchmarks/features_in_torch.py``.
+for those of links, :mod:`.similar` for k. Links are followed from an entity to all others, and
+above 50,000 entities links to some candidates are computed one by one. Loops that make lists and
+hash tables are in :mod:`.list_loops` and :mod:`.hash_loops`; all cores share them, see
+:mod:`.blocks`. Those that propose what a plan may make first are in :mod:`.candidate_loops`. The
+loops are compiled by numba: lists end at different places, and searches stop early, which
+vectorised operations would pad to the longest. Three of the features by torch take some 90 to 200
+times as long on a CPU as all of them by the loops, see ``benchmarks/features_in_torch.py``.
 """

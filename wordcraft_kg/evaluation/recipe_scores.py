@@ -2,18 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import get_args
 
 import msgspec
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation.queries import RecipeQuery
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, recipe_keys
 from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import Part
@@ -23,7 +23,6 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import LEAST_SHARE
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores, Witness
 
-_Key = tuple[int, int, int]
 # Supporting recipes are sorted by share; more would push the results off the screen.
 _SUPPORT = 3
 
@@ -113,20 +112,49 @@ class ScoredRecipeRow(Record):
 
 
 @dataclass(frozen=True)
+class _Recipes:
+    """Recipes to look up.
+
+    Attributes:
+        keys: from :func:`~wordcraft_kg.graphs.arrays.recipe_keys`, ascending, shape (n,).
+        num_entities: E, by which keys are made.
+    """
+
+    keys: Ids
+    num_entities: int
+
+    @classmethod
+    def of(cls, rows: Ids, num_entities: int) -> "_Recipes":
+        """Take recipes as ids, shape (n, 3), in any order."""
+        return cls(np.sort(recipe_keys(*rows.T, num_entities=num_entities)), num_entities)
+
+    def contain(self, rows: Ids) -> NDArray[np.bool_]:
+        """Return which recipes, ids of shape (n, 3), are among these, shape (n,)."""
+        if not len(self.keys):
+            return np.zeros(len(rows), dtype=bool)
+        keys = recipe_keys(*rows.T, num_entities=self.num_entities)
+        # A key above all others has a place behind the end; the last key differs from it.
+        place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        return np.asarray(self.keys[place] == keys)
+
+
+@dataclass(frozen=True)
 class RecipeScoring:
     """A recipe scorer, and the recipes that it and its book know.
 
     Attributes:
         model: the opened model.
         scorer: its recipe scorer; of a cross-fitted one that of all train recipes.
-        parts: split part by recipe; empty without the graph.
+        parts: recipes of each split part; empty without the graph.
         seen: recipes that the scorer was trained on.
+        has_self_results: whether any of these recipes makes one of its ingredients.
     """
 
     model: ScoringModel
     scorer: RecipeScores
-    parts: dict[_Key, Known]
-    seen: frozenset[_Key]
+    parts: dict[Part, _Recipes]
+    seen: _Recipes
+    has_self_results: bool
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
@@ -143,16 +171,15 @@ class RecipeScoring:
                 f"{model.scorer.name} scores links, not recipes. Give a link, such as flour "
                 "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`."
             )
-        parts: dict[_Key, Known] = {}
+        size = len(scorer.entities)
+        trained_on = scorer.recipes.cpu().numpy().astype(np.int64)
+        of_parts = {}
         if split is not None:
-            for part in get_args(Part):
-                parts |= dict.fromkeys(_keys(split.recipes(part)), part)
-        seen = frozenset(_keys(scorer.recipes.cpu().numpy()))
-        return cls(model, scorer, parts, seen)
-
-    @cached_property
-    def _has_self_results(self) -> bool:
-        return any(result in pair for *pair, result in self.seen.union(self.parts))
+            of_parts = {part: split.recipes(part) for part in get_args(Part)}
+        parts = {part: _Recipes.of(rows, size) for part, rows in of_parts.items()}
+        every = np.concatenate([trained_on, *of_parts.values()])
+        has_self_results = bool((every[:, :2] == every[:, 2:]).any())
+        return cls(model, scorer, parts, _Recipes.of(trained_on, size), has_self_results)
 
     def rows(self, query: RecipeQuery) -> Ids:
         """Return a query's recipes as ids, shape (n, 3).
@@ -179,19 +206,23 @@ class RecipeScoring:
         """
         if self.model.split is None:
             return [None] * len(rows)
-        return [self.parts.get(key, "new") for key in _keys(rows)]
+        known: list[Known | None] = ["new"] * len(rows)
+        for part, recipes in self.parts.items():
+            for row in np.flatnonzero(recipes.contain(rows)):
+                known[row] = part
+        return known
 
     def in_sample(self, rows: Ids) -> list[bool]:
         """Return whether the scorer was trained on each recipe, ids of shape (n, 3)."""
-        return [key in self.seen for key in _keys(rows)]
+        return self.seen.contain(rows).tolist()
 
     def best(
         self, query: RecipeQuery, top: int, *, new_only: bool = False
     ) -> tuple[Ids, list[float]]:
         """Return the best recipes for a query's open slot, best first; equal scores in id order.
 
-        A scorer with a pair encoder proposes the results of a pair, and has scores for comparing
-        them; without one, all entities are scored as recipes.
+        A scorer with a pair encoder, or of a large book, proposes the results of a pair; elsewhere
+        all entities are scored.
 
         Recipes that make an ingredient are omitted if the book has none, because recipe books drop
         such recipes by default.
@@ -210,7 +241,7 @@ class RecipeScoring:
             rows, scores = self._proposed(scorer, query, top)
         else:
             rows = self.rows(query)
-        if not self._has_self_results:
+        if not self.has_self_results:
             is_other = (rows[:, :2] != rows[:, 2:]).all(axis=1)
             rows = rows[is_other]
             scores = None if scores is None else scores[torch.from_numpy(is_other)]
@@ -269,11 +300,6 @@ class RecipeScoring:
         """Return recipe labels, shape (3,)."""
         a, b, result = (self.scorer.entities[entity] for entity in row.tolist())
         return a, b, result
-
-
-def _keys(rows: Ids) -> list[_Key]:
-    # a + b and b + a are one recipe.
-    return [(min(a, b), max(a, b), result) for a, b, result in rows.tolist()]
 
 
 def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:

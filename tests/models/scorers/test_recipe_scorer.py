@@ -8,7 +8,7 @@ import torch
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.models.scorers import recipe_curve
+from wordcraft_kg.models.scorers import recipe_curve, recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.neighbours import link_rows
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
@@ -109,6 +109,30 @@ def test_a_sample_of_a_fold_stands_for_all_its_recipes(cross_fitted, opened_kitc
     sample = recipe_curve.score_histogram(left_out, folds, 0)[:, 1]
     assert sample.sum() == pytest.approx(everything.sum())
     assert 0 < np.count_nonzero(sample) <= 10
+
+
+def test_a_large_book_proposes_results_of_neighbours(scorer, cross_fitted, monkeypatch):
+    """Neighbours make them, their order is that of recipe scores, and shares are over them."""
+    a, b = scorer.entity_ids(["flour", "milk"]), scorer.entity_ids(["water", "tomato"])
+    assert not scorer.proposes_results
+    monkeypatch.setattr(recipes, "ALL_RESULTS", 5)
+    assert scorer.proposes_results
+    size = len(scorer.entities)
+    ids, scores = scorer.best_results(a, b)
+    everything = scorer.score_recipes(a[:, None], b[:, None], torch.arange(size))
+    for row in range(2):
+        proposed = ids[row][ids[row] < size]
+        assert 0 < len(proposed) < size
+        assert len(proposed.unique()) == len(proposed)
+        of_proposed = scores[row, : len(proposed)]
+        torch.testing.assert_close(of_proposed, everything[row, proposed], rtol=1e-4, atol=1e-4)
+        assert torch.equal(of_proposed, of_proposed.sort(descending=True).values)
+        assert torch.isneginf(scores[row, len(proposed) :]).all()
+    assert scorer.entities.index("dough") in ids[0].tolist()
+    shares = cross_fitted.result_probabilities(a, b)
+    is_proposed = torch.zeros(2, size + 1, dtype=torch.bool).scatter_(1, ids, True)[:, :size]
+    assert torch.equal(shares > 0, is_proposed)
+    torch.testing.assert_close(shares.sum(1), torch.ones(2))
 
 
 def test_a_scorer_made_from_its_tensors_scores_the_same(scorer):

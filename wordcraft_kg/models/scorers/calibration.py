@@ -141,8 +141,8 @@ class Probabilities(Record, frozen=True, kw_only=True):
         temperature: recipe scores are divided by this number before the softmax over results; None
             without recipe scores.
         recipes: curve for recipes; None without recipe scores, and in folders from older versions.
-        covered: share of a fold's pairs with a result among those that a scorer with a pair encoder
-            proposes; absent without an encoder.
+        covered: share of a fold's pairs with a result among those that the scorer proposes; absent
+            if it scores all entities.
     """
 
     format: Literal["wordcraft-kg calibration 1"] = "wordcraft-kg calibration 1"
@@ -244,8 +244,8 @@ class Seen:
             an interval of rank log-odds, see :class:`Curve`.
         others: as ``true``, for triples outside the train triples; weighted if sampled.
         results: shape (N, C): scores of C results for N pairs sampled from the fold: of all E
-            entities, or of those that a scorer with a pair encoder proposes, with -inf where there
-            are fewer; None without recipe scores.
+            entities, or of those that the scorer proposes, with -inf where there are fewer; None
+            without recipe scores.
         right: shape (N, C), bool: whether the pair makes the entity; None without recipe scores.
         proposed: whether results are proposed.
         recipes: see :func:`~wordcraft_kg.models.scorers.recipe_curve.score_histogram`; None without

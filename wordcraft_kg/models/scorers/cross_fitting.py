@@ -219,8 +219,7 @@ class CrossFitted(Scorer):
 
         Returns:
             float32, shape (..., E): the broadcast shape and an axis for the E results, which sums
-            to 1; with a pair encoder, to the share of pairs whose result is among the proposed
-            ones.
+            to 1; where results are proposed, to the share of pairs whose result is among them.
 
         Raises:
             ConfigError: if the model scores no recipes or has no calibration.
@@ -252,7 +251,7 @@ class CrossFitted(Scorer):
         probability.
 
         Args:
-            scorer: the main scorer, with a pair encoder.
+            scorer: the main scorer, which proposes results.
             ingredients: as for :meth:`result_probabilities`.
             others: likewise.
         """

@@ -28,6 +28,11 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_id
 
 _ROWS = 4_096
 """Recipes scored at once."""
+ALL_RESULTS = 50_000
+"""Most entities of a book whose entities are all scored as results of a pair.
+
+With 800,000, all scores of a pair would take half a minute.
+"""
 _MANY = 8
 """With more links than a share of 1 / 8, all links are scored, which is faster, and kept."""
 _DTYPES = {
@@ -265,8 +270,12 @@ class RecipeScorer(StoredScorer):
 
     @property
     def proposes_results(self) -> bool:
-        """Whether the scorer proposes results of a pair, by a pair encoder of its own recipes."""
-        return self.knowledge.proposes_results
+        """Whether the scorer proposes results of a pair, in place of a score for each entity.
+
+        It does with a pair encoder of its own recipes, and in a book of more than
+        :data:`ALL_RESULTS` entities.
+        """
+        return self.knowledge.proposes_results or len(self.entities) > ALL_RESULTS
 
     def best_results(
         self,
@@ -283,8 +292,8 @@ class RecipeScorer(StoredScorer):
 
         Returns:
             ids, shape (n, C), E where there are fewer; and their scores, shape (n, C), float32, in
-            nats, -inf likewise. They compare results of one pair, and have another scale than
-            :meth:`score_recipes`, which compares pairs for a goal.
+            nats, -inf likewise. With an encoder they compare results of one pair, and have another
+            scale than :meth:`score_recipes`, which compares pairs for a goal.
         """
         return results_of(self.knowledge, ingredients, others, number=number)
 

@@ -3,7 +3,8 @@
 Candidates come from two sides: results of the pair's neighbours, and those that the pair encoder
 scores highest among all entities. A network of its own, the ranker of results, scores them by the
 same features as the recipe ranker, which compares pairs that might make one goal and so learns
-nothing about how frequent a goal is.
+nothing about how frequent a goal is. Without an encoder there is the first side alone, and the
+recipe ranker scores it.
 
 With E entities and C candidates, a pair costs E Z for the encoder's scores, and C times the
 features of a recipe.
@@ -16,7 +17,7 @@ from torch import Tensor
 from wordcraft_kg.models.scorers.neighbours.knowledge import RESULT_RANKER, RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
-from wordcraft_kg.models.scorers.ranker import Ranker
+from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 CANDIDATES = 64
 """Results that each side proposes: on a validation part of Infinite Craft, 32, 48 and 64 hold the
@@ -27,7 +28,7 @@ _PAIRS = 64
 
 def propose_results(
     lists: Lists,
-    encoder: PairEncoder,
+    encoder: PairEncoder | None,
     a: Tensor,
     b: Tensor,
     number: int = CANDIDATES,
@@ -36,13 +37,13 @@ def propose_results(
 
     Args:
         lists: of the same recipes as the encoder.
-        encoder: scores all entities.
+        encoder: scores all entities; None without.
         a: ids, shape (n,).
         b: ids, shape (n,).
         number: candidates of each side.
 
     Returns:
-        shape (n, 2 number), int64.
+        shape (n, 2 number), int64; (n, number) without an encoder.
     """
     # Compiled loops are imported late: numba takes as long to import as all the rest.
     from wordcraft_kg.models.scorers.neighbours.result_loops import results_of_pairs
@@ -54,12 +55,14 @@ def propose_results(
     first = np.ascontiguousarray(a.cpu().numpy())
     second = np.ascontiguousarray(b.cpu().numpy())
     results_of_pairs(lists, first, second, of_lists)
-    best = [
-        encoder.result_scores(one, other).topk(width, dim=1).indices
-        for one, other in zip(a.split(_PAIRS), b.split(_PAIRS), strict=True)
-    ]
-    of_encoder = torch.cat(best) if best else torch.zeros(0, width, dtype=torch.int64)
-    both = torch.cat([torch.from_numpy(of_lists).long(), of_encoder.cpu()], dim=1)
+    both = torch.from_numpy(of_lists).long()
+    if encoder is not None:
+        best = [
+            encoder.result_scores(one, other).topk(width, dim=1).indices
+            for one, other in zip(a.split(_PAIRS), b.split(_PAIRS), strict=True)
+        ]
+        of_encoder = torch.cat(best) if best else torch.zeros(0, width, dtype=torch.int64)
+        both = torch.cat([both, of_encoder.cpu()], dim=1)
     # Empty places, and those of a candidate that both sides propose, go to the end.
     ordered = both.masked_fill(both < 0, size).sort(1).values
     is_again = torch.zeros_like(ordered, dtype=torch.bool)
@@ -80,7 +83,7 @@ def results_of(
     """Return candidates for the results of pairs, and their scores, best first.
 
     Args:
-        knowledge: has an encoder.
+        knowledge: with or without an encoder.
         a: ids, shape (n,).
         b: ids, shape (n,).
         model: number of the model.
@@ -88,13 +91,16 @@ def results_of(
 
     Returns:
         ids, shape (n, C), int64, E where there are fewer; and scores in nats, shape (n, C), -inf
-        likewise: log-odds against each other.
+        likewise: log-odds against each other; recipe scores without an encoder.
     """
     lists = knowledge.lists(model)
     nothing = knowledge.num_entities
-    proposed = propose_results(lists, knowledge.encoder(model), a, b, number).to(a.device)
+    has_ranker = knowledge.proposes_results
+    encoder = knowledge.encoder(model) if has_ranker else None
+    proposed = propose_results(lists, encoder, a, b, number).to(a.device)
     ids = proposed.masked_fill(proposed < 0, nothing)
-    weights = (getattr(knowledge, name)[model] for name in RESULT_RANKER)
+    names = RESULT_RANKER if has_ranker else RANKER
+    weights = (getattr(knowledge, name)[model] for name in names)
     ranker = Ranker(*weights)
     # A recipe is a table of two slots, whose only pair is slot 0 with slot 1. In one order:
     # rounding would differ between a + b and b + a.

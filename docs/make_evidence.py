@@ -102,9 +102,10 @@ def finding() -> tuple[list[str], str]:
     picture = chart(title, [""], [(label, [rows[name]]) for name, label in SHOWN.items()])
     before, after = (rows[name] for name in (claim.sides[1], claim.sides[0]))
     sentence = (
-        f"**The finding.** With unseen recipes the paper's own agent makes {before.text} of the goals, "
-        f"an agent without a graph {rows['no graph'].text}. The same agent makes **{after.text}** if it "
-        "learns from scores of recipes that its scorer has *not* seen: a gain of "
+        "**The finding.** If a goal needs an unseen recipe, the paper's own agent makes it in "
+        f"{before.text} of the cases, an agent without a graph in {rows['no graph'].text}. The reason: "
+        "its scorer has memorised the recipes that the agent practises. With scores from a scorer that "
+        f"has *not* seen them, the same agent makes **{after.text}**: a gain of "
         f"{signed(measured.difference)}, 95 % interval [{low}, {high}] ({measured.seeds} trainings each, "
         f"{measured.tasks} tasks; [evidence](docs/evidence/knowledge.md), "
         "[why](docs/explanation/cross-fitting.md))."

@@ -693,6 +693,36 @@ def without_search() -> Iterator[str]:
             yield f"| {title}, nothing learned from play | {_shown(row['success'])} {interval} |"
 
 
+HALF_WIDTH = 1.96
+"""Standard errors from the middle to an end of a 95 % interval."""
+
+
+def outside_agents() -> Iterator[str]:
+    """Yield the table of agents with outside knowledge beside their scorers, means over splits."""
+    columns = "agent, 8 distractors | scorer | difference | other | agent, 1 | scorer | difference | other"
+    yield f"| scorer | split | {columns} |"
+    yield f"|---|---|{'---|' * 8}"
+    groups: dict[tuple[str, str], dict[int, list[Row]]] = {}
+    for row in _read("outside-knowledge-agents.json"):
+        group = groups.setdefault((row["scorer"], row["split"]), {})
+        group.setdefault(row["distractors"], []).append(row)
+    for (scorer, split), by_distractors in groups.items():
+        cells = []
+        for rows in by_distractors.values():
+            errors = [(row["gain_ci"][1] - row["gain_ci"][0]) / 2 / HALF_WIDTH for row in rows]
+            low, high = split_interval([row["gain"] for row in rows], errors, within=(-1, 1))
+            agent, alone, gain, other = (
+                _mean([row[name] for row in rows])
+                for name in ("agent", "scorer_alone", "gain", "differs")
+            )
+            cells += [
+                *(_shown(agent), _shown(alone), f"{signed(gain)} [{signed(low)}, {signed(high)}]"),
+                f"{other:.2f}".removeprefix("0"),
+            ]
+        title = "**all of them**" if scorer == "all of them" else scorer
+        yield f"| {title} | {split} | {' | '.join(cells)} |"
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -736,6 +766,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "probabilities": probabilities,
     "promised": promised,
     "links": links,
+    "outside agents": outside_agents,
     "presets": presets,
     "without search": without_search,
     "whole recipes": whole_recipes,

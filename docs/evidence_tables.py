@@ -680,8 +680,9 @@ def without_search() -> Iterator[str]:
     for entry in _trained():
         if entry.variant in ("paper", "recommended"):
             low, high = map(_shown, entry.interval)
-            title = f"agent with u, v, w, {entry.variant} preset"
-            yield f"| {title} | {_shown(entry.mean)} [{low}, {high}] |"
+            preset = "the paper's" if entry.variant == "paper" else "the recommended"
+            success = f"{_shown(entry.mean)} [{low}, {high}]"
+            yield f"| agent with u, v, w, {preset} preset | {success} |"
     for row in players:
         name = row["player"].partition(", ")[2]
         if not row["player"].startswith(("partial", "full")) and name in (

@@ -5,9 +5,11 @@
     python benchmarks/train_speed.py BOOK --device cuda the same on a device
     python benchmarks/train_speed.py BOOK --scorer MODEL --use combines,component,recipe
                                                      guided by a model instead of counts of neighbours
+    python benchmarks/train_speed.py BOOK --cpu-time --json FILE
+                                                     steps per CPU second, for a machine with other jobs
 
 The plain loop follows the paper's equations literally: keys for every slot, a softmax over the last axis, torch's
-RMSProp over a parameter list, on the same batched environment. Measure on an idle machine.
+RMSProp over a parameter list, on the same batched environment. Measure on an idle machine, or with --cpu-time.
 """
 
 import argparse
@@ -20,6 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
 
 import torch
@@ -29,6 +32,7 @@ from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
 from wordcraft_kg.agents.vtrace import v_trace
+from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World, open_world_graph
@@ -116,17 +120,33 @@ def begin(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> State:
     return BatchEngine(world, config.batch_size, device=config.device).reset()
 
 
-def rate(update: Callable[[], None], config: ImpalaConfig, seconds: float) -> float:
-    """Return environment steps a second."""
+def rate(
+    update: Callable[[], None],
+    config: ImpalaConfig,
+    seconds: float,
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
+    """Return environment steps per second of a clock."""
     for _ in range(50):
         update()
-    done, begun = 0, time.perf_counter()
-    while time.perf_counter() - begun < seconds or done % 50:
+    done, begun = 0, clock()
+    while clock() - begun < seconds or done % 50:
         update()
         done += 1
     if config.device != "cpu":
         torch.cuda.synchronize()
-    return done * config.steps_per_update / (time.perf_counter() - begun)
+    return done * config.steps_per_update / (clock() - begun)
+
+
+def store(path: Path, book: str, rates: dict[str, list[float]]) -> None:
+    """Write the best rate of each row, in place of the file's rows of the same names."""
+    old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    rows = [row for row in old if row["row"] not in rates]
+    for name, each in rates.items():
+        row = {"book": book, "row": name, "steps_per_cpu_second": round(max(each))}
+        row |= {"date": date.today().isoformat(), "load": round(os.getloadavg()[0], 1)}
+        rows.append(row)
+    write_atomically(path, "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")
 
 
 def whole(book: str, distractors: int, steps: int, device: str) -> None:
@@ -206,7 +226,13 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--scorer", help="a model folder")
     parser.add_argument("--use", default="u,v", help="the scorer's scores in the policy")
+    parser.add_argument("--cpu-time", action="store_true", help="count CPU seconds of the process")
+    parser.add_argument("--json", type=Path, help="file to write the best rates to")
     options = parser.parse_args()
+    if options.json and (not options.cpu_time or options.device != "cpu"):
+        parser.error("--json stores steps per CPU second; add --cpu-time, and use the CPU")
+    clock = time.process_time if options.cpu_time else time.perf_counter
+    unit = "steps per CPU second" if options.cpu_time else "steps/s"
     torch.set_num_threads(options.threads)
     opened = open_world_graph(options.book)
     config = ImpalaConfig(
@@ -219,22 +245,32 @@ def main() -> None:
     )
     neighbours = NeighbourScorer(opened.graph, opened.split.partial)
     scorer = load_scorer(options.scorer) if options.scorer else neighbours
+    rates: dict[str, list[float]] = {}
     for _ in range(options.rounds):
         unguided, guided = (
             rate(
-                ours(opened, config, options.distractors, one, options.use), config, options.seconds
+                ours(opened, config, options.distractors, one, options.use),
+                config,
+                options.seconds,
+                clock,
             )
             for one in (None, scorer)
         )
         print(
-            f"unguided {unguided:8,.0f} steps/s   guided {guided:8,.0f} steps/s", end="", flush=True
+            f"unguided {unguided:8,.0f} {unit}   guided {guided:8,.0f} {unit}", end="", flush=True
         )
+        rates.setdefault("no graph", []).append(unguided)
+        rates.setdefault(options.use, []).append(guided)
         if options.device == "cpu":
-            beside = rate(plain(opened, config, options.distractors), config, options.seconds)
+            step = plain(opened, config, options.distractors)
+            beside = rate(step, config, options.seconds, clock)
+            rates.setdefault("plain loop", []).append(beside)
             print(
-                f"   plain loop, unguided {beside:8,.0f} steps/s: {unguided / beside:.2f} x", end=""
+                f"   plain loop, unguided {beside:8,.0f} {unit}: {unguided / beside:.2f} x", end=""
             )
         print(flush=True)
+    if options.json:
+        store(options.json, opened.graph.name, rates)
     if options.whole:
         whole(options.book, options.distractors, options.steps, options.device)
 

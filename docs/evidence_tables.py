@@ -10,8 +10,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.statistics import split_interval, student_interval
 from wordcraft_kg.studies.claims import signed
+from wordcraft_kg.studies.results import StudyResults
+from wordcraft_kg.studies.variants import VariantMetrics
+from wordcraft_kg.studies.view import view_study
 
 HERE = Path(__file__).parent
 Row = dict[str, Any]
@@ -79,6 +83,7 @@ BASES = {
     "little-alchemy-2": ("air", "earth", "fire", "water"),
 }
 """Entities known at the start."""
+DATA = "evidence/data"
 PACKS = HERE.parent / "wordcraft_kg" / "evaluation" / "references"
 DEFAULT_PENALTY = 0.3
 TEST_SPLITS = 5
@@ -499,6 +504,226 @@ def promised() -> Iterator[str]:
                 yield f"| {row['relation']} | {bin_['triples']:,} | {promise} | {observed} |"
 
 
+ENVIRONMENTS = {
+    "one": "one environment",
+    "naive 1024": "SyncVectorEnv, 1,024 environments",
+    "batched 128": "batched, 128",
+    "batched 1024": "**batched, 1,024**",
+    "batched 8192": "batched, 8,192",
+    "depth 3, batched 1024": "batched, depth 3, 1,024",
+}
+"""Rows of environments.json, and their names on the page."""
+TRAINERS = {
+    "plain loop": "plain loop, no graph",
+    "no graph": "our trainer, no graph",
+    "u,v": "our trainer, scores of links",
+    "u,v,w": "our trainer, scores of links and whole recipes",
+}
+"""Rows of speed.json, and their names on the page."""
+STEPS = 3_000_000
+"""Steps of an agent in the studies."""
+
+
+def _rounded(value: float) -> str:
+    """Return a speed with two digits that count: more are noise."""
+    return f"{float(f'{value:.2g}'):,.0f}"
+
+
+def environments() -> Iterator[str]:
+    """Yield the table of environment speed, and how many times the naive loop it is."""
+    rows = {row["row"]: row["steps_per_cpu_second"] for row in _read(f"{DATA}/environments.json")}
+    yield "| Little Alchemy 2, 8 distractors | steps per CPU second | times SyncVectorEnv |"
+    yield "|---|---|---|"
+    for name, title in ENVIRONMENTS.items():
+        times = rows[name] / rows["naive 1024"]
+        yield f"| {title} | {_rounded(rows[name])} | {_rounded(times) if times >= 10 else f'{times:.1f}'} |"
+
+
+def speed() -> Iterator[str]:
+    """Yield the table of training speed, and CPU seconds for an agent of the studies."""
+    rows = {row["row"]: row["steps_per_cpu_second"] for row in _read(f"{DATA}/speed.json")}
+    yield "| Little Alchemy 2, 8 distractors | steps per CPU second | CPU seconds for 3,000,000 steps |"
+    yield "|---|---|---|"
+    for name, title in TRAINERS.items():
+        yield f"| {title} | {_rounded(rows[name])} | {_rounded(STEPS / rows[name])} |"
+
+
+def people_pairs() -> Iterator[str]:
+    """Yield the table of people and a recipe scorer that judge pairs, with intervals."""
+    yield "| | is it a recipe (AUC) | which of four results |"
+    yield "|---|---|---|"
+    titles = {"glove": "**recipe scorer**, GloVe", "one person": "one person"}
+    for row in _read(f"{DATA}/people-pairs.json"):
+        cells = []
+        for key in ("auc", "right"):
+            value, low, high = (f"{each:.3f}" for each in row[key])
+            cells.append(f"{value} [{low}, {high}]".replace("0.", "."))
+        yield f"| {titles[row['row']]} | {' | '.join(cells)} |"
+    yield "| chance | .500 | .250 |"
+
+
+def joint_training() -> Iterator[str]:
+    """Yield the table of ComplEx without and with WordNet's triples, by split."""
+    rows = {
+        (row["weight"], row["split"]): row["mrr"] for row in _read(f"{DATA}/joint-training.json")
+    }
+    splits = ("by-recipe", "by-goal")
+    yield f"| WordNet's triples | {' | '.join(split.replace('-', ' ') for split in splits)} |"
+    yield "|---|---|---|"
+    for weight in sorted({weight for weight, _ in rows}):
+        title = f"weight {weight:g}" if weight else "none"
+        yield f"| {title} | {' | '.join(_shown(rows[weight, split]) for split in splits)} |"
+
+
+LINK_ROWS = {
+    "recipe kernel, no training": ("recipe kernel", "mrr"),
+    "recipe kernel without word vectors": ("recipe kernel without words", "mrr"),
+    "ComplEx": ("ComplEx", "mrr"),
+    "ComplEx, without near-synonyms of train recipes": ("ComplEx", "no_near_synonym"),
+    "neighbour rule, no training": ("neighbour rule", "mrr"),
+    "neighbour rule, without near-synonyms": ("neighbour rule", "no_near_synonym"),
+    "votes, no training": ("votes", "mrr"),
+    "frequency in train": ("frequency", "mrr"),
+    "facts: the train triples (0/1)": ("facts", "mrr"),
+}
+"""Rows of the table of links: row and metric in link-quality.json."""
+
+
+def links() -> Iterator[str]:
+    """Yield the table of scorers on links: means over splits, and each split."""
+    yield f"| | {' | '.join(BOOKS[book] for book in ('everyday', 'little-alchemy-2'))} |"
+    yield "|---|---|---|"
+    for title, (name, metric) in LINK_ROWS.items():
+        cells = []
+        for book in ("everyday", "little-alchemy-2"):
+            each = [
+                row[metric]
+                for row in _read("link-quality.json")
+                if (row["book"], row["row"]) == (book, name)
+            ]
+            is_best = name == "recipe kernel"
+            mean = f"**{_shown(_mean(each))}**" if is_best else _shown(_mean(each))
+            cells.append(f"{mean} ({' '.join(map(_shown, each))})")
+        yield f"| {title} | {' | '.join(cells)} |"
+
+
+BY_LINKS = {
+    "u and v alone: first by v, then by u + v, self edges dropped": "u and v, self edges dropped",
+    "u and v alone, self edges as observed in train": "u and v, self edges observed",
+    "recipe kernel": "recipe kernel",
+    "ComplEx": "ComplEx",
+    "votes, best pair": "votes, best pair",
+    "full graph as facts, best pair": "full graph as facts, best pair",
+}
+"""Rows of the table of whole recipes that link-quality.json has."""
+
+
+def whole_recipes() -> Iterator[str]:
+    """Yield the table of the recipe scorer and of link scores: means over splits, and each split."""
+    book = "little-alchemy-2"
+    yield "| Little Alchemy 2, splits 0, 1 and 2 | MRR | 8 distractors | 1 distractor |"
+    yield "|---|---|---|---|"
+    own: dict[int, Row] = {
+        row["distractors"]: row
+        for row in _read("untrained-players.json")
+        if (row["book"], row["split"], row["player"])
+        == (book, "by-recipe", "recipe scorer alone, w")
+    }
+    cells = [
+        f"**{_shown(_mean(each))}** ({' '.join(map(_shown, each))})"
+        for each in (own[8]["mrr"], own[8]["success"], own[1]["success"])
+    ]
+    yield f"| **recipe scorer**: links, and the best pair by w | {' | '.join(cells)} |"
+    for title, name in BY_LINKS.items():
+        rows = [
+            row for row in _read("link-quality.json") if (row["book"], row["row"]) == (book, name)
+        ]
+        cells = [
+            _shown(_mean([row[metric] for row in rows])) if metric in rows[0] else ""
+            for metric in ("mrr", "8", "1")
+        ]
+        yield f"| {title} | {' | '.join(cells)} |"
+
+
+TRAINER_STUDY = "presets.json"
+"""Results of benchmarks/presets.toml: agents at depth 2 on the book kitchen, without plans."""
+KITCHEN_PLAYERS = "kitchen-players.json"
+"""What `evaluate-agent --json` prints for the same tasks and scorer."""
+
+
+@cache
+def _trained() -> tuple[VariantMetrics, ...]:
+    results = read_record(HERE / DATA / TRAINER_STUDY, StudyResults)
+    return view_study(results).points[0].variants
+
+
+def presets() -> Iterator[str]:
+    """Yield the table of the trainer's settings, with each training."""
+    yield "| trainer | success | each training | difference to the paper's |"
+    yield "|---|---|---|---|"
+    for entry in _trained():
+        low, high = map(_shown, entry.interval)
+        each = " ".join(_shown(rate) for rate in entry.success)
+        difference = ""
+        if (compared := entry.comparison) is not None:
+            ends = ", ".join(map(signed, compared.interval))
+            difference = f"{signed(compared.difference)} [{ends}]"
+        title = "**recommended**" if entry.variant == "recommended" else entry.variant
+        yield f"| {title} | {_shown(entry.mean)} [{low}, {high}] | {each} | {difference} |"
+
+
+def without_search() -> Iterator[str]:
+    """Yield the table of agents without plans, beside players that learn nothing from play."""
+    players = json.loads((HERE / DATA / KITCHEN_PLAYERS).read_text(encoding="utf-8"))["rows"]
+    yield "| kitchen, by recipe | success |"
+    yield "|---|---|"
+    for entry in _trained():
+        if entry.variant in ("paper", "recommended"):
+            low, high = map(_shown, entry.interval)
+            preset = "the paper's" if entry.variant == "paper" else "the recommended"
+            success = f"{_shown(entry.mean)} [{low}, {high}]"
+            yield f"| agent with u, v, w, {preset} preset | {success} |"
+    for row in players:
+        name = row["player"].partition(", ")[2]
+        if not row["player"].startswith(("partial", "full")) and name in (
+            "planner",
+            "w, best pair",
+        ):
+            title = "**planner**" if name == "planner" else "the best pair for the goal"
+            interval = f"[{_shown(row['low'])}, {_shown(row['high'])}]"
+            yield f"| {title}, nothing learned from play | {_shown(row['success'])} {interval} |"
+
+
+HALF_WIDTH = 1.96
+"""Standard errors from the middle to an end of a 95 % interval."""
+
+
+def outside_agents() -> Iterator[str]:
+    """Yield the table of agents with outside knowledge beside their scorers, means over splits."""
+    columns = "agent, 8 distractors | scorer | difference | other | agent, 1 | scorer | difference | other"
+    yield f"| scorer | split | {columns} |"
+    yield f"|---|---|{'---|' * 8}"
+    groups: dict[tuple[str, str], dict[int, list[Row]]] = {}
+    for row in _read("outside-knowledge-agents.json"):
+        group = groups.setdefault((row["scorer"], row["split"]), {})
+        group.setdefault(row["distractors"], []).append(row)
+    for (scorer, split), by_distractors in groups.items():
+        cells = []
+        for rows in by_distractors.values():
+            errors = [(row["gain_ci"][1] - row["gain_ci"][0]) / 2 / HALF_WIDTH for row in rows]
+            low, high = split_interval([row["gain"] for row in rows], errors, within=(-1, 1))
+            agent, alone, gain, other = (
+                _mean([row[name] for row in rows])
+                for name in ("agent", "scorer_alone", "gain", "differs")
+            )
+            cells += [
+                *(_shown(agent), _shown(alone), f"{signed(gain)} [{signed(low)}, {signed(high)}]"),
+                f"{other:.2f}".removeprefix("0"),
+            ]
+        title = "**all of them**" if scorer == "all of them" else scorer
+        yield f"| {title} | {split} | {' | '.join(cells)} |"
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -541,5 +766,14 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "worlds": worlds,
     "probabilities": probabilities,
     "promised": promised,
+    "links": links,
+    "outside agents": outside_agents,
+    "presets": presets,
+    "without search": without_search,
+    "whole recipes": whole_recipes,
+    "environments": environments,
+    "speed": speed,
+    "people pairs": people_pairs,
+    "joint training": joint_training,
 }
 """The tables by name."""

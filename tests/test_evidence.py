@@ -87,3 +87,14 @@ def test_a_figure_shows_the_named_columns_of_the_first_table(script):
 )
 def test_the_index_has_the_words_before_the_figures_of_a_long_answer(script, answer, short):
     assert script.answer(f"# Why?\n\n**Answer.** {answer}\n\nMore.\n") == short
+
+
+@pytest.mark.parametrize("name", ["joint-training", "people-pairs", "planning-agents", "presets"])
+def test_each_figure_of_an_answer_is_in_the_pages_table(name):
+    """The tables follow from files, so an answer that was not mended after a new measurement fails."""
+    text = shown((DOCS / "evidence" / f"{name}.md").read_text(encoding="utf-8"))
+    (answer,) = re.findall(r"^\*\*Answer\.\*\* (.*)$", text, re.MULTILINE)
+    rows = "\n".join(line for line in text.splitlines() if line.startswith("|"))
+    figures = re.findall(r"(?<!\d)\.\d{3}", answer)
+    assert len(figures) >= 4
+    assert set(figures) <= set(re.findall(r"(?<!\d)\.\d{3}", rows))

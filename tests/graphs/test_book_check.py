@@ -318,7 +318,7 @@ def test_everyday_has_the_size_and_the_shape_it_was_written_for():
     assert figures.entities == figures.reachable
     assert figures.share_with_two_recipes == 1
     assert figures.pairs_with_more_results == 0
-    # As documented; a change to the book changes its datasheet, README, docs/your-file.md and
+    # As documented; a change to the book changes its datasheet, README, docs/books.md and
     # CHANGELOG too.
     assert (figures.entities, figures.recipes, figures.pairs) == (1_177, 6_510, 6_313)
     assert (figures.terminal, figures.self_pairs, figures.max_layer) == (98, 122, 16)

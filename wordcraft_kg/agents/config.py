@@ -47,7 +47,7 @@ PAPER: Mapping[str, Any] = {
 """Settings that the two presets do not share, and the paper's preset's values.
 
 The scale is no setting in the paper: it is that of our reproduction, see
-``docs/evidence/presets.md``.
+``docs/explanation/decisions.md``.
 """
 
 

@@ -136,7 +136,7 @@ class ComplExConfig(TrainingConfig):
         with_: knowledge folders with triples (import-knowledge), for joint training on the graph's
             triples and these.
         outside_weight: weight of an outside triple in the loss, relative to a triple of the graph;
-            chosen on validation parts, see docs/evidence/joint-training.md.
+            chosen on validation parts; docs/evidence/joint-training.md has the gain.
 
     Example:
         >>> ComplExConfig(kg="full").n3

@@ -61,7 +61,7 @@ class PolicyConfig:
             logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as
             in the paper's released code. Default: residual with one attempt and without recipe and
             plan, else free, as in the paper's preset. This and the next three defaults were chosen
-            on validation tasks, see docs/evidence/presets.md.
+            on validation tasks.
         scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
             Default: none where the policy sees attempts, else ranks.
         self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges

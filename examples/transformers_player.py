@@ -102,7 +102,8 @@ class Reader:
 
         One forward pass over a tree of texts.
 
-        Equal beginnings are read once, and a token sees only its own beginning.
+        Equal beginnings are read once, and a token sees only its own beginning. What is read counts
+        as input.
         """
         begun = list(
             dict.fromkeys(tuple(text[:size]) for text in texts for size in range(1, len(text)))
@@ -123,6 +124,7 @@ class Reader:
             ),
             past_key_values=self.cache,
         ).logits[0]
+        self.counts["input tokens"] += len(begun)
         self.cache.crop(-len(begun))
         rows = torch.cat([self.next[None], logits.log_softmax(-1)])
         return [

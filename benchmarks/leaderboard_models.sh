@@ -25,6 +25,9 @@ for words in glove minilm; do
   check "planner:$out/$words-by-goal" goal-8-lite/planner-$words
 done
 
+wordcraft-kg train-complex "$out/by-goal" --folds 0 --out "$out/complex-by-goal"
+check "scorer:$out/complex-by-goal" goal-8-lite/complex
+
 train() { # NAME SPLIT OPTIONS...
   local name="$1" split="$2"
   shift 2

@@ -84,6 +84,9 @@ BASES = {
 }
 """Entities known at the start."""
 DATA = "evidence/data"
+TUNED = "SmolLM2-135M, fine-tuned on recipes, by recipes"
+TUNED_TRACKS = {"craft-8-lite": "unseen recipes", "goal-8-lite": "unseen goals"}
+"""Tracks on which the fine-tuned language model is compared, and the heads of the differences."""
 PACKS = HERE.parent / "wordcraft_kg" / "evaluation" / "references"
 DEFAULT_PENALTY = 0.3
 TEST_SPLITS = 5
@@ -322,6 +325,42 @@ def plan_weights() -> Iterator[str]:
         tasks = sum(row["tasks"] for row in each)
         title = f"{BOOKS[book]}, {split.replace('-', ' ')}"
         yield f"| {title} | {planner} | **{weighed}** | {' | '.join(of_splits)} | {tasks:,} |"
+
+
+def finetuned() -> Iterator[str]:
+    """Yield the table of the fine-tuned language model beside other players, in falling order.
+
+    The last two columns are its success minus that of the other player on the same tasks. Players
+    that the leaderboard lacks are left out.
+    """
+    _, *rows = _read("evidence/data/finetuned.json")
+    tracks = list(dict.fromkeys(row["track"] for row in rows))
+    cells: dict[str, Row] = {}
+    for row in rows:
+        if row["is_on_leaderboard"]:
+            cells.setdefault(row["player"], {})[row["track"]] = row
+    heads = [f"`{track}`" for track in tracks]
+    heads += [f"difference, {name}" for name in TUNED_TRACKS.values()]
+    yield f"| player | {' | '.join(heads)} |"
+    yield f"|---|{'---|' * len(heads)}"
+    missing = {"success": -1.0}
+    for player in sorted(cells, key=lambda one: -cells[one].get(tracks[0], missing)["success"]):
+        own = cells[player]
+        shown = []
+        for track in tracks:
+            if track in own:
+                low_high = ", ".join(map(_shown, own[track]["interval"]))
+                shown.append(f"{_shown(own[track]['success'])} [{low_high}]")
+            else:
+                shown.append("")
+        for track in TUNED_TRACKS:
+            if track in own and player != TUNED:
+                value, low, high = map(signed, own[track]["difference"])
+                shown.append(f"{value} [{low}, {high}]")
+            else:
+                shown.append("")
+        title = f"**{player}**" if player == TUNED else player
+        yield f"| {title} | {' | '.join(shown)} |"
 
 
 WORDS = {
@@ -741,6 +780,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
         for book in BOOKS
         for split in ("by-recipe", "by-goal")
     },
+    "finetuned": finetuned,
     "plan weights": plan_weights,
     **{
         f"planning {split}": partial(

@@ -1,4 +1,4 @@
-"""Fine-tune a language model on train recipes as text, with torch and transformers alone.
+"""Fine-tune a language model on train recipes or games, with torch and transformers alone.
 
     wordcraft-kg build-graph everyday --split by-goal --out graphs/by-goal
     python examples/finetune_language_model.py model.gguf everyday graphs/by-goal --out tuned
@@ -17,6 +17,11 @@ with equal bits. Afterwards, the model plays by the texts that it learned:
 
     wordcraft-kg bench run goal-8-lite --out submission --weights tuned/model.safetensors \
         --player "program:python examples/transformers_player.py tuned --by recipes"
+
+With ``--chats`` it learns the answers in conversations instead, and plays by generation:
+
+    wordcraft-kg chats everyday --style text --depth 1 --distractors 1,8 --out sft.jsonl
+    python examples/finetune_language_model.py tuned everyday --chats sft.jsonl --out talking
 """
 
 import argparse
@@ -25,7 +30,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +49,9 @@ from wordcraft_kg.graphs.splits import Split
 Tokens = Callable[[str], list[int]]
 Recipes = NDArray[np.int64]
 Parameters = dict[str, torch.nn.Parameter]
+Row = dict[str, Any]
+Prompts = Callable[[list[dict[str, str]], bool], list[int]]
+"""From messages, and whether an answer follows, to tokens."""
 STEM = "Recipe: {} ="
 LEFT_OUT = 0
 """Fold of the train recipes by which settings are chosen."""
@@ -73,10 +81,20 @@ class Settings:
 
 @dataclass(frozen=True)
 class Tree:
-    """Recipes of a goal as tokens: a text that is read once, and its continuations."""
+    """Texts with an equal beginning as tokens, such as the recipes of a goal.
+
+    Attributes:
+        stem: the beginning, which is read once.
+        branches: the continuations.
+        told: for each branch, the number of its first tokens that are read without loss; empty if
+            there are none.
+        weights: for each branch, a factor of its loss; empty if all are 1.
+    """
 
     stem: list[int]
     branches: list[list[int]]
+    told: list[int] = field(default_factory=list)
+    weights: list[float] = field(default_factory=list)
 
     @property
     def size(self) -> int:
@@ -148,20 +166,22 @@ def batches(of: Sequence[Tree], most: int, rng: np.random.Generator) -> list[lis
 
 
 def loss_of(model: Any, batch: Sequence[Tree]) -> torch.Tensor:
-    """Return the mean loss of all tokens of the branches."""
+    """Return the mean loss of all tokens of the branches that are not told."""
     length = max(tree.size for tree in batch)
     ids = torch.zeros(len(batch), length, dtype=torch.long)
     positions = torch.zeros_like(ids)
     sees = torch.eye(length, dtype=torch.bool).repeat(len(batch), 1, 1)
     places: dict[tuple[int, int], int] = {}
-    asked, targets = [], []
+    asked, targets, weights = [], [], []
     for row, tree in enumerate(batch):
         stem = len(tree.stem)
         ids[row, :stem] = torch.tensor(tree.stem)
         positions[row, :stem] = torch.arange(stem)
         sees[row, :stem, :stem] = torch.ones(stem, stem).tril().bool()
         start = stem
-        for branch in tree.branches:
+        told_of = tree.told or [0] * len(tree.branches)
+        weight_of = tree.weights or [1.0] * len(tree.branches)
+        for branch, told, weight in zip(tree.branches, told_of, weight_of, strict=True):
             read = len(branch) - 1
             end = start + read
             ids[row, start:end] = torch.tensor(branch[:-1], dtype=torch.long)
@@ -169,16 +189,97 @@ def loss_of(model: Any, batch: Sequence[Tree]) -> torch.Tensor:
             sees[row, start:end, :stem] = True
             sees[row, start:end, start:end] = torch.ones(read, read).tril().bool()
             # The first token of each branch follows the stem's last, whose logits are made once.
-            for place, token in zip([stem - 1, *range(start, end)], branch, strict=True):
+            before = [stem - 1, *range(start, end)]
+            for place, token in zip(before[told:], branch[told:], strict=True):
                 asked.append(places.setdefault((row, place), len(places)))
                 targets.append(token)
+                weights.append(weight)
             start = end
     hidden = model.model(
         input_ids=ids, attention_mask=sees[:, None], position_ids=positions, use_cache=False
     ).last_hidden_state
     rows, columns = torch.tensor(list(places)).T
     logits = model.lm_head(hidden[rows, columns])
-    return cross_entropy(logits[asked], torch.tensor(targets))
+    losses = cross_entropy(logits[asked], torch.tensor(targets), reduction="none")
+    return (losses * torch.tensor(weights)).mean()
+
+
+def read_chats(path: Path, splits: Sequence[Split], folds: int) -> tuple[list[Row], list[Row]]:
+    """Return conversations to learn, and those left out: a row is a line of the command `chats`.
+
+    A conversation is learned if all that its answers make is made by recipes to learn; it is left
+    out if an answer uses another train recipe. Conversations with a test recipe of some split are
+    in neither list.
+
+    Raises:
+        ValueError: for a row of another part than train, and for one whose goal is made by a recipe
+            that is a train recipe of no split.
+    """
+    graph = splits[0].graph
+    ids = {name: number for number, name in enumerate(graph.entities)}
+    makes: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
+    for one, other, goal in graph.recipes.tolist():
+        makes.setdefault((one, other), []).append((one, other, goal))
+    to_learn = set(map(tuple, learned(splits, folds).tolist()))
+    trains = [set(map(tuple, split.recipes("train").tolist())) for split in splits]
+    kept: list[Row] = []
+    left_out: list[Row] = []
+    for row in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
+        if row["part"] != "train":
+            raise ValueError(f"'{row['id']}' is of the part {row['part']}; expected train.")
+        used = []
+        for message in row["messages"]:
+            if message["role"] == "assistant":
+                one, other = sorted(ids[name] for name in message["content"].split(" + "))
+                used += makes.get((one, other), [])
+        for recipe in used:
+            if not any(recipe in train for train in trains):
+                raise ValueError(
+                    f"'{row['id']}' uses a recipe of '{graph.entities[recipe[2]]}' that is a train "
+                    "recipe of no split: a model that reads it knows an answer of the test."
+                )
+        if to_learn.issuperset(used):
+            kept.append(row)
+        elif all(recipe in train for recipe in used for train in trains):
+            left_out.append(row)
+    return kept, left_out
+
+
+def chat_trees(
+    rows: Sequence[Row], prompts: Prompts, tokens: Tokens, end: int, most: int
+) -> Callable[[np.random.Generator], list[Tree]]:
+    """Return a function that returns an epoch's trees of at most ``most`` tokens.
+
+    A tree is the rules, read once, with a branch for each answer: all that was said before, and the
+    answer, which alone counts.
+    """
+    answers: dict[tuple[int, ...], list[tuple[list[int], int]]] = {}
+    for row in rows:
+        messages = row["messages"]
+        rules = prompts(messages[:1], False)
+        for place, message in enumerate(messages):
+            if message["role"] == "assistant":
+                before = prompts(messages[:place], True)
+                if before[: len(rules)] != rules:
+                    raise ValueError(f"'{row['id']}': the chat template changes the rules later.")
+                branch = [*before[len(rules) :], *tokens(message["content"]), end]
+                answers.setdefault(tuple(rules), []).append((branch, len(before) - len(rules)))
+
+    def drawn(rng: np.random.Generator) -> list[Tree]:
+        made: list[Tree] = []
+        for rules, of in answers.items():
+            tree = Tree(list(rules), [], [])
+            for place in rng.permutation(len(of)):
+                branch, told = of[place]
+                if tree.branches and tree.size + len(branch) > most:
+                    made.append(tree)
+                    tree = Tree(list(rules), [], [])
+                tree.branches.append(branch)
+                tree.told.append(told)
+            made.append(tree)
+        return made
+
+    return drawn
 
 
 def tables(
@@ -194,6 +295,41 @@ def tables(
         of_goal = train[train[:, 2] == goal]
         right = {frozenset((names[a], names[b])) for a, b, _ in of_goal.tolist()}
         yield names[goal], [names[item] for item in sorted(table)], right
+
+
+def right_pairs(
+    split: Split, settings: Settings, number: int, answer: Callable[[str, list[str]], str]
+) -> dict[str, Any]:
+    """Ask for recipes left out; return how many answers are right by the train recipes."""
+    left_out = np.zeros((0, 3), dtype=np.int64)
+    if settings.folds:
+        left_out = make_folds(split, settings.folds).recipes_of(LEFT_OUT)
+    asked = list(tables(split, left_out, number, np.random.default_rng(settings.seed)))
+    right = 0
+    for goal, items, pairs in asked:
+        right += frozenset(answer(goal, items).split(" + ")) in pairs
+    return {
+        "kind": split.config.kind,
+        "hash": split.hash,
+        "left_out": len(left_out),
+        "asked": len(asked),
+        "right": right,
+    }
+
+
+def equal_answers(
+    rows: Sequence[Row],
+    rng: np.random.Generator,
+    number: int,
+    answer: Callable[[list[dict[str, str]]], str],
+) -> dict[str, int]:
+    """Ask the first question of some conversations; return how many answers are theirs."""
+    places = rng.permutation(len(rows))[:number].tolist()
+    equal = 0
+    for messages in (rows[place]["messages"] for place in places):
+        said = answer(messages[:2])
+        equal += set(said.split(" + ")) == set(messages[2]["content"].split(" + "))
+    return {"left_out": len(rows), "asked": len(places), "equal": equal}
 
 
 def _trained(model: Any, layers: int) -> Parameters:
@@ -257,7 +393,9 @@ def train(
 
 
 def _digest(steps: Sequence[Sequence[Tree]]) -> str:
-    trees_of_steps = [[(tree.stem, tree.branches) for tree in step] for step in steps]
+    trees_of_steps = [
+        [(tree.stem, tree.branches, *filter(None, [tree.told])) for tree in step] for step in steps
+    ]
     return hashlib.sha256(json.dumps(trees_of_steps).encode()).hexdigest()
 
 
@@ -297,13 +435,16 @@ def _read_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[s
 def main() -> None:
     """Train, ask for the recipes left out, and write the model's folder."""
     from transformers.utils import logging
-    from transformers_player import Reader, by_recipes
+    from transformers_player import Reader, by_generation, by_recipes
 
     defaults = asdict(Settings())
-    parser = argparse.ArgumentParser(description="Fine-tune a language model on train recipes.")
+    parser = argparse.ArgumentParser(
+        description="Fine-tune a language model on train recipes or games."
+    )
     parser.add_argument("model", help="model folder, .gguf file, or a name on the hub")
     parser.add_argument("graphs", nargs="+", help="graph folders, or a book for its default split")
     parser.add_argument("--out", type=Path, required=True, help="folder for the tuned model")
+    parser.add_argument("--chats", type=Path, help="games to learn, by `chats --style text`")
     for name, value in defaults.items():
         parser.add_argument(f"--{name}", type=type(value), default=value)
     parser.add_argument("--tasks", type=int, default=100, help="tasks of recipes left out a split")
@@ -319,12 +460,17 @@ def main() -> None:
     reader = Reader(options.model)
     options.out.mkdir(parents=True, exist_ok=True)
     log = options.out / "training.jsonl"
-    rows = train(
-        reader.model,
-        lambda rng: trees(splits, recipes, reader.tokens, rng),
-        settings,
-        options.out / "state",
-    )
+    chats: list[Row] = []
+    other_chats: list[Row] = []
+    if options.chats:
+        chats, other_chats = read_chats(options.chats, splits, settings.folds)
+        grow = chat_trees(chats, reader.chat, reader.tokens, reader.end, settings.batch)
+    else:
+
+        def grow(rng: np.random.Generator) -> list[Tree]:
+            return trees(splits, recipes, reader.tokens, rng)
+
+    rows = train(reader.model, grow, settings, options.out / "state")
     with log.open("a", encoding="utf-8") as file:
         for row in rows:
             print(json.dumps(row), file=file, flush=True)
@@ -347,30 +493,28 @@ def main() -> None:
         "weights": {weights.name: sha256_of(weights)} if settings.epochs else {},
         "book": splits[0].graph.name,
         "recipes": len(recipes),
+        "chats": len(chats),
         "tokens": sum(row["tokens"] for row in done.values()),
         "cpu_seconds": round(sum(row["cpu_seconds"] for row in done.values())),
         "splits": of_splits,
     }
-    for split in splits:
-        left_out = np.zeros((0, 3), dtype=np.int64)
-        if settings.folds:
-            left_out = make_folds(split, settings.folds).recipes_of(LEFT_OUT)
-        rng = np.random.default_rng(settings.seed)
-        right = 0
-        asked = list(tables(split, left_out, options.tasks, rng))
-        with torch.inference_mode():
-            for goal, items, pairs in asked:
-                answer = by_recipes(reader, goal, items, set())
-                right += frozenset(answer.split(" + ")) in pairs
-        of_splits.append(
-            {
-                "kind": split.config.kind,
-                "hash": split.hash,
-                "left_out": len(left_out),
-                "asked": len(asked),
-                "right": right,
-            }
-        )
+    with torch.inference_mode():
+        for split in splits:
+            of_splits.append(
+                right_pairs(
+                    split,
+                    settings,
+                    options.tasks,
+                    lambda goal, items: by_recipes(reader, goal, items, set()),
+                )
+            )
+        if options.chats:
+            facts["answers"] = equal_answers(
+                other_chats,
+                np.random.default_rng(settings.seed),
+                options.tasks,
+                lambda messages: by_generation(reader, reader.chat(messages, True), 12),
+            )
     print(json.dumps(facts, indent=1))
     (options.out / "training.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
 

@@ -14,7 +14,8 @@ first (the first item in open-ended games). The rules and, while they fit, all t
 context.
 
 By recipes, the model reads no rules: the answer is the untried pair for which the text "Recipe:
-goal = first + second" is the most probable, both orders together. So play models that
+goal = first + second" is the most probable, both orders together. An item with itself comes after
+all other pairs: a language model likes to repeat a word. So play models that
 examples/finetune_language_model.py taught the train recipes.
 """
 
@@ -102,7 +103,8 @@ class Reader:
 
         One forward pass over a tree of texts.
 
-        Equal beginnings are read once, and a token sees only its own beginning.
+        Equal beginnings are read once, and a token sees only its own beginning. What is read counts
+        as input.
         """
         begun = list(
             dict.fromkeys(tuple(text[:size]) for text in texts for size in range(1, len(text)))
@@ -123,6 +125,7 @@ class Reader:
             ),
             past_key_values=self.cache,
         ).logits[0]
+        self.counts["input tokens"] += len(begun)
         self.cache.crop(-len(begun))
         rows = torch.cat([self.next[None], logits.log_softmax(-1)])
         return [
@@ -207,7 +210,11 @@ def by_probabilities(
 
 
 def by_recipes(reader: Reader, goal: str, items: list[str], tried: set[frozenset[str]]) -> str:
-    """Return the untried pair whose recipe, as a text in either order, is the most probable."""
+    """Return the untried pair whose recipe, as a text in either order, is the most probable.
+
+    Pairs of an item with itself come last. Of left-out train recipes the tuned SmolLM2-135M found
+    57 of 100 with them and 74 without, though they are a fiftieth of the recipes.
+    """
     reader.read(reader.tokens(f"Recipe: {goal} ="))
     answers = [
         (one, other) for one in items for other in items if frozenset((one, other)) not in tried
@@ -218,8 +225,9 @@ def by_recipes(reader: Reader, goal: str, items: list[str], tried: set[frozenset
         # A pair of different items has two texts, an item with itself one.
         pair = frozenset(answer)
         scores[pair] = float(np.logaddexp(scores.get(pair, -np.inf), score))
-    best = max(scores.values())
-    chosen = next(answer for answer in answers if scores[frozenset(answer)] == best)
+    allowed = [pair for pair in scores if len(pair) == 2] or list(scores)
+    best = max(allowed, key=lambda pair: scores[pair])
+    chosen = next(answer for answer in answers if frozenset(answer) == best)
     tried.add(frozenset(chosen))
     return f"{chosen[0]} + {chosen[1]}"
 

@@ -628,6 +628,15 @@ def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_pat
         bench_leaderboard(tmp_path / "nothing", out=page)
 
 
+def test_the_leaderboard_shows_hashes_of_weights_and_prompts_tokens_and_seconds(copied, tmp_path):
+    folder = copied("craft-8-lite", PROGRAM)
+    edit(folder, weights={"model": OTHER}, tokens={"input": 1_000, "output": 9}, seconds=12.3)
+    bench_leaderboard(tmp_path / "copy", out=tmp_path / "page.md")
+    prompts = verify(folder).prompt_hash[:8]
+    row = f"| model {OTHER[:8]} | standard {prompts} |  | .* | 1,009 tokens, 12 s |"
+    assert re.search(row.replace("|", r"\|"), (tmp_path / "page.md").read_text())
+
+
 HOSTILE = {
     "player": "![x](//example.org/x.png) **bold** example.org",
     "training_data": "[x](https://example.org) _data_ www.example.org",

@@ -1,5 +1,6 @@
 """Fine-tuning by examples/finetune_language_model.py, with a tiny random model."""
 
+import json
 import runpy
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from transformers import LlamaConfig, LlamaForCausalLM
 
 from wordcraft_kg import open_graph
 from wordcraft_kg.apps.text_agents.benchmark import open_track
+from wordcraft_kg.cli import main
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 
@@ -137,6 +139,93 @@ def test_a_tree_has_the_loss_of_its_texts_one_by_one():
             losses += [-float(rows[place - 1, text[place]]) for place in places]
     assert len(losses) == 10
     assert float(SCRIPT["loss_of"](model, batch)) == pytest.approx(np.mean(losses), abs=1e-5)
+
+
+@torch.no_grad()
+def test_told_tokens_have_no_loss_and_weights_multiply_that_of_a_branch():
+    model = tiny()
+    tree = Tree([1, 2, 3], [[4, 5, 6], [4, 7], [8]], told=[2, 1, 0], weights=[2.0, -1.0, 0.5])
+    total = 0.0
+    for branch, told, weight in zip(tree.branches, tree.told, tree.weights, strict=True):
+        text = [*tree.stem, *branch]
+        rows = model(torch.tensor([text])).logits[0].log_softmax(-1)
+        places = range(len(tree.stem) + told, len(text))
+        total -= weight * sum(float(rows[place - 1, text[place]]) for place in places)
+    assert float(SCRIPT["loss_of"](model, [tree])) == pytest.approx(total / 3, abs=1e-5)
+
+
+def prompts(messages, is_asked):
+    """Return tokens of messages, each with its role, as a chat template does."""
+    text = "".join(f"<{message['role']}>{message['content']}" for message in messages)
+    return list(map(ord, text + "<assistant>" * is_asked))
+
+
+@pytest.fixture(scope="module")
+def written(splits, tmp_path_factory):
+    """Conversations of depths 1 and 2 on the default split's train tasks."""
+    out = tmp_path_factory.mktemp("chats") / "sft.jsonl"
+    line = ["chats", "kitchen", "--style", "text", "--depth", "1,2", "--out", str(out)]
+    assert main([*line, "--quiet"]) == 0
+    return out
+
+
+def combined(row):
+    return [text["content"].split(" + ") for text in row["messages"] if text["role"] == "assistant"]
+
+
+def test_conversations_with_recipes_of_a_test_or_left_out_are_not_learned(splits, written):
+    kept, left_out = SCRIPT["read_chats"](written, splits, 5)
+    graph = splits[0].graph
+    ids = {name: number for number, name in enumerate(graph.entities)}
+    learned = set(map(tuple, SCRIPT["learned"](splits, 5).tolist()))
+    assert len(kept) > 100
+    assert len(left_out) > 20
+    rows = [json.loads(line) for line in written.read_text().splitlines()]
+    assert len(kept) + len(left_out) < len(rows)
+    for row, is_learned in [*((row, True) for row in kept), *((row, False) for row in left_out)]:
+        pairs = [tuple(sorted(ids[name] for name in pair)) for pair in combined(row)]
+        used = {one for one in map(tuple, graph.recipes.tolist()) if one[:2] in pairs}
+        assert (used <= learned) == is_learned
+        for split in splits:
+            assert used <= set(map(tuple, split.recipes("train").tolist()))
+
+
+def test_each_answer_is_a_branch_behind_the_rules_and_counts_alone(splits, written):
+    kept, _ = SCRIPT["read_chats"](written, splits, 5)
+    few = [row for row in kept if row["depth"] == 2][:5] + kept[:20]
+    grow = SCRIPT["chat_trees"](few, prompts, lambda text: list(map(ord, text)), 1, 2_000)
+    trees = grow(np.random.default_rng(0))
+    assert len(trees) > 2
+    assert all(tree.size <= 2_000 for tree in trees)
+    read = sorted(
+        (tree.stem + branch[:told], branch[told:])
+        for tree in trees
+        for branch, told in zip(tree.branches, tree.told, strict=True)
+    )
+    expected = sorted(
+        (prompts(row["messages"][:place], True), [*map(ord, row["messages"][place]["content"]), 1])
+        for row in few
+        for place in range(len(row["messages"]))
+        if row["messages"][place]["role"] == "assistant"
+    )
+    assert len(expected) == 5 * 2 + 20
+    assert read == expected
+
+
+def test_a_conversation_of_a_test_task_is_refused_by_name(splits, written, tmp_path):
+    split = splits[0]
+    names = split.graph.entities
+    tests = [set(map(tuple, one.recipes("test").tolist())) for one in splits]
+    one, other, goal = min(tests[0] & tests[1])
+    row = json.loads(written.read_text().splitlines()[0])
+    answer = {"role": "assistant", "content": f"{names[other]} + {names[one]}"}
+    leaked = tmp_path / "leaked.jsonl"
+    leaked.write_text(json.dumps(row | {"messages": [*row["messages"][:2], answer]}) + "\n")
+    with pytest.raises(ValueError, match=f"{row['id']}' uses a recipe of '{names[goal]}'"):
+        SCRIPT["read_chats"](leaked, splits, 5)
+    leaked.write_text(json.dumps(row | {"part": "test"}) + "\n")
+    with pytest.raises(ValueError, match=f"'{row['id']}' is of the part test"):
+        SCRIPT["read_chats"](leaked, splits, 5)
 
 
 def test_batches_hold_each_tree_once_and_few_tokens(splits):

@@ -42,6 +42,8 @@ SENSIBLE = 0.98
 """
 # Declared names may not hold this sign, so no player can mark itself or another one.
 _TWIN = "‡"
+_HASH = 8
+"""Shown characters of a hash."""
 
 
 @dataclass(frozen=True)
@@ -264,8 +266,9 @@ def _details(row: _Row, twins: set[str]) -> Iterator[str]:
     submission = row.submission
     yield _player(submission, twins)
     yield for_markdown(submission.training_data)
-    yield for_markdown(", ".join(submission.weights))
-    yield submission.prompts
+    hashes = [f"{name} {digest[:_HASH]}" for name, digest in submission.weights.items()]
+    yield for_markdown(", ".join(hashes))
+    yield f"{submission.prompts} {(submission.prompt_hash or '')[:_HASH]}".strip()
     if submission.knowledge == "none":
         yield ""
     else:
@@ -273,7 +276,8 @@ def _details(row: _Row, twins: set[str]) -> Iterator[str]:
     yield row.answers
     tokens = "" if submission.tokens is None else f"{sum(submission.tokens.values()):,} tokens"
     price = "" if submission.price is None else f"${submission.price:,.2f}"
-    yield ", ".join(part for part in (tokens, price) if part)
+    seconds = "" if submission.seconds is None else f"{submission.seconds:,.0f} s"
+    yield ", ".join(part for part in (tokens, seconds, price) if part)
     yield for_markdown(submission.licence)
     yield submission.date or ""
 

@@ -1,0 +1,105 @@
+"""Compare a fine-tuned language model with other players of the leaderboard, game by game.
+
+    python benchmarks/finetuned.py tuned/training.json --json FILE [--also "NAME=SUBMISSION" ...]
+
+All submissions are verified by replay. A difference is the tuned model's success minus the other
+player's on the same tasks; its interval resamples the recipes or goals that the split holds out
+together.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.apps.text_agents.benchmark import open_track
+from wordcraft_kg.apps.text_agents.submission import GameLine, Submission, verified_games
+from wordcraft_kg.base.statistics import paired_difference
+
+LEADERBOARD = Path(__file__).parents[1] / "leaderboard" / "everyday-v2"
+TRACKS = ("craft-8-lite", "goal-8-lite", "craft-1-lite")
+TUNED = "smollm2-tuned-recipes"
+PLAYERS = {
+    TUNED: "SmolLM2-135M, fine-tuned on recipes, by recipes",
+    "smollm2-recipes": "SmolLM2-135M, untuned, by recipes",
+    "smollm2-tuned-chats": "SmolLM2-135M, fine-tuned on recipes and games, by generation",
+    "smollm2-generation": "SmolLM2-135M, untuned, by generation",
+    "qwen05-recipes": "Qwen2.5-Coder-0.5B, untuned, by recipes",
+    "qwen05-constrained": "Qwen2.5-Coder-0.5B, untuned, constrained",
+    "scorer-minilm": "recipe scorer, MiniLM",
+    "scorer-glove": "recipe scorer, GloVe",
+    "complex": "ComplEx, u+v",
+    "nearest-words": "nearest words",
+    "votes": "votes of the train recipes",
+    "random": "chance",
+}
+"""Archives of the leaderboard, and the players' names on the page."""
+
+
+def row(
+    name: str,
+    submission: Submission,
+    games: list[GameLine],
+    tuned: list[GameLine],
+    *,
+    is_on_leaderboard: bool = True,
+) -> dict[str, Any]:
+    """Return a player's figures on a track, and the difference of the tuned model to it."""
+    success, other = (np.array([[line.success] for line in of], float) for of in (tuned, games))
+    groups = open_track(submission.track).world.groups
+    difference = paired_difference(success, other, groups)
+    return {
+        "track": submission.track,
+        "player": name,
+        "is_on_leaderboard": is_on_leaderboard,
+        "success": submission.figures.mean,
+        "interval": [submission.figures.ci_low, submission.figures.ci_high],
+        "difference": [round(float(value), 4) for value in difference],
+        "games": submission.figures.games,
+        "invalid": submission.invalid_actions,
+        "weights": submission.weights,
+        "prompts": submission.prompt_hash,
+        "tokens": submission.tokens,
+        "seconds": submission.seconds,
+    }
+
+
+def main() -> None:
+    """Write the rows."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("training", type=Path, help="training.json of the tuned model")
+    parser.add_argument("--json", type=Path, required=True, help="file to write")
+    parser.add_argument(
+        "--also", action="append", default=[], metavar="NAME=SUBMISSION", help="another submission"
+    )
+    options = parser.parse_args()
+    training = json.loads(options.training.read_text(encoding="utf-8"))
+    of_track: dict[str, list[GameLine]] = {}
+    rows = []
+    for track in TRACKS:
+        for archive, name in PLAYERS.items():
+            path = LEADERBOARD / track / f"{archive}.zip"
+            if not path.exists():
+                continue
+            submission, games = verified_games(path)
+            if archive == TUNED:
+                if submission.weights != training["weights"]:
+                    parser.error(f"{path.name} was played with other weights than {training}")
+                of_track[track] = games
+            rows.append(row(name, submission, games, of_track[track]))
+    for name, _, folder in (also.partition("=") for also in options.also):
+        submission, games = verified_games(Path(folder))
+        tuned = of_track[submission.track]
+        rows.append(row(name, submission, games, tuned, is_on_leaderboard=False))
+    text = ",\n".join(json.dumps(one) for one in [training, *rows])
+    options.json.write_text(f"[\n{text}\n]\n", encoding="utf-8")
+    for one in rows:
+        print(one["track"], one["player"], one["success"], one["interval"], one["difference"])
+
+
+if __name__ == "__main__":
+    main()

@@ -12,6 +12,7 @@ from typing import Any
 
 from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.statistics import split_interval, student_interval
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import signed
 from wordcraft_kg.studies.results import StudyResults
 from wordcraft_kg.studies.variants import VariantMetrics
@@ -763,6 +764,39 @@ def outside_agents() -> Iterator[str]:
         yield f"| {title} | {split} | {' | '.join(cells)} |"
 
 
+LARGE = {
+    "recipe oracle": "knows all recipes",
+    "ic, planner": "**recipe scorer, planner**",
+    "ic, w, best pair": "recipe scorer, best pair (w)",
+    "ic, u+v, self edges dropped": "recipe scorer, links alone (u, v)",
+    "partial KG, votes": "votes of the train recipes",
+    "partial KG, planner": "planner, train recipes only",
+    "nearest words": "nearest words",
+    "random": "chance",
+}
+"""Players of the table on Infinite Craft, by their names in the output of `evaluate-agent`."""
+
+
+def large_book() -> Iterator[str]:
+    """Yield the table of players on Infinite Craft, by depth and distractors."""
+    columns: dict[str, dict[str, Row]] = {}
+    for depth in (1, 2):
+        path = HERE / DATA / f"large-book-depth-{depth}.json"
+        view = json.loads(path.read_text(encoding="utf-8"))
+        for row in view["rows"]:
+            title = f"depth {depth}, {counted(row['distractors'], 'distractor')}"
+            columns.setdefault(title, {})[row["player"]] = row
+    yield f"| player | {' | '.join(columns)} |"
+    yield f"|---|{'---|' * len(columns)}"
+    for name, title in LARGE.items():
+        cells = []
+        for of_players in columns.values():
+            row = of_players[name]
+            low, high = _shown(row["low"]), _shown(row["high"])
+            cells.append(f"{_shown(row['success'])} [{low}, {high}]")
+        yield f"| {title} | {' | '.join(cells)} |"
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -806,6 +840,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "worlds": worlds,
     "probabilities": probabilities,
     "promised": promised,
+    "large book": large_book,
     "links": links,
     "outside agents": outside_agents,
     "presets": presets,

@@ -458,6 +458,7 @@ def test_recipes_with_the_most_similar_results_support_a_goal():
     assert (lists.support[goal] >= 0).sum() == min(len(known.recipes), lists.support.shape[1])
 
 
+@pytest.mark.slow
 def test_10000_results_of_a_pair_and_a_hub_of_5000_recipes_are_cheap():
     size = 10_200
     results = np.arange(100, 10_100)

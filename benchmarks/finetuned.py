@@ -16,6 +16,7 @@ import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.submission import GameLine, Submission, verified_games
+from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import paired_difference
 
 LEADERBOARD = Path(__file__).parents[1] / "leaderboard" / "everyday-v2"
@@ -26,8 +27,6 @@ PLAYERS = {
     "smollm2-recipes": "SmolLM2-135M, untuned, by recipes",
     "smollm2-tuned-chats": "SmolLM2-135M, fine-tuned on recipes and games, by generation",
     "smollm2-generation": "SmolLM2-135M, untuned, by generation",
-    "qwen05-recipes": "Qwen2.5-Coder-0.5B, untuned, by recipes",
-    "qwen05-constrained": "Qwen2.5-Coder-0.5B, untuned, constrained",
     "scorer-minilm": "recipe scorer, MiniLM",
     "scorer-glove": "recipe scorer, GloVe",
     "complex": "ComplEx, u+v",
@@ -96,7 +95,7 @@ def main() -> None:
         tuned = of_track[submission.track]
         rows.append(row(name, submission, games, tuned, is_on_leaderboard=False))
     text = ",\n".join(json.dumps(one) for one in [training, *rows])
-    options.json.write_text(f"[\n{text}\n]\n", encoding="utf-8")
+    write_atomically(options.json, f"[\n{text}\n]\n")
     for one in rows:
         print(one["track"], one["player"], one["success"], one["interval"], one["difference"])
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wordcraft_kg.graphs.arrays import distinct, recipe_keys, sorted_unique
+from wordcraft_kg.graphs.arrays import are_among, distinct, recipe_keys, sorted_unique
 
 SMALL = st.integers(-3, 3)
 LARGE = st.integers(-(2**40), 2**40)
@@ -28,6 +28,13 @@ def test_distinct_rows_are_sorted_by_the_columns(numbers, data):
     found = sorted_unique(array, (1, 0, 2))
     assert list(map(tuple, found.tolist())) == expected
     assert found.flags.c_contiguous
+
+
+@given(st.lists(SMALL), st.lists(SMALL))
+def test_numbers_among_known_ones_are_those_of_numpy(numbers, known):
+    asked = np.array(numbers, dtype=np.int64)
+    ordered = np.sort(np.array(known, dtype=np.int64))
+    assert are_among(asked, ordered).tolist() == np.isin(asked, ordered).tolist()
 
 
 def test_keys_of_recipes_sort_like_rows_and_ignore_the_order_of_ingredients():

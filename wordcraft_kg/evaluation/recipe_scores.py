@@ -13,7 +13,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation.queries import RecipeQuery
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
-from wordcraft_kg.graphs.arrays import Ids, recipe_keys
+from wordcraft_kg.graphs.arrays import Ids, are_among, recipe_keys
 from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import Part
@@ -130,12 +130,7 @@ class _Recipes:
 
     def contain(self, rows: Ids) -> NDArray[np.bool_]:
         """Return which recipes, ids of shape (n, 3), are among these, shape (n,)."""
-        if not len(self.keys):
-            return np.zeros(len(rows), dtype=bool)
-        keys = recipe_keys(*rows.T, num_entities=self.num_entities)
-        # A key above all others has a place behind the end; the last key differs from it.
-        place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
-        return np.asarray(self.keys[place] == keys)
+        return are_among(recipe_keys(*rows.T, num_entities=self.num_entities), self.keys)
 
 
 @dataclass(frozen=True)

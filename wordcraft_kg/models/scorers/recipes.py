@@ -275,7 +275,7 @@ class RecipeScorer(StoredScorer):
         It does with a pair encoder of its own recipes, and in a book of more than
         :data:`ALL_RESULTS` entities.
         """
-        return self.knowledge.proposes_results or len(self.entities) > ALL_RESULTS
+        return self.knowledge.has_result_ranker or len(self.entities) > ALL_RESULTS
 
     def best_results(
         self,

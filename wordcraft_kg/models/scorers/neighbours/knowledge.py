@@ -669,7 +669,7 @@ class RecipeKnowledge(nn.Module):
         return {name: getattr(self, name) for name in self._names}
 
     @property
-    def proposes_results(self) -> bool:
+    def has_result_ranker(self) -> bool:
         """Whether there is an encoder with a ranker of results; that of other books has none."""
         return self.has_encoder and bool(self.results_second.any())
 

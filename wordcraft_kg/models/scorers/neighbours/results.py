@@ -95,7 +95,7 @@ def results_of(
     """
     lists = knowledge.lists(model)
     nothing = knowledge.num_entities
-    has_ranker = knowledge.proposes_results
+    has_ranker = knowledge.has_result_ranker
     encoder = knowledge.encoder(model) if has_ranker else None
     proposed = propose_results(lists, encoder, a, b, number).to(a.device)
     ids = proposed.masked_fill(proposed < 0, nothing)

@@ -7,6 +7,7 @@ network .450 and .769.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -76,7 +77,7 @@ def fit_committee(
     """Fit networks that score right candidates above competing ones, and return their mean.
 
     The loss of a query is ``-log Σ_right softmax(scores)``, minimised by AdamW with one cycle of
-    the step size. All networks see the queries in the same order.
+    the step size. All networks see the queries in the same order, and do not meet.
 
     Args:
         examples: queries with a right candidate each.
@@ -110,23 +111,13 @@ def fit_committee(
     )
     for _ in range(epochs):
         for place in torch.randperm(len(batches), generator=generator).tolist():
-            features_of_pairs, pairs, is_right = batches[place]
-            # A product for each network takes half the time of one for all: its units fit into
-            # the processor's cache.
-            known = torch.stack([network(features_of_pairs) for network in networks])
-            empty = torch.full((members, is_right.numel()), -torch.inf)
-            scores = empty.index_copy(1, pairs, known).view(members, *is_right.shape)
-            of_right = scores.log_softmax(-1).masked_fill(~is_right, -torch.inf)
-            # The networks do not meet: the gradient of a sum is each network's own.
-            loss = -of_right.logsumexp(-1).mean(1).sum()
-            optimizer.zero_grad()
-            loss.backward()
+            _set_gradients(networks, batches[place])
             optimizer.step()
             cycle.step()
     # Standardise the weights instead of the features: far fewer numbers when the ranker is used.
-    first = torch.cat([network.first.detach() for network in networks], dim=1) / scale[:, None]
-    first_bias = torch.cat([network.first_bias.detach() for network in networks])
-    second = torch.cat([network.second.detach() for network in networks])
+    first = torch.cat([network.first for network in networks], dim=1) / scale[:, None]
+    first_bias = torch.cat([network.first_bias for network in networks])
+    second = torch.cat([network.second for network in networks])
     return Ranker(first, first_bias - mean @ first, second / members, torch.zeros(()))
 
 
@@ -152,9 +143,9 @@ class _Network(NamedTuple):
             _drawn(HIDDEN, fan=HIDDEN, generator=generator),
         )
 
-    def __call__(self, features: Tensor) -> Tensor:
-        """Return scores, shape (n,), of features, shape (n, F)."""
-        return torch.addmm(self.first_bias, features, self.first).relu() @ self.second
+    def hidden(self, features: Tensor) -> Tensor:
+        """Return the hidden units, shape (n, H), for features, shape (n, F)."""
+        return torch.addmm(self.first_bias, features, self.first).relu_()
 
 
 class _Batch(NamedTuple):
@@ -177,17 +168,53 @@ class _Batch(NamedTuple):
         return cls(features, queries.competes.view(-1).nonzero()[:, 0], queries.is_right)
 
 
+def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
+    """Set the gradients of the mean loss of a batch, network by network.
+
+    With a query's softmax p over its candidates and q over the right ones alone, the loss
+    ``-log Σ_right p`` has the derivative ``p - q`` by the scores. The rest is the chain rule of a
+    network with one hidden layer, written out: it takes three quarters of the time of automatic
+    differentiation, which keeps more numbers than it needs.
+
+    Args:
+        networks: their ``grad`` is overwritten.
+        batch: the queries.
+    """
+    units = []
+    shape = batch.is_right.shape
+    scores = torch.full((len(networks), shape.numel()), -torch.inf)
+    # A product for each network takes half the time of one for all: its units fit into the
+    # processor's cache.
+    for row, network in zip(scores, networks, strict=True):
+        hidden = network.hidden(batch.features)
+        row[batch.places] = hidden @ network.second
+        units.append(hidden)
+    scores = scores.view(-1, *shape)
+    among_all = scores.softmax(-1)
+    among_right = scores.masked_fill(~batch.is_right, -torch.inf).softmax(-1)
+    by_score = (among_all - among_right) / shape[0]
+    # Candidates that do not compete have no row among the features.
+    by_score = by_score.flatten(1)[:, batch.places]
+    for network, hidden, error in zip(networks, units, by_score, strict=True):
+        network.second.grad = hidden.T @ error
+        # The derivative of relu is 1 for positive units and 0 for the others: their sign.
+        by_unit = hidden.sign_().mul_(error[:, None])
+        network.first.grad = (batch.features.T @ by_unit) * network.second
+        network.first_bias.grad = by_unit.sum(0) * network.second
+
+
 def _moments(examples: Examples) -> tuple[Tensor, Tensor]:
     """Return means and deviations of features, (F,) each; a constant has an infinite deviation."""
-    known = examples.features[examples.competes]
-    deviation = known.std(0)
-    span = known.amax(0) - known.amin(0)
+    # A row for each feature: along its numbers, sums and extremes take a tenth of the time.
+    known = examples.features[examples.competes].T.contiguous()
+    deviation = known.std(1)
+    span = known.amax(1) - known.amin(1)
     # A rare feature may differ in so few pairs that its deviation is rounding: its span serves.
     scale = torch.where(deviation > _SMALL, deviation, span)
-    return known.mean(0), scale.masked_fill(span <= _SMALL, torch.inf)
+    return known.mean(1), scale.masked_fill(span <= _SMALL, torch.inf)
 
 
 def _drawn(*shape: int, fan: int, generator: torch.Generator) -> Tensor:
     """Draw initial weights, uniform up to ``1 / √fan``."""
     weights = torch.rand(*shape, generator=generator) * 2 - 1
-    return (weights / math.sqrt(fan)).requires_grad_()
+    return weights / math.sqrt(fan)

@@ -26,6 +26,9 @@ from wordcraft_kg.models.scorers.calibration import (
     SEGMENTS,
     Curve,
     Probabilities,
+    Seen,
+    _covered,
+    _temperature,
     fit_curve,
     known_share,
     predictions,
@@ -254,3 +257,13 @@ def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path):
     best = loss(temperature)
     assert best < min(loss(temperature * 0.9), loss(temperature * 1.1))
     assert sum(part.right.sum() for part in seen) >= 3
+
+
+def test_a_book_whose_results_nobody_proposes_has_shares_of_zero():
+    nothing = np.zeros((2, 2, 1))
+    scores = np.array([[2.0, 1.0, -np.inf], [0.5, 0.0, -1.0]])
+    none_right = np.zeros((2, 3), dtype=bool)
+    seen = [Seen(nothing, nothing, scores, none_right, None, proposed=True)]
+    assert _covered(seen) == 0
+    # Without a temperature the model would refuse to list results at all.
+    assert _temperature(seen) == 1

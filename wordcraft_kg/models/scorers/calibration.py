@@ -510,7 +510,9 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
         # A pair whose result nobody proposes says nothing about the proposed ones.
         has_right = right.any(axis=1)
         if not has_right.any():
-            return None
+            # In a book whose results nothing foretells, the share of covered pairs is 0, and so is
+            # each probability, at any temperature.
+            return 1.0
         scores = scores[has_right]
         right = right[has_right]
 

@@ -577,7 +577,8 @@ def play_runs(
 
 
 def summarise_curves(
-    curves: "pd.DataFrame", marks: Sequence[int] = (*MARKS, *LATER_MARKS)
+    curves: "pd.DataFrame",
+    marks: Sequence[int] = (*MARKS, *LATER_MARKS),
 ) -> "pd.DataFrame":
     """Average the number of known entities over runs, after some numbers of attempts.
 

@@ -135,7 +135,11 @@ class Evaluator:
     """Plays all tasks in a world, or an evenly spaced sample, on fixed starting tables."""
 
     def __init__(
-        self, world: World, *, distractor_seeds: int | None = None, limit: int | None = MOST_TASKS
+        self,
+        world: World,
+        *,
+        distractor_seeds: int | None = None,
+        limit: int | None = MOST_TASKS,
     ):
         """Create an environment for each of at most ``limit`` tasks.
 

@@ -147,7 +147,10 @@ def _pairs_to_goal(states: States, results: _Results, number: int, nothing: int)
 
 
 def _right_pairs(
-    goal: int, table: Sequence[int], results: _Results, number: int
+    goal: int,
+    table: Sequence[int],
+    results: _Results,
+    number: int,
 ) -> set[tuple[int, int]]:
     """Return the pairs, smaller id first, after which the goal can be made in time."""
     distinct = sorted(set(table))

@@ -252,7 +252,9 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         self.facts["inputs"] = inputs
 
     def begin(  # noqa: D102 - inherited
-        self, run: RunFolder[AgentProgress], report: Progress | None
+        self,
+        run: RunFolder[AgentProgress],
+        report: Progress | None,
     ) -> dict[str, Any]:
         write_constants(run.path, self.policy)
         return {"files": INPUTS, **self.facts}

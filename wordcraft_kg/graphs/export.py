@@ -61,7 +61,12 @@ class Exporter:
 
 @stage("writing the export")
 def export_graph(
-    opened: OpenedGraph, format: str, out: Path, *, part: ExportPart = "full", force: bool = False
+    opened: OpenedGraph,
+    format: str,
+    out: Path,
+    *,
+    part: ExportPart = "full",
+    force: bool = False,
 ) -> None:
     """Write a graph in one of the formats of :data:`EXPORTERS`, complete or not at all.
 

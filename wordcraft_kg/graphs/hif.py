@@ -227,7 +227,9 @@ def _check_directed(document: Mapping[str, Any], where: str) -> None:
 
 
 def _objects(
-    document: Mapping[str, Any], name: str, where: str
+    document: Mapping[str, Any],
+    name: str,
+    where: str,
 ) -> Iterator[tuple[dict[str, Any], str]]:
     """Yield the objects in a list of the document, with their places."""
     values = document.get(name, [])

@@ -80,7 +80,11 @@ class WorldStatistics(Record):
 
 
 def cut_world(
-    book: RecipeBook, seed: int, way: str | None = None, *, sizes: tuple[int, int] = SIZES
+    book: RecipeBook,
+    seed: int,
+    way: str | None = None,
+    *,
+    sizes: tuple[int, int] = SIZES,
 ) -> RecipeBook:
     """Cut a world out of a book: all its recipes among some entities, all reachable from a base.
 

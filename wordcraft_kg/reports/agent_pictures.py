@@ -42,7 +42,9 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
     for number, (agent, parts) in enumerate(curves.items()):
         for part, points in parts.items():
             name = f"{agent}, {part}"
-            series[name] = [(at.step, at.success, at.low, at.high) for at in points]
+            series[name] = []
+            for point in points:
+                series[name].append((point.step, point.success, point.low, point.high))
             # Both curves of an agent share a colour, so the distance between them is easy to see.
             colours[name] = number
             if part == "train":
@@ -120,7 +122,9 @@ def pictures_of_metrics(
 
 
 def contribution_bar(
-    contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]
+    contributions: Mapping[str, float],
+    scale: float,
+    colours: Mapping[str, int],
 ) -> Markup:
     """Draw terms of a sum as a bar.
 
@@ -139,7 +143,8 @@ def contribution_bar(
     # The next term of each sign begins where the last one ended, at first in the middle.
     right = half
     last_left = half
-    parts = [f'<svg class="bar" viewBox="0 0 {2 * half:g} {height}" aria-hidden="true">']
+    box = f"0 0 {2 * half:g} {height}"
+    parts = [f'<svg class="bar" viewBox="{box}" aria-hidden="true">']
     for name, value in contributions.items():
         # A scale of 0 means that all terms are 0.
         share = min(abs(value) / scale, 1) if scale else 0.0
@@ -150,12 +155,11 @@ def contribution_bar(
         else:
             last_left -= width
             left = last_left
+        place = f'x="{left:.1f}" y="1"'
+        size = f'width="{width:.1f}" height="{height - 2}"'
+        style = f"series-{colours[name]}"
         title = f"{for_html(name)}: {value:.2f}"
-        parts.append(
-            f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}"'
-            f' class="series-{colours[name]}">'
-            f"<title>{title}</title></rect>"
-        )
+        parts.append(f'<rect {place} {size} class="{style}"><title>{title}</title></rect>')
     # The middle, drawn last and so above the terms.
     parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/>')
     parts.append("</svg>")
@@ -177,8 +181,11 @@ def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
         sides.append(sum(-value for value in values if value <= 0))
     scale = max(sides)
     colours = source_colours()
-    by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
-    return [(slot, contribution_bar(slot.contributions, scale, colours)) for slot in by_logit]
+    rows = []
+    for slot in sorted(step.slots, key=lambda slot: slot.logit, reverse=True):
+        bar = contribution_bar(slot.contributions, scale, colours)
+        rows.append((slot, bar))
+    return rows
 
 
 ACTIONS: dict[str, Any] = {

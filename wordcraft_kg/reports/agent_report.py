@@ -68,10 +68,13 @@ def _success(view: AgentsView) -> Markup:
         if success:
             low, high = success.widest_ci
             rows.append((agent.name, (success.mean, low, high)))
-    # The first agent's success is the line that all others are compared with.
-    reference = rows[0][1][0] if rows else None
+    reference = None
+    if rows:
+        # The first agent's success is the line that all others are compared with.
+        _, (reference, _, _) = rows[0]
     for player in view.baselines:
-        rows.append((player.name, (player.success[headline], None, None)))
+        success_of_player = player.success[headline]
+        rows.append((player.name, (success_of_player, None, None)))
     return charts.intervals(
         rows,
         f"success on {view.part} tasks, with 95 % intervals",

@@ -40,11 +40,8 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
     # People come last, so that the players have the colours of the other charts.
     drawn = (*view.players, _PEOPLE)
     colours = {name: number for number, name in enumerate(drawn)}
-    known: dict[str, list[charts.CurvePoint]] = {}
-    repeated: dict[str, list[charts.CurvePoint]] = {}
-    for name in view.players:
-        known[name] = []
-        repeated[name] = []
+    known: dict[str, list[charts.CurvePoint]] = {name: [] for name in drawn}
+    repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     names = ("player", "attempt", "mean", "low", "high", "repeated")
     columns = [table[name].tolist() for name in names]
     for player, attempt, mean, low, high, share in zip(*columns, strict=True):
@@ -52,11 +49,9 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
         bounds = (low, high) if low < high else (None, None)
         known[player].append((attempt, mean, *bounds))
         repeated[player].append((attempt, share, None, None))
-    known[_PEOPLE] = [
-        (attempt, mean, None, None)
-        for attempt, mean in HUMAN_CURVE.items()
-        if attempt <= view.attempts
-    ]
+    for attempt, mean in HUMAN_CURVE.items():
+        if attempt <= view.attempts:
+            known[_PEOPLE].append((attempt, mean, None, None))
     # Players that never repeat a pair are named in the text: their curves would all lie at 0.
     repeats = {}
     for name, points in repeated.items():
@@ -73,9 +68,12 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
         )
     best = best_player(view)
     if best is not None and view.reachable <= MOST_MAPPED:
-        number = plays.players.index(best)
-        pictures["found"] = discovery_map(graph, view, plays.learnt[number], best, colours[best])
-    reasons = [each for each in view.tried if each.made or each.attempt <= MOST_REASONS]
+        learnt = plays.learnt[plays.players.index(best)]
+        pictures["found"] = discovery_map(graph, view, learnt, best, colours[best])
+    reasons = []
+    for tried in view.tried:
+        if tried.made or tried.attempt <= MOST_REASONS:
+            reasons.append(tried)
     return render_page(
         "discovery_report.html.j2",
         report=view,
@@ -90,9 +88,10 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
 def best_player(view: DiscoveryView) -> str | None:
     """Return the player with the most entities at the end, oracles apart; None without any."""
     last = str(view.marks[-1])
-    means = {
-        name: figures[last].mean for name, figures in view.players.items() if name not in ORACLES
-    }
+    means = {}
+    for name, results in view.players.items():
+        if name not in ORACLES:
+            means[name] = results[last].mean
     return max(means, key=lambda name: means[name], default=None)
 
 
@@ -119,8 +118,9 @@ def discovery_map(
         known = attempts[attempts != NEVER]
         share = len(known) / len(attempts)
         attempt = float(np.median(known)) if len(known) else None
-        found = charts.Found(graph.entities[entity], int(layer[entity]), attempt, share)
-        entities.append(found)
+        label = graph.entities[entity]
+        crafting_round = int(layer[entity])
+        entities.append(charts.Found(label, crafting_round, attempt, share))
     about = f"Entities that {player} discovered, by crafting round; early ones in strong colour"
     return charts.found_map(entities, view.attempts, number, about)
 
@@ -133,12 +133,14 @@ def worlds_page(view: WorldsView, worlds: Sequence[PlayedWorld]) -> str:
         worlds: the runs that they summarise, for the curves of each world.
     """
     colours = {name: number for number, name in enumerate(view.players)}
-    known = {
-        name: [(int(point), each.mean, each.low, each.high) for point, each in player.curve.items()]
-        for name, player in view.players.items()
-    }
+    known: dict[str, list[charts.CurvePoint]] = {}
+    for name, player in view.players.items():
+        known[name] = []
+        for attempt, value in player.curve.items():
+            known[name].append((int(attempt), *_bounds(value)))
     about = "Mean number of entities known after each attempt, over all worlds"
-    pictures = {"known": charts.curves(known, "attempts", "entities known", about, colours=colours)}
+    picture = charts.curves(known, "attempts", "entities known", about, colours=colours)
+    pictures = {"known": picture}
     areas = []
     passed = []
     for name, player in view.players.items():
@@ -150,16 +152,21 @@ def worlds_page(view: WorldsView, worlds: Sequence[PlayedWorld]) -> str:
     if passed:
         about = "Share of the runs that learn the main bottleneck of their world"
         pictures["passed"] = charts.intervals(passed, "runs", about, percent=True)
-    by_world = [
-        (world.name, _world_curves(played, world.name, colours))
-        for world, played in zip(view.worlds, worlds, strict=True)
-    ]
+    by_world = []
+    for world, played in zip(view.worlds, worlds, strict=True):
+        curves = _world_curves(played, world.name, colours)
+        by_world.append((world.name, curves))
     return render_page(
-        "worlds_report.html.j2", report=view, pictures=pictures, by_world=by_world, oracles=ORACLES
+        "worlds_report.html.j2",
+        report=view,
+        pictures=pictures,
+        by_world=by_world,
+        oracles=ORACLES,
     )
 
 
 def _bounds(value: Estimated) -> charts.Estimate:
+    """Return a value with its bounds, as charts take it."""
     return value.mean, value.low, value.high
 
 
@@ -167,10 +174,16 @@ def _world_curves(played: PlayedWorld, name: str, colours: Mapping[str, int]) ->
     """Draw the mean curves of one world, of each player over runs and fits."""
     series: dict[str, list[charts.CurvePoint]] = {}
     for player in played.fits[0].players:
-        runs = [plays.known[plays.players.index(player)] for plays in played.fits_of(player)]
+        runs = []
+        for plays in played.fits_of(player):
+            number = plays.players.index(player)
+            runs.append(plays.known[number])
         mean = np.concatenate(runs).mean(axis=0)
         # A curve of 40 steps is smooth, and twenty worlds fit on a page.
-        points = np.unique(np.linspace(0, len(mean) - 1, 41).round().astype(int))
-        series[player] = [(point, float(mean[point]), None, None) for point in points.tolist()]
+        last = len(mean) - 1
+        steps = np.linspace(0, last, 41).round()
+        # Short runs have fewer attempts than steps.
+        attempts = np.unique(steps.astype(int)).tolist()
+        series[player] = [(attempt, float(mean[attempt]), None, None) for attempt in attempts]
     about = f"Mean number of entities known after each attempt in {name}"
     return charts.curves(series, "attempts", "entities known", about, colours=colours)

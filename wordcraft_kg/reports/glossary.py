@@ -39,7 +39,8 @@ _TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(_FILE.read_text("utf-8")
 # Score sources define their own words, so that a term and a column never differ.
 GLOSSARY = {label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())}
 for _topic, _terms in _TERMS.items():
-    GLOSSARY |= {key: Term(_topic, *term) for key, term in _terms.items()}
+    for _key, _words in _terms.items():
+        GLOSSARY[_key] = Term(_topic, *_words)
 
 
 def find_term(key: str) -> Term:

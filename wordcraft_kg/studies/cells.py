@@ -85,7 +85,9 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
 
 
 def read_cell(
-    task: Task, store: CellFiles, played: PlayedTasks | None = None
+    task: Task,
+    store: CellFiles,
+    played: PlayedTasks | None = None,
 ) -> TaskMetrics | None:
     """Return a task's results from its cell, and warn of a cell that does not count.
 

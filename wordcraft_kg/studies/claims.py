@@ -125,7 +125,8 @@ class ClaimVerdict(Record, frozen=True):
 
 
 def view_claims(
-    results: StudyResults, claims: Iterable[Claim] | None = None
+    results: StudyResults,
+    claims: Iterable[Claim] | None = None,
 ) -> tuple[ClaimVerdict, ...]:
     """Return verdicts on claims (default: the study's), one for each grid point of each claim."""
     verdicts: list[ClaimVerdict] = []
@@ -161,7 +162,10 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
 
 
 def _verdict(
-    claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]
+    claim: Claim,
+    verdict: Verdict,
+    why: str,
+    measured: tuple[Measured, ...],
 ) -> ClaimVerdict:
     # With two seeds, Student's t has one degree of freedom: such a verdict may turn with the third
     # seed.
@@ -250,7 +254,10 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
 
 
 def _check_runs(
-    results: StudyResults, claim: Claim, point: Values, runs: Sequence[RunResult]
+    results: StudyResults,
+    claim: Claim,
+    point: Values,
+    runs: Sequence[RunResult],
 ) -> None:
     names = f"'{claim.left}' and '{claim.right}'"
     if not runs:
@@ -292,7 +299,10 @@ def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
 
 
 def _interval(
-    claim: Claim, left: Scores, right: Scores, groups: Groups
+    claim: Claim,
+    left: Scores,
+    right: Scores,
+    groups: Groups,
 ) -> tuple[float, float] | tuple[None, None]:
     # An interval over tasks alone would be about two trainings, but the claim is about agents.
     if len(left) == 1:

@@ -51,7 +51,11 @@ class PlayedTasks:
         return self._groups[key]
 
     def check(
-        self, figures: RunMetrics, address: str, settings: Mapping[str, Any], where: Path | str
+        self,
+        figures: RunMetrics,
+        address: str,
+        settings: Mapping[str, Any],
+        where: Path | str,
     ) -> None:
         """Raise ArtefactError if an agent's results are of another graph, split or set of tasks.
 

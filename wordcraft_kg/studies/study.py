@@ -211,7 +211,11 @@ def parse_study(text: str, source: str) -> Study:
 
 
 def adapted(
-    study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None
+    study: Study,
+    *,
+    book: str | None = None,
+    steps: int | None = None,
+    seeds: int | None = None,
 ) -> Study:
     """Return a study with another book, steps or seeds.
 

@@ -121,7 +121,10 @@ class PointMetrics(Record):
 
 
 def metrics_of(
-    results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]
+    results: StudyResults,
+    variant: str,
+    members: list[RunResult],
+    base: list[RunResult],
 ) -> VariantMetrics:
     """Summarise the runs of a variant at a grid point, and compare them with the reference.
 
@@ -170,7 +173,9 @@ def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
 
 
 def _comparison(
-    results: StudyResults, members: list[RunResult], base: list[RunResult]
+    results: StudyResults,
+    members: list[RunResult],
+    base: list[RunResult],
 ) -> VariantComparison | None:
     by_seed = {run.seed: run for run in base}
     paired = [run for run in members if run.seed in by_seed]
@@ -207,7 +212,8 @@ def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
 
 
 def _reached(
-    members: list[RunResult], base: list[RunResult]
+    members: list[RunResult],
+    base: list[RunResult],
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
     """Return the steps to the reference's final success, and their interval.
 
@@ -307,7 +313,9 @@ class ScorerScatter(Record):
 
 
 def scatters_of(
-    results: StudyResults, points: Sequence[PointMetrics], reference: str
+    results: StudyResults,
+    points: Sequence[PointMetrics],
+    reference: str,
 ) -> Iterator[ScorerScatter]:
     """Yield a plot for each combination of settings other than the scorer's.
 
@@ -379,7 +387,9 @@ def _scatter_point(point: PointMetrics, at: VariantMetrics) -> ScatterPoint:
 
 
 def _correlation(
-    x: Sequence[float], y: Sequence[float], kind: Literal["pearson", "spearman"]
+    x: Sequence[float],
+    y: Sequence[float],
+    kind: Literal["pearson", "spearman"],
 ) -> Correlation | None:
     estimate = correlation(x, y, kind)
     return Correlation(*estimate) if estimate else None

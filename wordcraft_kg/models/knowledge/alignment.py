@@ -17,7 +17,7 @@ Source: Banerjee and Pedersen 2003, "Extended gloss overlaps", for the texts; th
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,23 +99,27 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
             priors.append(count + 1 / (1 + place))
     if rows:
         owner, sense = np.array(rows).T
-        prior = np.array(priors)
+        log_prior = np.log(priors)
         if network.glosses:
-            neighbours = _neighbours(recipes, spelled)
-            chances = _sense_chances(network, owner, sense, prior, neighbours)
+            is_whole = [method != "head word" for method in methods]
+            neighbours = _neighbours(recipes, is_whole)
+            chances = _sense_chances(network, owner, sense, log_prior, neighbours)
         else:
             # Without texts, nothing speaks for a sense but its frequency.
-            chances = _shares(np.log(prior), owner)
+            chances = _softmax(log_prior, owner)
         # Sorted by chance, so the likeliest sense of an entity is the last one written.
-        for row in np.lexsort((chances, owner)):
-            nodes[owner[row]] = sense[row]
-            confidences[owner[row]] = chances[row]
-    of_methods = np.array([METHODS.get(method, 0.0) for method in methods])
+        order = np.lexsort((chances, owner))
+        nodes[owner[order]] = sense[order]
+        confidences[owner[order]] = chances[order]
+    of_methods = [METHODS.get(method, 0.0) for method in methods]
     return Alignment(nodes, methods, confidences * of_methods)
 
 
 def with_overrides(
-    alignment: Alignment, network: Network, entities: Sequence[str], overrides: Mapping[str, str]
+    alignment: Alignment,
+    network: Network,
+    entities: Sequence[str],
+    overrides: Mapping[str, str],
 ) -> Alignment:
     """Replace the nodes of some labels by nodes that the user names.
 
@@ -143,8 +147,8 @@ def with_overrides(
                 f"graph.{nearest(label, entities)} Expected a label as in the first column of "
                 "alignment.tsv."
             )
-        plain_name = name.removeprefix(f"{network.prefix}:")
-        node = numbers.get(plain_name, -1)
+        bare_name = name.removeprefix(f"{network.prefix}:")
+        node = numbers.get(bare_name, -1)
         if name and node < 0:
             raise KnowledgeFileError(
                 f"{network.source} has no node '{name}' (for '{label}'). Expected a node as in "
@@ -172,10 +176,11 @@ def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str
     """Return the method and the network's spelling for a label, or ``none`` and ""."""
     text = plain(label).rstrip("!?. ")
     short = text.replace(" ", "")
+    base_forms = list(network.singulars(text))
     # The first form that the network has decides, so the surest methods come first.
-    forms = {
+    forms: dict[str, Iterable[str]] = {
         "exact": [text],
-        "lemma": [*network.singulars(text), joined.get(short, ""), short],
+        "lemma": [*base_forms, joined.get(short, ""), short],
         "head word": _heads(text, network),
     }
     for method, texts in forms.items():
@@ -203,18 +208,22 @@ def _heads(text: str, network: Network) -> Iterator[str]:
         # Closed compounds: the first part has to be a word, too.
         last = len(text) - _SHORTEST
         for cut in range(_SHORTEST, last + 1):
+            first_part = text[:cut]
             head = text[cut:]
-            if text[:cut] in network.spellings:
+            if first_part in network.spellings:
                 yield head
                 yield from network.singulars(head)
 
 
-def _neighbours(recipes: Ids, spelled: Sequence[tuple[str, str]]) -> sparse.csr_array:
+def _neighbours(recipes: Ids, is_whole: Sequence[bool]) -> sparse.csr_array:
     """Return weights of means over neighbours (entities with a shared recipe), shape (E, E).
 
-    Entities aligned by a head word do not count: it says nothing about the sense.
+    Args:
+        recipes: ids, shape (n, 3).
+        is_whole: for each entity, whether its whole label was aligned. The others do not count as
+            neighbours: a head word says nothing about the sense.
     """
-    size = len(spelled)
+    size = len(is_whole)
     a, b, result = recipes.T
     # The three pairs of a recipe's entities.
     rows = np.concatenate([a, a, b])
@@ -222,11 +231,12 @@ def _neighbours(recipes: Ids, spelled: Sequence[tuple[str, str]]) -> sparse.csr_
     cells = (rows, columns)
     ones = np.ones(len(rows))
     links = sparse.csr_array((ones, cells), shape=(size, size))
+    both_ways = links + links.T
     # Each neighbour counts once, however many recipes are shared.
-    links = ((links + links.T) > 0).astype(float)
+    links = (both_ways > 0).astype(float)
     links.setdiag(0)
-    is_whole = [float(method != "head word") for method, _ in spelled]
-    links = links @ sparse.diags_array(is_whole)
+    weights = np.array(is_whole, dtype=float)
+    links = links @ sparse.diags_array(weights)
     links.eliminate_zeros()
     # An entity without neighbours has a row of zeros, and not 0 / 0.
     numbers = np.maximum(links.sum(1), 1)
@@ -237,7 +247,7 @@ def _sense_chances(
     network: Network,
     owner: Ids,
     senses: Ids,
-    prior: NDArray[np.float64],
+    log_prior: NDArray[np.float64],
     neighbours: sparse.csr_array,
 ) -> NDArray[np.float64]:
     """Return the probability of each sense among the senses of its entity, shape (S,).
@@ -247,25 +257,26 @@ def _sense_chances(
     """
     texts = sense_texts(network, senses)
     fields = np.array(network.fields)[senses]
-    log_prior = np.log(prior)
-    chances = _shares(log_prior, owner)
-    every = np.arange(len(owner))
+    # One is added to each field, so that none has probability 0.
+    in_all = 1 + np.bincount(fields)
+    chances = _softmax(log_prior, owner)
+    cells = (owner, np.arange(len(owner)))
     shape = (neighbours.shape[0], len(owner))
     for _ in range(_ROUNDS):
         # An entity's text is the mean over its senses, (E, V); its context the mean over
         # neighbours.
-        weights = sparse.csr_array((chances, (owner, every)), shape=shape)
+        weights = sparse.csr_array((chances, cells), shape=shape)
         entity_texts = weights @ texts
         contexts = _units(neighbours @ entity_texts)
-        overlap = texts.multiply(contexts[owner]).sum(1)
-        # One is added to each field, so that none has probability 0.
+        # Both are unit vectors, so the sum of products is the cosine.
+        products = texts.multiply(contexts[owner])
+        cosines = products.sum(1)
         in_book = 1 + np.bincount(fields, chances)
-        in_all = 1 + np.bincount(fields)
         # A field's share in the book over its share among all senses.
         ratio = in_book / in_book.sum() * in_all.sum() / in_all
-        field = np.log(ratio)
-        logs = log_prior + _CONTEXT * overlap + _FIELD * field[fields]
-        chances = _shares(logs, owner)
+        log_ratio = np.log(ratio)
+        logs = log_prior + _CONTEXT * cosines + _FIELD * log_ratio[fields]
+        chances = _softmax(logs, owner)
     return chances
 
 
@@ -283,14 +294,16 @@ def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_a
     """
     words = network.word_counts
     size = len(network.nodes)
-    links = (network.links() != 0).astype(float)
+    is_linked = network.links() != 0
+    links = is_linked.astype(float)
     number = len(senses)
     cells = (np.arange(number), senses)
     ones = np.ones(number)
     # A row for each sense, with a 1 at its node.
     own = sparse.csr_array((ones, cells), shape=(number, size))
     near = own @ (links + links.T)
-    texts = (2 * own + near) @ words
+    weights = 2 * own + near
+    texts = weights @ words
     # Logarithms: the second occurrence of a word says less than the first.
     texts.data = np.log1p(texts.data)
     # The matrix has a cell for each word in a node's text, so cells in a column count its
@@ -301,11 +314,11 @@ def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_a
     return _units(texts)
 
 
-def _shares(logs: NDArray[np.float64], owner: Ids) -> NDArray[np.float64]:
+def _softmax(logs: NDArray[np.float64], owner: Ids) -> NDArray[np.float64]:
     """Return the softmax over the rows of each owner, shape (S,)."""
+    num_owners = owner.max() + 1
     # Without the maximum first, exp would overflow.
-    owners = owner.max() + 1
-    highest = np.full(owners, -np.inf)
+    highest = np.full(num_owners, -np.inf)
     np.maximum.at(highest, owner, logs)
     values = np.exp(logs - highest[owner])
     sums = np.bincount(owner, values)
@@ -314,7 +327,8 @@ def _shares(logs: NDArray[np.float64], owner: Ids) -> NDArray[np.float64]:
 
 def _units(matrix: sparse.csr_array) -> sparse.csr_array:
     """Scale rows to length 1; zero rows stay zero."""
-    lengths = np.sqrt(matrix.multiply(matrix).sum(1))
+    squares = matrix.multiply(matrix)
+    lengths = np.sqrt(squares.sum(1))
     return _scaled(matrix, 1 / np.maximum(lengths, 1e-12))
 
 

@@ -82,23 +82,25 @@ class KnowledgeTables:
         """Return the tables for other labels or another order; missing labels have zeros."""
         if tuple(entities) == self.record.entities:
             return self
-        place = {label: row for row, label in enumerate(self.record.entities)}
-        # Rows here, and the same labels' rows in the record.
-        known = [row for row, label in enumerate(entities) if label in place]
-        rows = torch.tensor(known, dtype=torch.int64)
-        sources = torch.tensor([place[entities[row]] for row in known])
+        row_of = {label: row for row, label in enumerate(self.record.entities)}
+        # Rows of the new tables, and the same labels' rows in the record.
+        new_rows = []
+        old_rows = []
+        for row, label in enumerate(entities):
+            if label in row_of:
+                new_rows.append(row)
+                old_rows.append(row_of[label])
+        to = torch.tensor(new_rows, dtype=torch.int64)
+        source = torch.tensor(old_rows, dtype=torch.int64)
         size = len(entities)
-
-        def moved(table: Tensor) -> Tensor:
-            result = torch.zeros(size, size, dtype=torch.half)
-            if known:
-                # A column of rows and a row of columns: all pairs of known labels.
-                cells = table[sources[:, None], sources]
-                result[rows[:, None], rows] = cells
-            return result
-
+        tables = []
+        for table in self.tables:
+            moved = torch.zeros(size, size, dtype=torch.half)
+            # A column of rows and a row of columns: all pairs of known labels.
+            moved[to[:, None], to] = table[source[:, None], source]
+            tables.append(moved)
         record = msgspec.structs.replace(self.record, entities=tuple(entities))
-        return KnowledgeTables(record, tuple(map(moved, self.tables)))
+        return KnowledgeTables(record, tuple(tables))
 
     def coverage(self, entities: Sequence[str]) -> float:
         """Return the share of labels that the source describes: labels with a cell other than 0."""
@@ -108,8 +110,8 @@ class KnowledgeTables:
             # By column and by row: an entity may be a result only, or an ingredient only.
             is_known |= has_value.any(0) | has_value.any(1)
         known = set(compress(self.record.entities, is_known.tolist()))
-        described = sum(label in known for label in entities)
-        return described / max(len(entities), 1)
+        num_described = sum(label in known for label in entities)
+        return num_described / max(len(entities), 1)
 
 
 def write_knowledge(
@@ -163,13 +165,15 @@ def read_knowledge(folder: str | Path) -> KnowledgeTables:
     tensors = files.tensors(TABLES)
     size = len(record.entities)
     names = [info.name for info in record.tables]
-    has_shape = all(tensor.shape == (size, size) for tensor in tensors.values())
+    shape = (size, size)
+    has_shape = all(tensor.shape == shape for tensor in tensors.values())
     if set(names) != set(tensors) or not has_shape:
         raise ArtefactError(
             f"{files.folder / TABLES} does not hold the tables in {KNOWLEDGE}, with {size} rows "
             "and columns. Make the folder again."
         )
-    return KnowledgeTables(record, tuple(tensors[name].half() for name in names))
+    tables = tuple(tensors[name].half() for name in names)
+    return KnowledgeTables(record, tables)
 
 
 def knowledge_files(folder: str | Path) -> RunFiles:

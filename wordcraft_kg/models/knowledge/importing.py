@@ -25,7 +25,7 @@ from wordcraft_kg.models.knowledge.folder import (
 from wordcraft_kg.models.knowledge.network import Network
 from wordcraft_kg.models.knowledge.paths import hops, make_tables, with_descriptions
 from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
-from wordcraft_kg.models.knowledge.surroundings import Reach, Surroundings, Triple, reach_of
+from wordcraft_kg.models.knowledge.surroundings import Reach, Surroundings, reach_of
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 from wordcraft_kg.models.scorers.config import check_table
 
@@ -146,9 +146,11 @@ def import_knowledge(
         tables=tuple(info for info, _ in tables),
         triples=len(triples),
     )
-    # Half precision: the tables of all pairs are by far the largest files of a folder.
-    halves = tuple(torch.from_numpy(values).half() for _, values in tables)
-    knowledge = KnowledgeTables(record, halves)
+    halves = []
+    for _, values in tables:
+        # Half precision: the tables of all pairs are by far the largest files of a folder.
+        halves.append(torch.from_numpy(values).half())
+    knowledge = KnowledgeTables(record, tuple(halves))
     view = ImportedKnowledge(
         out=str(out),
         source=network.source,
@@ -168,7 +170,11 @@ def import_knowledge(
         ALIGNMENT: _table(_COLUMNS, _alignment_rows(network, alignment, entities)),
         "README.md": _card(view, opened, kind),
     }
-    inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **_hashes(path)}
+    inputs = {
+        "graph": opened.graph.hash,
+        "split": opened.split.hash,
+        **_hashes(path),
+    }
     if overrides is not None:
         inputs["overrides"] = sha256_of(overrides)
     write_knowledge(out, COMMAND, knowledge, inputs=inputs, files=files, force=force)
@@ -209,13 +215,16 @@ def coverage_of(alignment: Alignment) -> tuple[Coverage, ...]:
     methods = np.array(alignment.methods)
     coverage = []
     for method, count in Counter(alignment.methods).most_common():
-        confidence = float(alignment.confidences[methods == method].mean())
+        confidences = alignment.confidences[methods == method]
+        confidence = float(confidences.mean())
         coverage.append(Coverage(method=method, entities=count, confidence=confidence))
     return tuple(coverage)
 
 
 def _alignment_rows(
-    network: Network, alignment: Alignment, entities: Sequence[str]
+    network: Network,
+    alignment: Alignment,
+    entities: Sequence[str],
 ) -> list[Sequence[str]]:
     """Return the lines of ``alignment.tsv``, in columns."""
     rows = list[Sequence[str]]()
@@ -234,12 +243,14 @@ def _alignment_rows(
     return rows
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]] | Sequence[Triple]) -> str:
-    lines = ["\t".join(row) + "\n" for row in (header, *rows)]
-    return "".join(lines)
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a text with tabs between columns, and a line end after each row."""
+    lines = ["\t".join(row) for row in (header, *rows)]
+    return "\n".join([*lines, ""])
 
 
 def _hashes(path: Path) -> dict[str, str]:
+    """Return the hash of a file, or of each file in a folder, by name."""
     files = [path]
     if path.is_dir():
         files = sorted(one for one in path.iterdir() if one.is_file())
@@ -253,12 +264,15 @@ def describe(view: ImportedKnowledge) -> list[tuple[str, ...]]:
     """
     rows: list[tuple[str, ...]] = [("aligned by", "labels", "confidence")]
     for one in view.coverage:
-        rows.append((one.method, f"{one.entities:,}", f"{one.confidence:.2f}"))
+        labels = f"{one.entities:,}"
+        confidence = f"{one.confidence:.2f}"
+        rows.append((one.method, labels, confidence))
     # The title of the second half of the table.
     rows.append(("ingredients and result within", "train recipes", "random triples"))
     reach = zip(view.reach.recipes, view.reach.random, strict=True)
     for hop, (of_recipes, at_random) in enumerate(reach, 1):
-        rows.append((counted(hop, "hop"), f"{of_recipes:.1%}", f"{at_random:.1%}"))
+        distance = counted(hop, "hop")
+        rows.append((distance, f"{of_recipes:.1%}", f"{at_random:.1%}"))
     return rows
 
 
@@ -273,11 +287,13 @@ def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
     rows = "\n".join(table)
     graph = opened.graph.hash[:12]
     split = opened.split.hash[:12]
+    names = ", ".join(view.tables)
     return (
         f"# Knowledge from {view.source}\n\n"
         f"For graph `{graph}`, split `{split}`: "
         f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. "
-        f"{view.triples:,} triples, {view.facts:,} facts, tables {', '.join(view.tables)}. "
+        f"{view.triples:,} triples, {view.facts:,} facts, tables {names}. "
         "No validation or test recipe was read.\n\n"
-        f"{rows}\n\n{_LICENCES[kind]}\n"
+        f"{rows}\n\n"
+        f"{_LICENCES[kind]}\n"
     )

@@ -106,10 +106,13 @@ class Network:
         for node, definition in enumerate(self.definitions):
             words = Counter(definition)
             for name in self.lemmas[node]:
-                words.update(map(base_form, plain(name).split()))
+                words_of_name = plain(name).split()
+                words.update(map(base_form, words_of_name))
             for word, count in words.items():
+                # A new word gets the next column.
+                column = places.setdefault(word, len(places))
                 rows.append(node)
-                columns.append(places.setdefault(word, len(places)))
+                columns.append(column)
                 counts.append(count)
         shape = (len(self.nodes), len(places))
         return sparse.csr_array((counts, (rows, columns)), shape=shape, dtype=float)
@@ -146,15 +149,14 @@ class Network:
 
         Weights of several edges between two nodes add up. Without ``names``, all relations count.
         """
-        edges = self.edges
+        heads, relations, tails = self.edges.T
         weights = self.weights
         if names:
-            is_wanted = np.isin(edges[:, 1], self.ids_of(names))
-            edges = edges[is_wanted]
+            is_wanted = np.isin(relations, self.ids_of(names))
+            heads = heads[is_wanted]
+            tails = tails[is_wanted]
             weights = weights[is_wanted]
         size = len(self.nodes)
-        heads = edges[:, 0]
-        tails = edges[:, 2]
         return sparse.csr_array((weights, (heads, tails)), shape=(size, size))
 
 
@@ -164,7 +166,9 @@ def plain(text: str) -> str:
 
 
 def unique_edges(
-    edges: Ids, weights: NDArray[np.float64], sizes: tuple[int, int]
+    edges: Ids,
+    weights: NDArray[np.float64],
+    sizes: tuple[int, int],
 ) -> tuple[Ids, NDArray[np.float64]]:
     """Sort edges, merge repeated edges, and leave out loops.
 
@@ -176,16 +180,16 @@ def unique_edges(
     Returns:
         distinct edges and their weights.
     """
-    nodes, relations = sizes
-    is_link = edges[:, 0] != edges[:, 2]
-    head, relation, tail = edges[is_link].T
+    num_nodes, num_relations = sizes
+    is_loop = edges[:, 0] == edges[:, 2]
+    head, relation, tail = edges[~is_loop].T
     # One integer for each edge sorts faster than rows of three.
-    numbers = (head * relations + relation) * nodes + tail
-    keys, place = np.unique(numbers, return_inverse=True)
+    keys = (head * num_relations + relation) * num_nodes + tail
+    unique_keys, place = np.unique(keys, return_inverse=True)
     # Back from the integers: the tail is the last digit, the relation the one before.
-    rest, tails = np.divmod(keys, nodes)
-    heads, kinds = np.divmod(rest, relations)
-    # Without edges, bincount would count in integers.
-    sums = np.bincount(place, weights[is_link], minlength=len(keys))
-    merged = sums.astype(np.float64)
-    return np.column_stack([heads, kinds, tails]), merged
+    rest, tails = np.divmod(unique_keys, num_nodes)
+    heads, relations = np.divmod(rest, num_relations)
+    sums = np.bincount(place, weights[~is_loop], minlength=len(unique_keys))
+    distinct_edges = np.column_stack([heads, relations, tails])
+    # Without edges, bincount has counted in integers.
+    return distinct_edges, sums.astype(np.float64)

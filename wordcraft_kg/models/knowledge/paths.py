@@ -6,8 +6,9 @@ pairs of an entity with itself differ from all others, and would stand out for n
 source.
 """
 
+import operator
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,28 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
         alignment: the node of each entity.
         entities: labels in id order.
     """
-    phrases: dict[str, set[int]] = defaultdict(set)
+    phrases = _phrases(network, alignment, entities)
+    # Sorted, because sets have no order that is the same in every process.
+    mentions = sorted(_mentions(network.definitions, phrases))
+    rows = np.array(mentions, dtype=np.int64)
+    # Without mentions, the reshape makes two columns all the same.
+    edges = rows.reshape(-1, 2)
+    num_nodes = len(network.nodes)
+    tail = edges[:, 1]
+    counts = np.bincount(tail, minlength=num_nodes)
+    log_counts = np.log1p(counts)
+    commonness = log_counts[tail] / np.log1p(num_nodes)
+    weights = 1 - commonness
+    return network.with_edges(DESCRIBED_BY, edges, weights)
+
+
+def _phrases(
+    network: Network,
+    alignment: Alignment,
+    entities: Sequence[str],
+) -> dict[str, set[int]]:
+    """Return the entities' nodes by their names in base forms, with blanks between words."""
+    phrases = defaultdict[str, set[int]](set)
     for entity, node in enumerate(alignment.nodes.tolist()):
         if node < 0:
             continue
@@ -55,30 +77,31 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
         if alignment.methods[entity] != "head word":
             names.append(entities[entity])
         for name in names:
-            words_of_name = map(network.base_form, plain(name).split())
-            phrases[" ".join(words_of_name)].add(node)
+            words = plain(name).split()
+            base_forms = map(network.base_form, words)
+            phrases[" ".join(base_forms)].add(node)
+    return phrases
+
+
+def _mentions(
+    definitions: Sequence[Sequence[str]],
+    phrases: dict[str, set[int]],
+) -> Iterator[tuple[int, int]]:
+    """Yield pairs of a node and another one that its definition names."""
     numbers_of_words = (phrase.count(" ") + 1 for phrase in phrases)
     longest = max(numbers_of_words, default=0)
-    mentions: list[tuple[int, int]] = []
-    for head, words in enumerate(network.definitions):
+    sizes = range(1, longest + 1)
+    for head, words in enumerate(definitions):
         tails: set[int] = set()
         for start in range(len(words)):
-            for size in range(1, longest + 1):
-                phrase = " ".join(words[start : start + size])
+            for size in sizes:
+                end = start + size
+                phrase = " ".join(words[start:end])
                 tails |= phrases.get(phrase, set())
         # A definition that names its own node says nothing.
         tails.discard(head)
-        mentions += [(head, tail) for tail in tails]
-    # Sorted, because sets have no order that is the same in every process.
-    rows = np.array(sorted(mentions), dtype=np.int64)
-    # Without mentions, the reshape makes two columns all the same.
-    edges = rows.reshape(-1, 2)
-    num_nodes = len(network.nodes)
-    tail = edges[:, 1]
-    counts = np.bincount(tail, minlength=num_nodes)
-    commonness = np.log1p(counts[tail]) / np.log1p(num_nodes)
-    weights = 1 - commonness
-    return network.with_edges(DESCRIBED_BY, edges, weights)
+        for tail in tails:
+            yield head, tail
 
 
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
@@ -102,13 +125,16 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
     # Dense blocks: a third step from all entities at once fills a large matrix, sparse or not.
     blocks = []
     for start in range(0, first.shape[0], _BLOCK):
-        block = first[start : start + _BLOCK].T.toarray()
-        three_steps = first @ (inner @ block)
-        blocks.append(three_steps.T)
-    one_step = (own @ links @ own.T).toarray()
+        end = start + _BLOCK
+        block = first[start:end].T.toarray()
+        two_of_block = inner @ block
+        three_of_block = first @ two_of_block
+        blocks.append(three_of_block.T)
+    three_steps = np.concatenate(blocks)
     # W is symmetric, so two steps are the product of one step from both ends.
-    two_steps = (first @ first.T).toarray()
-    return one_step, two_steps, np.concatenate(blocks)
+    two_steps = first @ first.T
+    one_step = own @ links @ own.T
+    return one_step.toarray(), two_steps.toarray(), three_steps
 
 
 def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats]) -> list[Table]:
@@ -127,31 +153,47 @@ def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats])
         descriptions and values, shape (E, E), from 0 to 1.
     """
     own = alignment.matrix(len(network.nodes))
-    tables = [_named("paths", _damped(walks), "{ingredient} is related to {result}")]
+    paths = _damped(walks)
+    tables = [_named("paths", paths, "{ingredient} is related to {result}")]
     if network.ids_of([*PART_OF, *HAS_PART]):
-        tables.append(_named("part", _parts(network, own), "{ingredient} is part of {result}"))
+        parts = _parts(network, own)
+        tables.append(_named("part", parts, "{ingredient} is part of {result}"))
     if network.glosses:
-        descriptions = network.links([DESCRIBED_BY])
-        named = (own @ descriptions @ own.T).toarray()
-        # Entities without a node get the text of node 0, and are masked afterwards.
-        is_known = alignment.nodes >= 0
-        nodes = np.maximum(alignment.nodes, 0)
-        texts = sense_texts(network, nodes, power=2)
-        cosines = (texts @ texts.T).toarray()
-        # By column and by row: both entities of a pair need a node.
-        alike = cosines * is_known * is_known[:, None]
+        alike = _alike_texts(network, alignment)
         tables.append(_named("texts", alike, "{ingredient} is defined similarly to {result}"))
-        tables.append(_named("mentions", named.T, "{result} is described by {ingredient}"))
+        descriptions = network.links([DESCRIBED_BY])
+        # From a result to the ingredients in its definition, so the table is turned round.
+        described = own @ descriptions @ own.T
+        mentions = described.toarray().T
+        tables.append(_named("mentions", mentions, "{result} is described by {ingredient}"))
     else:
-        links = network.links()
-        degrees = (links + links.T).sum(1)
-        links = _divided(links, degrees)
-        first = own @ links
-        one_step = (first @ own.T).toarray()
-        two_steps = (first @ (links @ own.T)).toarray()
-        steps = [one_step, two_steps]
-        tables.append(_named("forward", _damped(steps), "{ingredient} leads to {result}"))
+        forward = _damped(_forward_walks(network, own))
+        tables.append(_named("forward", forward, "{ingredient} leads to {result}"))
     return tables
+
+
+def _alike_texts(network: Network, alignment: Alignment) -> Floats:
+    """Return cosines between the texts of entities' nodes, shape (E, E); 0 without a node."""
+    # Entities without a node get the text of node 0, and are masked afterwards.
+    nodes = np.maximum(alignment.nodes, 0)
+    texts = sense_texts(network, nodes, power=2)
+    products = texts @ texts.T
+    cosines = products.toarray()
+    # By column and by row: both entities of a pair need a node.
+    is_known = alignment.nodes >= 0
+    return np.asarray(cosines * is_known * is_known[:, None])
+
+
+def _forward_walks(network: Network, own: sparse.csr_array) -> list[Floats]:
+    """Return weights of walks with 1 and 2 steps along the edges' directions, (E, E) each."""
+    links = network.links()
+    both_ways = links + links.T
+    links = _divided(links, both_ways.sum(1))
+    first = own @ links
+    last = links @ own.T
+    one_step = first @ own.T
+    two_steps = first @ last
+    return [one_step.toarray(), two_steps.toarray()]
 
 
 def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:
@@ -164,8 +206,9 @@ def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:
 def _damped(walks: Sequence[Floats]) -> Floats:
     """Return ``log(1 + 1000 w) / log(1001)`` of the mean walk w; each step halves the weight."""
     weights = [0.5**step for step in range(len(walks))]
-    weighted = (weight * walk for weight, walk in zip(weights, walks, strict=True))
-    mean = sum(weighted) / sum(weights)
+    # One product at a time: each has a cell for every pair of entities.
+    products = map(operator.mul, weights, walks)
+    mean = sum(products) / sum(weights)
     # The largest value, 1, stays 1.
     highest = np.log1p(_DAMPING)
     return np.asarray(np.log1p(_DAMPING * mean) / highest)

@@ -20,6 +20,8 @@ MOST_FACTS = 5
 """Most facts about an entity."""
 # They explain nothing to a reader, or say what a thing is not.
 _NO_FACTS = ("relatedForm", "antonym", "attribute", "topic", "region", "similar", "pertainsTo")
+_WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])|[_-]+")
+"""Places between the words of a relation's name: partOf, part_of, part-of."""
 Triple = tuple[str, str, str]
 """Names of head, relation and tail."""
 
@@ -83,11 +85,12 @@ class Surroundings:
         edges = network.edges[self._rows]
         if network.glosses:
             classes = list(self._classes())
-            edges = np.unique(np.concatenate([edges, classes]), axis=0)
+            with_classes = np.concatenate([edges, classes])
+            edges = np.unique(with_classes, axis=0)
         else:
-            # Columns 0 and 2 are head and tail. The last key sorts first.
-            is_inner = self._is_entity[edges[:, ::2]].all(1)
+            is_inner = self._is_entity[_ends(edges)].all(1)
             weights = network.weights[self._rows]
+            # The last key sorts first.
             order = np.lexsort((-weights, ~is_inner))
             # Chosen by weight, but in the order of the edges, so that files compare well.
             chosen = np.sort(order[:MOST_TRIPLES])
@@ -106,20 +109,22 @@ class Surroundings:
         network = self._network
         edges = network.edges[self._rows]
         weights = network.weights[self._rows]
-        relations = edges[:, 1]
-        is_class = np.isin(relations, network.ids_of(IS_A))
-        is_left_out = np.isin(relations, network.ids_of(_NO_FACTS))
-        # The last key sorts first.
+        # Relations that explain nothing are left out before all others are put in order.
+        is_fact = ~np.isin(edges[:, 1], network.ids_of(_NO_FACTS))
+        edges = edges[is_fact]
+        weights = weights[is_fact]
+        is_class = np.isin(edges[:, 1], network.ids_of(IS_A))
         is_about_entity = self._is_entity[edges[:, 2]]
+        # The last key sorts first.
         order = np.lexsort((-weights, ~is_about_entity, ~is_class))
-        order = order[~is_left_out[order]]
         facts = defaultdict[int, list[tuple[str, str]]](list)
         for head, relation, tail in edges[order].tolist():
             if network.lemmas:
                 name = network.lemmas[tail][0]
             else:
                 name = network.nodes[tail]
-            phrase = _phrase(network.relations[relation])
+            relation_name = network.relations[relation]
+            phrase = _phrase(relation_name)
             for label in self._labels.get(tail, [name]):
                 facts[head].append((phrase, label))
         for node, labels in self._labels.items():
@@ -130,17 +135,20 @@ class Surroundings:
     def _classes(self) -> Iterator[tuple[int, int, int]]:
         """Yield an edge from each entity's node to each direct or indirect class."""
         (relation,) = self._network.ids_of(IS_A)
-        above = defaultdict[int, list[int]](list)
+        direct_classes = defaultdict[int, list[int]](list)
         edges = self._network.edges
         is_class = edges[:, 1] == relation
         for head, _, tail in edges[is_class].tolist():
-            above[head].append(tail)
+            direct_classes[head].append(tail)
         for node in self._labels:
             # The list grows while it is read: breadth first, each class once.
-            classes = list(above[node])
+            classes = list(direct_classes[node])
             for one in classes:
-                classes += [tail for tail in above[one] if tail not in classes]
-            yield from ((node, relation, tail) for tail in classes)
+                for higher in direct_classes[one]:
+                    if higher not in classes:
+                        classes.append(higher)
+            for one in classes:
+                yield node, relation, one
 
     def _names(self, node: int) -> Iterable[str]:
         if node in self._labels:
@@ -151,7 +159,7 @@ class Surroundings:
     def _without_ends(self, edges: Ids) -> Ids:
         """Leave out nodes with a single edge, until none is left; entities stay."""
         while True:
-            ends = edges[:, ::2]
+            ends = _ends(edges)
             degrees = np.bincount(ends.ravel(), minlength=len(self._is_entity))
             stays = self._is_entity | (degrees > 1)
             is_kept = stays[ends].all(1)
@@ -160,9 +168,15 @@ class Surroundings:
             edges = edges[is_kept]
 
 
+def _ends(edges: Ids) -> Ids:
+    """Return head and tail of each edge, shape (n, 2)."""
+    return edges[:, ::2]
+
+
 def _phrase(relation: str) -> str:
     """Return a relation's name in words with a verb, such as ``is part of`` for partOf."""
-    words = re.sub("(?<=[a-z])(?=[A-Z])|[_-]+", " ", relation).lower().strip()
+    separate = _WORD_BREAK.sub(" ", relation)
+    words = separate.lower().strip()
     # "makes dough" has a verb, "part of dough" none.
     has_verb = re.match(r"\w*[^s]s\b", words)
     return words if has_verb else f"is {words}"
@@ -182,16 +196,16 @@ def reach_of(walks: Sequence[NDArray[np.floating]], recipes: Ids, seed: int = 0)
     num_entities = len(walks[0])
     random = rng.integers(num_entities, size=(number, 3))
     # Within k hops: a walk of k steps or fewer.
-    of_length = [walk > 0 for walk in walks]
-    reached = np.cumsum(of_length, axis=0) > 0
+    exactly = [walk > 0 for walk in walks]
+    at_most = np.logical_or.accumulate(exactly)
 
     def shares(rows: Ids) -> tuple[float, float, float]:
         if not len(rows):
             return 0.0, 0.0, 0.0
         a, b, result = rows.T
         means = []
-        for near in reached:
-            is_near = near[a, result] & near[b, result]
+        for is_reached in at_most:
+            is_near = is_reached[a, result] & is_reached[b, result]
             means.append(float(is_near.mean()))
         one, two, three = means
         return one, two, three

@@ -114,7 +114,8 @@ class _Reader:
         )
 
     def no(self, name: str, line: int, text: str, expected: str) -> KnowledgeFileError:
-        return self.fault(name, line, f"'{text.strip()[:60]}' is not {expected}")
+        beginning = text.strip()[:60]
+        return self.fault(name, line, f"'{beginning}' is not {expected}")
 
     def read_data(self, part: str) -> None:
         """Add the synsets of a part of speech, and pointers, also to synsets that come later.
@@ -129,34 +130,41 @@ class _Reader:
             try:
                 if not bar or not line.endswith("\n"):
                     raise IndexError
-                fields = synset.split()
-                end = 4 + 2 * int(fields[3], 16)
-                words = fields[4:end:2]
-                field = _FIELDS.index(fields[1])
-                synset_key = (_PARTS[part], fields[0])
+                columns = synset.split()
+                offset, field, _, num_words, *_ = columns
+                # A word and its id, for each word.
+                end = 4 + 2 * int(num_words, 16)
+                words = columns[4:end:2]
+                field_number = _FIELDS.index(field)
+                synset_key = (_PARTS[part], offset)
                 node = self.places.setdefault(synset_key, len(self.lemmas))
                 # Four columns for each pointer, behind their number.
                 first = end + 1
-                last = first + 4 * int(fields[end])
+                last = first + 4 * int(columns[end])
                 # Cut lines lack columns; a repeated offset has an earlier node.
-                is_cut = last > len(fields) or not words
+                is_cut = last > len(columns) or not words
                 if is_cut or node < len(self.lemmas):
                     raise IndexError
                 for place in range(first, last, 4):
-                    symbol, offset, kind = fields[place : place + 3]
+                    symbol, target_offset, kind, _ = columns[place : place + 4]
                     if symbol in _POINTERS:
-                        # Satellite adjectives, s, lie in the file of adjectives.
-                        target = ("a" if kind == "s" else kind, offset)
                         relation = _RELATIONS.index(_POINTERS[symbol])
+                        # Satellite adjectives, s, lie in the file of adjectives.
+                        target_part = "a" if kind == "s" else kind
+                        target = (target_part, target_offset)
                         self.pointers.append((node, relation, target, name, number))
             except (IndexError, ValueError):
                 raise self.no(name, number, line, "a complete synset") from None
-            # Some adjectives end with a mark for their position, such as (p).
-            names = [word.partition("(")[0] for word in words]
-            self.lemmas.append([name.replace("_", " ") for name in names])
+            lemmas = []
+            for word in words:
+                # Some adjectives end with a mark for their position, such as (p).
+                lemma, _, _ = word.partition("(")
+                lemmas.append(lemma.replace("_", " "))
             # The definition without the examples, which begin with quotes.
-            self.glosses.append(gloss.partition('; "')[0].strip())
-            self.fields.append(field)
+            definition, _, _ = gloss.partition('; "')
+            self.lemmas.append(lemmas)
+            self.glosses.append(definition.strip())
+            self.fields.append(field_number)
 
     def edges(self) -> Ids:
         """Return the pointers as edges, each symmetric relation in one direction."""
@@ -173,11 +181,13 @@ class _Reader:
             if relation in _SYMMETRIC:
                 head, tail = sorted((head, tail))
             rows.append((head, relation, tail))
+        # Without pointers, the reshape makes three columns all the same.
         edges = np.array(rows, dtype=np.int64).reshape(-1, 3)
-        sizes = (len(self.places), len(_RELATIONS))
         # Weights do not matter: equal pointers are one edge of weight 1.
-        unique, _ = unique_edges(edges, np.ones(len(edges)), sizes)
-        return unique
+        weights = np.ones(len(edges))
+        sizes = (len(self.places), len(_RELATIONS))
+        distinct_edges, _ = unique_edges(edges, weights, sizes)
+        return distinct_edges
 
     def read_index(self) -> dict[str, list[int]]:
         """Return the noun senses of each lemma (with underscores), most frequent first."""
@@ -219,6 +229,7 @@ class _Reader:
         """Return irregular plurals with their singulars."""
         exceptions = {}
         for number, line in self.lines("noun.exc"):
+            # A blank line is a plural without letters: refused below, with its number.
             plural, *singulars = line.replace("_", " ").split() or [""]
             if not singulars:
                 raise self.fault("noun.exc", number, f"'{plural}' has no base form")
@@ -234,13 +245,14 @@ class _Reader:
                 key, sense, count = line.split()
                 lemma, kind = key.split("%")
                 # A sense key begins with the part of speech: 1 for nouns.
-                nodes = senses.get(lemma, ()) if kind[0] == "1" else ()
+                is_noun = kind[0] == "1"
                 place = int(sense) - 1
                 occurrences = int(count)
                 if place < 0 or not 0 <= occurrences <= _MOST_OCCURRENCES:
                     raise ValueError
+                nodes = senses.get(lemma, [])
                 # Debian's file names a few senses of old versions, which are skipped.
-                if place < len(nodes):
+                if is_noun and place < len(nodes):
                     counts[plain(lemma), nodes[place]] = occurrences
             except (ValueError, IndexError):
                 raise self.no(name, number, line, "a sense with its count") from None

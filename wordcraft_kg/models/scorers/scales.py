@@ -286,7 +286,8 @@ def _ranked_products(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _rank_knots(
-    scores: NDArray[np.float32], is_different: NDArray[np.bool_]
+    scores: NDArray[np.float32],
+    is_different: NDArray[np.bool_],
 ) -> tuple[Tensor, Tensor]:
     """Return scores and their standardised ranks, shape (3 · KNOTS,) each, in ascending order.
 

@@ -1,5 +1,7 @@
 """A map of discoveries: one cell for each entity, by crafting round, shaded by its attempt."""
 
+import math
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -46,24 +48,30 @@ def found_map(entities: Sequence[Found], attempts: int, number: int, description
         description: text alternative for people who do not see the map.
     """
     columns = (_WIDTH - _LEFT) // CELL
-    by_round: dict[int, list[Found]] = {}
+    by_round = defaultdict[int, list[Found]](list)
     for entity in entities:
-        by_round.setdefault(entity.round, []).append(entity)
+        by_round[entity.round].append(entity)
     parts = []
     top = 4
     for round_number in sorted(by_round):
+        name = f"round {round_number}"
+        parts.append(element("text", name, x=0, y=top + 9, class_="small"))
         # The early ones first, then the unknown ones, each in alphabetical order.
         cells = sorted(by_round[round_number], key=_order)
-        parts.append(element("text", f"round {round_number}", x=0, y=top + 9, class_="small"))
         for place, entity in enumerate(cells):
             row, column = divmod(place, columns)
             x = _LEFT + column * CELL
             y = top + row * CELL
             parts.append(_cell(entity, x, y, attempts, number))
-        rows = -(-len(cells) // columns)
-        top += rows * CELL + _STEP
-    box = f"0 0 {_WIDTH} {top + 4}"
-    return element("svg", *parts, viewBox=box, role="img", aria_label=description)
+        num_rows = math.ceil(len(cells) / columns)
+        top += num_rows * CELL + _STEP
+    return element(
+        "svg",
+        *parts,
+        viewBox=f"0 0 {_WIDTH} {top + 4}",
+        role="img",
+        aria_label=description,
+    )
 
 
 def _order(entity: Found) -> tuple[float, str]:
@@ -89,4 +97,12 @@ def _cell(entity: Found, x: int, y: int, attempts: int, number: int) -> Markup:
         opacity = 1 - (1 - _LIGHTEST) * late
         look["class_"] = f"series-{number}"
         look["fill_opacity"] = f"{opacity:.2f}"
-    return element("rect", titled(tooltip), x=x, y=y, width=_SIZE, height=_SIZE, **look)
+    return element(
+        "rect",
+        titled(tooltip),
+        x=x,
+        y=y,
+        width=_SIZE,
+        height=_SIZE,
+        **look,
+    )

@@ -78,8 +78,8 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     """
     layers = [thing.layer for thing in things] or [1]
     first = min(layers)
-    last = max(layers)
-    columns: list[list[_Place]] = [[] for _ in range(first, last + 1)]
+    num_layers = max(layers) - first + 1
+    columns: list[list[_Place]] = [[] for _ in range(num_layers)]
     place_of = {}
     for thing in things:
         place = _Place(thing.layer - first, [], [])
@@ -87,7 +87,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         columns[place.column].append(place)
     arrows = _arrows(things, place_of, columns)
     _settle(columns)
-    widths = _widths(things, first, len(columns))
+    widths = _widths(things, first, num_layers)
     lefts = []
     left = MARGIN
     for width in widths:
@@ -96,7 +96,9 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     places = list(chain.from_iterable(columns))
     heights = [place.y for place in places] or [0.0]
     top = min(heights) - _BOX / 2 - MARGIN
-    bottom = max(heights) - top + _GAP - _BOX / 2 + 6
+    lowest_middle = max(heights) - top
+    # Below the last box lie its ingredients.
+    bottom = lowest_middle + _GAP - _BOX / 2 + 6
     for place in places:
         place.y = round(place.y - top)
     width = lefts[-1] + widths[-1] + MARGIN
@@ -136,13 +138,13 @@ def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
     widths = [_NARROWEST] * columns
     for thing in things:
         label = shortened(thing.label, _LONGEST)
-        of = " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
+        ingredients = " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
         of_label = LETTER * len(label)
-        of_ingredients = SMALL_LETTER * len(of)
-        text = max(of_label, of_ingredients)
-        column = thing.layer - first
+        of_ingredients = SMALL_LETTER * len(ingredients)
         # Four pixels on each side of a text keep it off the frame of its box.
-        widths[column] = max(widths[column], round(text) + 8)
+        needed = round(max(of_label, of_ingredients)) + 8
+        column = thing.layer - first
+        widths[column] = max(widths[column], needed)
     return widths
 
 
@@ -162,16 +164,19 @@ def _arrows(
         for part in dict.fromkeys(thing.of):
             if part not in place_of:
                 continue
-            route = [place_of[part]]
-            for column in range(route[0].column + 1, to.column):
-                if (part, column) not in passing:
-                    crossing = _Place(column, [route[-1]], [])
+            last = place_of[part]
+            route = [last]
+            for column in range(last.column + 1, to.column):
+                crossing = passing.get((part, column))
+                if crossing is None:
+                    crossing = _Place(column, [last], [])
                     passing[part, column] = crossing
-                    route[-1].after.append(crossing)
+                    last.after.append(crossing)
                     columns[column].append(crossing)
-                route.append(passing[part, column])
-            route[-1].after.append(to)
-            to.before.append(route[-1])
+                route.append(crossing)
+                last = crossing
+            last.after.append(to)
+            to.before.append(last)
             title = f"{part} → {thing.label}"
             arrows.append((title, [*route, to]))
     return arrows
@@ -227,8 +232,9 @@ def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
         end = int(place.y)
         # Both control points lie half-way, at the height of their end: an S without overshoot.
         half = left - _BETWEEN / 2
-        controls = f"{half:g} {y} {half:g} {end}"
-        path.append(f"C{controls} {left} {end}")
+        leaving = f"{half:g} {y}"
+        arriving = f"{half:g} {end}"
+        path.append(f"C{leaving} {arriving} {left} {end}")
         y = end
         if place is not route[-1]:
             right = left + widths[place.column]
@@ -244,15 +250,26 @@ def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> 
         shown = shortened(part, _LONGEST_PART)
         ingredients.append(element("tspan", shown, class_=style))
     of = Markup(" + ").join(ingredients)
-    middle = left + width / 2
-    label = shortened(thing.label, _LONGEST)
+    tooltip = titled(thing.title or thing.label)
     half = _BOX // 2
-    style = f"middle {thing.style}"
-    inside = [
-        titled(thing.title or thing.label),
-        element("rect", x=left, y=y - half, width=width, height=_BOX, rx=4, class_=thing.style),
-        element("text", label, x=f"{middle:g}", y=y + 4, class_=style),
-    ]
+    frame = element(
+        "rect",
+        x=left,
+        y=y - half,
+        width=width,
+        height=_BOX,
+        rx=4,
+        class_=thing.style,
+    )
+    middle = left + width / 2
+    label = element(
+        "text",
+        shortened(thing.label, _LONGEST),
+        x=f"{middle:g}",
+        y=y + 4,
+        class_=f"middle {thing.style}",
+    )
+    inside = [tooltip, frame, label]
     if thing.href:
         box = element("a", *inside, href=thing.href)
     else:

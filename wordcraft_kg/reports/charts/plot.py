@@ -57,7 +57,8 @@ _DIAMOND = (
     (-4.2, 0),
 )
 """Corners of markers around the point, in pixels; the areas are about that of a dot."""
-_CORNERS: tuple[tuple[tuple[float, float], ...], ...] = ((), _SQUARE, _TRIANGLE, _DIAMOND)
+_Corners = tuple[tuple[float, float], ...]
+_CORNERS: tuple[_Corners, ...] = ((), _SQUARE, _TRIANGLE, _DIAMOND)
 """Shapes of the markers by series; a circle has no corners."""
 
 _Ends = tuple[float | str, float | str]
@@ -141,7 +142,13 @@ class Plot:
         return round(bottom - share * inner, 1)
 
     def text(
-        self, x: float, y: float, text: str, style: str = "", anchor: str = "", name: str = ""
+        self,
+        x: float,
+        y: float,
+        text: str,
+        style: str = "",
+        anchor: str = "",
+        name: str = "",
     ) -> None:
         """Write a text.
 
@@ -153,7 +160,10 @@ class Plot:
             anchor: end of the text at ``x``: middle, end, or empty for its start.
             name: complete text, which becomes a tooltip if ``text`` is a shortened form.
         """
-        attributes = {"x": f"{x:g}", "y": f"{y:.5g}"}
+        attributes = {
+            "x": f"{x:g}",
+            "y": f"{y:.5g}",
+        }
         if anchor:
             attributes["text_anchor"] = anchor
         if style:
@@ -210,7 +220,10 @@ class Plot:
             self.text(self.left, above, y_title, "small")
 
     def polyline(
-        self, points: Iterable[Sequence[float | None]], style: str, title: str = ""
+        self,
+        points: Iterable[Sequence[float | None]],
+        style: str,
+        title: str = "",
     ) -> None:
         """Draw a line.
 
@@ -241,13 +254,8 @@ class Plot:
         A point without bounds interrupts the area; a point with bounds between two such points has
         a whisker.
         """
-        runs: list[list[tuple[float, float, float]]] = [[]]
-        for x, _, low, high in points:
-            if low is not None and high is not None:
-                runs[-1].append((x, low, high))
-            elif runs[-1]:
-                runs.append([])
-        for run in filter(None, runs):
+        style = f"band {style_of(number)}"
+        for run in _runs_with_bounds(points):
             if len(run) == 1:
                 ((x, low, high),) = run
                 exact = (x, None, None)
@@ -257,11 +265,14 @@ class Plot:
             there = [(x, high) for x, _, high in run]
             back = [(x, low) for x, low, _ in reversed(run)]
             path = self._path([*there, *back])
-            style = f"band {style_of(number)}"
             self._add("polygon", points=path, class_=style)
 
     def hover_points(
-        self, name: str, points: Sequence[CurvePoint], number: int, percent: bool
+        self,
+        name: str,
+        points: Sequence[CurvePoint],
+        number: int,
+        percent: bool,
     ) -> None:
         """Add tooltips to a curve's points.
 
@@ -277,8 +288,9 @@ class Plot:
         radius = 4.0 if is_curve else _RADIUS
         every = math.ceil(len(points) / _HOVER_POINTS)
         # Every n-th point counted from the end, because the last point matters most.
-        from_the_end = points[::-1][::every]
-        for x, y, low, high in reversed(from_the_end):
+        from_the_end = points[::-1]
+        chosen = from_the_end[::every]
+        for x, y, low, high in reversed(chosen):
             value = estimate((y, low, high), percent)
             title = f"{name}, {x:,.10g}: {value}"
             self.circle(x, y, radius, style, title)
@@ -325,13 +337,27 @@ class Plot:
         """Draw a marker in the shape and colour of a data series.
 
         Args:
+            x: value on the x-axis.
+            y: value on the y-axis.
+            number: number of the data series.
+            title: tooltip.
+        """
+        across = self.x(x)
+        down = self.y(y)
+        self.marker_at(across, down, number, title)
+
+    def marker_at(self, x: float, y: float, number: int, title: str) -> None:
+        """Draw a marker as :meth:`marker` does, but around a point in pixels.
+
+        Args:
             x: coordinate of the centre, in pixels.
             y: coordinate of the centre, in pixels.
             number: number of the data series.
             title: tooltip.
         """
         style = f"dot {style_of(number)}"
-        corners = _CORNERS[number % len(_CORNERS)]
+        shape = number % len(_CORNERS)
+        corners = _CORNERS[shape]
         if not corners:
             self._dot(x, y, _RADIUS, style, title)
             return
@@ -354,14 +380,16 @@ class Plot:
         for end, y, place in zip(ends, heights, places, strict=True):
             x_value, _, name, style = end
             x = self.x(x_value)
-            has_moved = abs(place - y) > 2
             # Two pixels: a shorter leader would look like a speck.
-            if has_moved or edge - x > 2:
+            has_moved = abs(place - y) > 2
+            is_far = edge - x > 2
+            if has_moved or is_far:
                 across = (f"{x + 2:.1f}", edge + 10)
                 down = (y, f"{place:.1f}")
                 self._line(across, down, "leader")
             shown = short(name)
-            self.text(edge + 13, place + 4, shown, style, name=name)
+            base_line = place + 4
+            self.text(edge + 13, base_line, shown, style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:
         """Return the chart as SVG.
@@ -370,10 +398,35 @@ class Plot:
         """
         x = float(self.left)
         for number, name in enumerate(legend):
-            style = f"series-{number}"
-            self._add("rect", x=f"{x:g}", y=6, width=11, height=11, class_=style)
+            self._add(
+                "rect",
+                x=f"{x:g}",
+                y=6,
+                width=11,
+                height=11,
+                class_=f"series-{number}",
+            )
             self.text(x + 16, 16, name)
             # The square with its space, the name, and the space before the next square.
             x += 32 + LETTER * len(name)
-        box = f"0 0 {WIDTH} {self.height}"
-        return element("svg", *self.parts, viewBox=box, role="img", aria_label=self.description)
+        return element(
+            "svg",
+            *self.parts,
+            viewBox=f"0 0 {WIDTH} {self.height}",
+            role="img",
+            aria_label=self.description,
+        )
+
+
+def _runs_with_bounds(
+    points: Iterable[CurvePoint],
+) -> list[list[tuple[float, float, float]]]:
+    """Return consecutive points with bounds as lists of (x, lower bound, upper bound)."""
+    runs: list[list[tuple[float, float, float]]] = [[]]
+    for x, _, low, high in points:
+        if low is None or high is None:
+            # The next point with bounds begins another run.
+            runs.append([])
+        else:
+            runs[-1].append((x, low, high))
+    return [run for run in runs if run]

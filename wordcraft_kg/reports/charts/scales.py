@@ -1,6 +1,7 @@
 """Axis ticks, number formats for axes and tooltips, and placement of labels without overlap."""
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 
 Estimate = tuple[float, float | None, float | None]
@@ -20,11 +21,13 @@ def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
         most: most steps between ticks; there may be one more if a bound lies between two ticks.
     """
     span = high - low or abs(high) or 1.0
+    ideal = span / most
     # The power of ten below the ideal step; 10 times it is always large enough.
-    unit = 10 ** math.floor(math.log10(span / most))
+    power = math.floor(math.log10(ideal))
+    unit = 10**power
     most_steps = most * (1 + _ROUNDING)
-    sizes = (size * unit for size in (1, 2, 5, 10))
-    step = next(size for size in sizes if span / size <= most_steps)
+    steps = (size * unit for size in (1, 2, 5, 10))
+    step = next(step for step in steps if span / step <= most_steps)
     first = math.floor(low / step + _ROUNDING)
     last = math.ceil(high / step - _ROUNDING)
     # At least one step, also for a range that lies on a tick.
@@ -35,9 +38,14 @@ def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
 def amounts(values: Sequence[float]) -> list[str]:
     """Format numbers in the largest number's unit: 0, 0.5M, 1M."""
     highest = max(map(abs, values), default=0)
-    fitting = (entry for entry in _UNITS if highest >= entry[0])
-    size, unit = next(fitting, _UNITS[-1])
-    return [f"{value / size:.10g}{unit}" if value else "0" for value in values]
+    smallest = _UNITS[-1]
+    fitting = (unit for unit in _UNITS if highest >= unit[0])
+    size, letter = next(fitting, smallest)
+    texts = []
+    for value in values:
+        number = f"{value / size:.10g}"
+        texts.append(number + letter if value else "0")
+    return texts
 
 
 def estimate(value: Estimate, percent: bool) -> str:
@@ -58,7 +66,12 @@ def shortened(text: str, letters: int) -> str:
     return text[:kept].rstrip() + "…"
 
 
-def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+def spread(
+    wanted: Sequence[float],
+    gap: float,
+    low: float,
+    high: float,
+) -> list[float]:
     """Return the positions closest to the wanted ones that keep a distance from each other.
 
     The positions have the order of the wanted ones and the least sum of squared moves, by pooling
@@ -77,14 +90,15 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
     """
     if not wanted:
         return []
-    gaps = len(wanted) - 1
-    gap = min(gap, (high - low) / max(gaps, 1))
+    num_gaps = len(wanted) - 1
+    widest = (high - low) / max(num_gaps, 1)
+    gap = min(gap, widest)
     order = sorted(range(len(wanted)), key=wanted.__getitem__)
     # Without the gaps of the lower ranks (rank * gap), places only must not decrease: isotonic
     # regression. Pools of equal places are kept as (sum, number).
     pools: list[tuple[float, int]] = []
-    for rank, i in enumerate(order):
-        total = wanted[i] - rank * gap
+    for rank, index in enumerate(order):
+        total = wanted[index] - rank * gap
         size = 1
         # A pool whose mean is not below the next one's joins it.
         while pools:
@@ -99,11 +113,12 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
     for total, size in pools:
         means += [total / size] * size
     # Bounds without the gaps; the lower one stays as it is.
-    highest = high - gaps * gap
+    highest = high - num_gaps * gap
     places = [0.0] * len(wanted)
-    for rank, i in enumerate(order):
-        place = min(max(means[rank], low), highest)
-        places[i] = place + rank * gap
+    for rank, index in enumerate(order):
+        place = max(means[rank], low)
+        place = min(place, highest)
+        places[index] = place + rank * gap
     return places
 
 
@@ -117,7 +132,7 @@ class Labels:
     def __init__(self, line: float):
         self._line = line
         # Texts as (left, right, y) by row of one line height: only three rows can overlap a text.
-        self._taken: dict[int, list[tuple[float, float, float]]] = {}
+        self._taken = defaultdict[int, list[tuple[float, float, float]]](list)
 
     def take(self, left: float, right: float, y: float) -> bool:
         """Reserve space for a text, in pixels.
@@ -132,10 +147,10 @@ class Labels:
         """
         row = int(y // self._line)
         for near in (row - 1, row, row + 1):
-            for start, end, at in self._taken.get(near, ()):
+            for start, end, at in self._taken[near]:
                 is_beside = left > end or right < start
-                is_apart = is_beside or abs(y - at) >= self._line
-                if not is_apart:
+                is_apart = abs(y - at) >= self._line
+                if not (is_beside or is_apart):
                     return False
-        self._taken.setdefault(row, []).append((left, right, y))
+        self._taken[row].append((left, right, y))
         return True

@@ -29,6 +29,8 @@ from wordcraft_kg.reports.charts.scales import (
     shortened,
 )
 
+ReliabilityPoint = tuple[float, float, float, float, int]
+"""Probability, observed share, lower and upper bound of the share, and number of triples."""
 _DASHES = 4
 """Patterns of dashes in the style sheet."""
 _ROW = 26
@@ -78,8 +80,9 @@ def curves(
     for name, points in drawn.items():
         plot.bands(points, numbers[name])
     for name, points in drawn.items():
-        colour = style_of(numbers[name])
-        style = f"line {colour} {_dash_of(name, numbers[name], dashed)}"
+        number = numbers[name]
+        dash = _dash_of(name, number, dashed)
+        style = f"line {style_of(number)} {dash}"
         if labels is not None:
             style += " thin"
         plot.polyline(points, style, name)
@@ -148,15 +151,16 @@ def dots(
         y_title: title of the y-axis.
         description: text alternative for people who do not see the chart.
     """
-    drawn = {name: values for name, values in series.items() if not values or any(values)}
-    names = list(drawn)
+    # Without categories, all series are in the legend.
+    names = [name for name, values in series.items() if any(values) or not values]
     room = room_for(names, 30)
     # Each category is one unit wide; without categories, an empty chart still needs a width.
     x_range = (0, max(len(labels), 1))
     plot = Plot(x_range, (0, 1), description, right=room)
     plot.y_axis(_FIFTHS, _shares(_FIFTHS))
     middles = [i + 0.5 for i in range(len(labels))]
-    letters = int((plot.x(1) - plot.x(0)) / LETTER)
+    width = plot.x(1) - plot.x(0)
+    letters = int(width / LETTER)
     plot.x_axis(middles, [shortened(label, letters) for label in labels])
     # All series of a category lie within 80 % of its width, around its middle.
     gap = min(0.15, 0.8 / max(len(series), 1))
@@ -167,15 +171,16 @@ def dots(
             if value is None:
                 continue
             x = middle + offset
+            share, _, _ = value
             plot.whiskers((x, None, None), value, number)
             title = f"{name}, {label}: {estimate(value, True)}"
-            plot.marker(plot.x(x), plot.y(value[0]), number, title)
+            plot.marker(x, share, number, title)
         if name in names:
             # The legend, to the right of the axes: a line of 16 pixels for each drawn series.
             left = WIDTH - room + 14
             row = names.index(name)
             y = plot.top + 6 + 16 * row
-            plot.marker(left, y, number, name)
+            plot.marker_at(left, y, number, name)
             plot.text(left + 9, y + 4, short(name))
     plot.titles(x_title, y_title)
     return plot.done()
@@ -199,32 +204,32 @@ def scatter(
         description: text alternative for people who do not see the chart.
         level: name and share of a dashed horizontal line, or None.
     """
-    drawn = {
-        name: sorted(points, key=lambda point: point[1][0])
-        for name, points in series.items()
-        if points
-    }
+    drawn = {name: sorted(points, key=_x_of) for name, points in series.items() if points}
     everything = list(chain.from_iterable(drawn.values()))
     xs = _values(x for _, x, _ in everything)
-    ys = _values(y for _, _, y in everything)
-    lines = [level] if level else []
-    shares = [*ys, *(share for _, share in lines)]
+    shares = _values(y for _, _, y in everything)
+    names = list(drawn)
+    if level is not None:
+        level_name, level_share = level
+        names.append(level_name)
+        shares.append(level_share)
     lowest = min(xs, default=0)
     highest = max(xs, default=1)
     ticks = round_ticks(lowest, highest)
     y_ticks = round_ticks(0, max(shares, default=1))
     left = ticks[0]
     right = ticks[-1]
-    room = room_for([*drawn, *(name for name, _ in lines)])
-    plot = Plot((left, right), (0, y_ticks[-1]), description, right=room)
+    y_range = (0, y_ticks[-1])
+    plot = Plot((left, right), y_range, description, right=room_for(names))
     plot.y_axis(y_ticks, _shares(y_ticks))
     plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
-    for name, share in lines:
-        ends_of_line = [(left, share), (right, share)]
-        plot.polyline(ends_of_line, "diagonal", f"{name}: {share:.1%}")
+    ends = []
+    if level is not None:
+        ends_of_line = [(left, level_share), (right, level_share)]
+        plot.polyline(ends_of_line, "diagonal", f"{level_name}: {level_share:.1%}")
+        ends.append((right, level_share, level_name, ""))
     taken = Labels(_LABEL_HEIGHT)
     named: set[str] = set()
-    ends = [(right, share, name, "") for name, share in lines]
     for number, name in enumerate(series):
         points = drawn.get(name, [])
         for _, x, y in points:
@@ -236,7 +241,7 @@ def scatter(
             across = estimate(x, False)
             up = estimate(y, True)
             title = f"{name}, {label}: {up} at {across}"
-            plot.marker(plot.x(x[0]), plot.y(y[0]), number, title)
+            plot.marker(x[0], y[0], number, title)
             _label_point(plot, taken, named, label, x[0], y, below=is_below)
         if points:
             _, x, y = points[-1]
@@ -244,6 +249,11 @@ def scatter(
     plot.end_labels(ends)
     plot.titles(x_title, y_title)
     return plot.done()
+
+
+def _x_of(point: tuple[str, Estimate, Estimate]) -> float:
+    _, (x, _, _), _ = point
+    return x
 
 
 def _values(estimates: Iterable[Sequence[float | None]]) -> list[float]:
@@ -260,13 +270,14 @@ def _label_point(
     """
     if label in named:
         return
-    ends = [plot.y(value) for value in _values([y])]
-    line = max(ends) + 12 if below else min(ends) - 5
+    # Heights are counted downwards: the lower end of the whiskers has the greatest.
+    heights = [plot.y(value) for value in _values([y])]
+    base_line = max(heights) + 12 if below else min(heights) - 5
     middle = plot.x(x)
     half = SMALL_LETTER * len(label) / 2
-    if taken.take(middle - half, middle + half, line):
+    if taken.take(middle - half, middle + half, base_line):
         named.add(label)
-        plot.text(middle, line, label, "small", "middle")
+        plot.text(middle, base_line, label, "small", "middle")
 
 
 def intervals(
@@ -302,48 +313,52 @@ def intervals(
         height=TOP + _ROW * len(rows) + BOTTOM,
     )
     tick_form = ".0%" if percent else ".3g"
-    plot.x_axis(ticks, [f"{value:{tick_form}}" for value in ticks], grid=True)
+    texts = [f"{value:{tick_form}}" for value in ticks]
+    plot.x_axis(ticks, texts, grid=True)
     if reference is not None:
-        plot.polyline([(reference, 0), (reference, len(rows))], "diagonal")
+        ends_of_line = [(reference, 0), (reference, len(rows))]
+        plot.polyline(ends_of_line, "diagonal")
     form = ".1%" if percent else ".3f"
     for number, (name, value) in enumerate(rows):
         # Each row is one unit high.
         middle = number + 0.5
+        centre, _, _ = value
         plot.whiskers(value, (middle, None, None), number)
-        x = plot.x(value[0])
-        y = plot.y(middle)
-        plot.marker(x, y, number, f"{name}: {estimate(value, percent)}")
-        base_line = y + 4
+        plot.marker(centre, middle, number, f"{name}: {estimate(value, percent)}")
+        base_line = plot.y(middle) + 4
         plot.text(plot.left - 8, base_line, short(name), anchor="end")
-        plot.text(WIDTH - 44, base_line, f"{value[0]:{form}}")
+        plot.text(WIDTH - 44, base_line, f"{centre:{form}}")
     plot.titles(x_title)
     return plot.done()
 
 
 def log_reliability(
-    series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str
+    series: Mapping[str, Sequence[ReliabilityPoint]],
+    description: str,
 ) -> Markup:
     """Draw observed shares against probabilities on logarithmic axes.
 
     A diagonal shows perfect calibration.
 
     Args:
-        series: points (probability, observed share, lower bound, upper bound, number of triples) by
-            the series' name. A share of 0 is drawn at the lower end of the axis.
+        series: points by the series' name. A share of 0 is drawn at the lower end of the axis.
         description: text alternative for people who do not see the chart.
     """
-    points = chain.from_iterable(series.values())
-    coordinates = chain.from_iterable((x, y) for x, y, *_ in points)
-    positive = (value for value in coordinates if value > 0)
+    positive = []
+    for point in chain.from_iterable(series.values()):
+        probability, share, *_ = point
+        positive += [value for value in (probability, share) if value > 0]
     least = min(positive, default=0.1)
     # The axis has a decade at least, and ends at a millionth: below, a share from some thousand
     # triples means nothing.
-    decade = math.floor(math.log10(max(least, 1e-6)))
+    least = max(least, 1e-6)
+    decade = math.floor(math.log10(least))
     lowest = min(decade, -1)
 
     def place(value: float) -> float:
         # A share of 0 has no logarithm, and is drawn at the end.
-        return math.log10(max(value, 10.0**lowest))
+        shown = max(value, 10.0**lowest)
+        return math.log10(shown)
 
     plot = Plot((lowest, 0), (lowest, 0), description, left=LEFT + 8)
     ticks = range(lowest, 1)
@@ -363,7 +378,7 @@ def log_reliability(
             # Text has the values themselves, not their logarithms.
             true = f"true {y:.2g} [{low:.2g}, {high:.2g}]"
             title = f"{name}: probability {x:.2g}, {true}, {count:,} triples"
-            plot.marker(plot.x(across), plot.y(up), number, title)
+            plot.marker(across, up, number, title)
     plot.titles("probability")
     return plot.done(list(series))
 

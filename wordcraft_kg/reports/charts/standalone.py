@@ -24,6 +24,10 @@ _CAPTION = 22
 """In pixels: width of a chart, space around charts, height of the title and of a caption."""
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
 """Invisible points that carry a tooltip."""
+_VARIABLE = re.compile(r"var\(--(\w+)\)")
+"""A colour by name."""
+_MIX = re.compile(r"color-mix\(in srgb, #(\w{6}) (\d+)%, #(\w{6})\)")
+"""Two colours as hexadecimal digits, and the first one's share."""
 
 
 def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
@@ -36,7 +40,6 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
     """
     columns = min(len(panels), 2) or 1
     width = MARGIN + columns * (_PANEL + MARGIN)
-    rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
     # The title's letters are larger than those of charts, about by this factor.
     letter = LETTER * 1.3
     letters = int((width - 2 * MARGIN) / letter)
@@ -44,15 +47,16 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
     look = "font-size: 15px; font-weight: 600"
     parts: list[str] = [element("text", heading, x=MARGIN, y=26, style=look)]
     top = HEAD
-    for row in rows:
-        heights = [_height(chart) for _, chart in row]
+    for first in range(0, len(panels), columns):
+        row = panels[first : first + columns]
         for column, (caption, chart) in enumerate(row):
             left = MARGIN + column * (_PANEL + MARGIN)
             if caption:
                 most = int(_PANEL / LETTER)
                 shown = shortened(caption, most)
                 base_line = top + 14
-                parts.append(element("text", shown, x=left, y=base_line, style="font-weight: 600"))
+                bold = "font-weight: 600"
+                parts.append(element("text", shown, x=left, y=base_line, style=bold))
             height = _height(chart)
             place = f'x="{left}" y="{top + _CAPTION}"'
             size = f'width="{_PANEL}" height="{height}"'
@@ -61,7 +65,8 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
             opening = f"<svg {place} {size} "
             parts.append(plain.replace("<svg ", opening, 1))
         # The highest chart of a row makes its height.
-        top += _CAPTION + max(heights) + MARGIN
+        highest = max(_height(chart) for _, chart in row)
+        top += _CAPTION + highest + MARGIN
     page = element("rect", width=width, height=top, fill=_INK["page"])
     lines = [
         element("title", title),
@@ -98,14 +103,17 @@ def resolved(style: str) -> str:
     values = dict(_INK)
     for number, colour in enumerate(LIGHT):
         values[f"s{number}"] = colour
-    plain = re.sub(r"var\(--(\w+)\)", lambda match: values[match[1]], style)
-    return re.sub(r"color-mix\(in srgb, (#\w{6}) (\d+)%, (#\w{6})\)", _mixed, plain)
+    plain = _VARIABLE.sub(lambda match: values[match[1]], style)
+    return _MIX.sub(_mixed, plain)
 
 
 def _mixed(match: re.Match[str]) -> str:
     """Return the colour of ``color-mix(in srgb, #one SHARE%, #other)``, channel by channel."""
-    share = int(match[2]) / 100
-    one = bytes.fromhex(match[1].removeprefix("#"))
-    other = bytes.fromhex(match[3].removeprefix("#"))
-    mixed = [round(share * a + (1 - share) * b) for a, b in zip(one, other, strict=True)]
+    one, percent, other = match.groups()
+    share = int(percent) / 100
+    one_channels = bytes.fromhex(one)
+    other_channels = bytes.fromhex(other)
+    mixed = []
+    for a, b in zip(one_channels, other_channels, strict=True):
+        mixed.append(round(share * a + (1 - share) * b))
     return "#" + bytes(mixed).hex()

@@ -571,7 +571,9 @@ class RecipeKnowledge(nn.Module):
         support_terms(lists, a, b, goal, terms)
         # -1 ends the list, so the terms of its recipes come first.
         numbers = numbers[numbers >= 0]
-        recipes = np.stack([lists.first, lists.second, lists.result], axis=1)[numbers]
+        # Chosen before they are stacked: a book may have hundreds of thousands of recipes.
+        columns = [column[numbers] for column in (lists.first, lists.second, lists.result)]
+        recipes = np.stack(columns, axis=1)
         straight, crossed = torch.from_numpy(terms[: len(numbers)]).unbind(1)
         like_goal = torch.from_numpy(lists.support_alike[goal, : len(numbers)].copy())
         return torch.from_numpy(recipes.astype(np.int64)), like_goal, straight, crossed
@@ -746,17 +748,21 @@ class RecipeKnowledge(nn.Module):
         is_other = ((supporting[:, 2] != goal) | (shares < LEAST_SHARE)).tolist()
         # A stable sort, so each part stays in the order of shares.
         rows.sort(key=lambda row: is_other[row])
+        # Plain numbers at once: each number that is taken from a tensor costs more than a list.
         recipes = supporting.tolist()
-        best = []
+        plain_weights = weights.tolist()
+        plain_shares = shares.tolist()
+        size = self.num_entities
+        best: list[Support] = []
         for row in rows:
-            one, other, result = recipes[row]
+            if len(best) == limit:
+                break
             # The padding of short lists, and recipes of other books, have no label here.
-            has_labels = max(one, other, result) < self.num_entities
-            if weights[row] > 0 and has_labels:
-                weight = float(weights[row])
-                share = float(shares[row])
-                best.append(Support((one, other, result), weight, share))
-        return best[:limit]
+            has_labels = max(recipes[row]) < size
+            if plain_weights[row] > 0 and has_labels:
+                one, other, result = recipes[row]
+                best.append(Support((one, other, result), plain_weights[row], plain_shares[row]))
+        return best
 
 
 def _of_one_model(ranker: Ranker) -> dict[str, Tensor]:

@@ -1,10 +1,12 @@
 """A tiny language model and a tiny encoder with random weights, whose words are those of the
-kitchen."""
+kitchen.
+
+Fixtures import transformers: each process of the tests collects all files, and one of them tests
+those here.
+"""
 
 import pytest
 import torch
-import transformers
-from tokenizers import Tokenizer, models, pre_tokenizers
 
 from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts
 
@@ -27,6 +29,9 @@ def save(folder, kind, config, tokenizer):
 
 @pytest.fixture(scope="session")
 def tokenizer(kitchen):
+    from tokenizers import Tokenizer, models, pre_tokenizers
+    from transformers import PreTrainedTokenizerFast
+
     texts = [
         text for prompt in read_prompts(DEFAULT) for text in (prompt.text("a"), *prompt.neutral)
     ]
@@ -39,27 +44,31 @@ def tokenizer(kitchen):
     }
     made = Tokenizer(models.WordLevel(vocabulary, unk_token="[UNK]"))
     made.pre_tokenizer = pre_tokenizers.Whitespace()
-    return transformers.PreTrainedTokenizerFast(
-        tokenizer_object=made, unk_token="[UNK]", pad_token="[PAD]"
-    )
+    return PreTrainedTokenizerFast(tokenizer_object=made, unk_token="[UNK]", pad_token="[PAD]")
 
 
 @pytest.fixture(scope="session")
 def model_folder(tokenizer, tmp_path_factory):
     """A causal language model; read only."""
-    config = transformers.LlamaConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
-    return save(tmp_path_factory.mktemp("lm"), transformers.LlamaForCausalLM, config, tokenizer)
+    from transformers import LlamaConfig, LlamaForCausalLM
+
+    config = LlamaConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("lm"), LlamaForCausalLM, config, tokenizer)
 
 
 @pytest.fixture(scope="session")
 def masked_folder(tokenizer, tmp_path_factory):
     """A masked language model, which sees later words; read only."""
-    config = transformers.BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
-    return save(tmp_path_factory.mktemp("masked"), transformers.BertForMaskedLM, config, tokenizer)
+    from transformers import BertConfig, BertForMaskedLM
+
+    config = BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("masked"), BertForMaskedLM, config, tokenizer)
 
 
 @pytest.fixture(scope="session")
 def encoder_folder(tokenizer, tmp_path_factory):
     """An encoder without a pooling of its own; read only."""
-    config = transformers.BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
-    return save(tmp_path_factory.mktemp("encoder"), transformers.BertModel, config, tokenizer)
+    from transformers import BertConfig, BertModel
+
+    config = BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("encoder"), BertModel, config, tokenizer)

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import torch
-import transformers
 from refusals import refuses
 from short_fits import short_fits
 
@@ -29,7 +28,9 @@ def vectors(encoder_folder, kitchen, tmp_path_factory):
 def test_a_vector_is_the_mean_over_the_tokens_with_length_1(
     vectors, encoder_folder, tokenizer, kitchen
 ):
-    model = transformers.AutoModel.from_pretrained(encoder_folder).eval()
+    from transformers import AutoModel
+
+    model = AutoModel.from_pretrained(encoder_folder).eval()
     features = make_features(str(vectors), kitchen.entities)
     for label, vector in list(zip(kitchen.entities, features.vectors, strict=True))[::7]:
         with torch.no_grad():

@@ -2,25 +2,32 @@ import io
 import itertools
 import json
 import runpy
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from transformers import AutoTokenizer
 
-PLAYER = runpy.run_path(str(Path(__file__).parents[3] / "examples" / "transformers_player.py"))
 ITEMS = ["flour", "hot water", "egg", "milk", "sugar"]
 RULES = "rules: look up. " + 5 * "flour is a part of bread. "
 
 
+@cache
+def player():
+    """The names of the example; it imports transformers, so no sooner than a test needs them."""
+    return runpy.run_path(str(Path(__file__).parents[3] / "examples" / "transformers_player.py"))
+
+
 @pytest.fixture(scope="module")
 def reader(model_folder):
+    from transformers import AutoTokenizer
+
     with pytest.MonkeyPatch.context() as patch:
         tokenizer = AutoTokenizer.from_pretrained(model_folder)
         tokenizer.chat_template = "{% for one in messages %}{{ one.content }}, {% endfor %}"
         patch.setattr(AutoTokenizer, "from_pretrained", lambda *_, **__: tokenizer)
-        made = PLAYER["Reader"](str(model_folder))
+        made = player()["Reader"](str(model_folder))
     made.end = made.tokens("bread")[0]
     return made
 
@@ -43,7 +50,7 @@ def test_the_answer_is_the_most_probable_untried_pair(
         for a, b in itertools.product(ITEMS, ITEMS)
     }
     for _ in range(15):
-        answer = PLAYER["by_probabilities"](reader, prompt, ITEMS, tried)
+        answer = player()["by_probabilities"](reader, prompt, ITEMS, tried)
         assert expected[answer] == pytest.approx(max(expected.values()), abs=1e-4)
         for text in [
             text for text in expected if sorted(text.split(" + ")) == sorted(answer.split(" + "))
@@ -64,7 +71,7 @@ def test_the_answer_by_generation_is_that_of_a_model_without_a_kept_text(reader)
             pad_token_id=1,
         )
         written = [token for token in expected[0, len(prompt) :].tolist() if token != reader.end]
-        assert PLAYER["by_generation"](reader, prompt, 5) == reader.tokenizer.decode(
+        assert player()["by_generation"](reader, prompt, 5) == reader.tokenizer.decode(
             written, skip_special_tokens=True
         )
 
@@ -89,7 +96,7 @@ def test_a_constrained_answer_goes_on_with_the_most_probable_allowed_token(reade
             first = slow(prompt, [f"{one} +" for one in sorted(starts)])
             (one,) = (item for item, tokens in starts.items() if tokens == first)
             expected = slow(prompt, [f"{one} + {b}" for a, b in sorted(left) if a == one])
-            answer = PLAYER["by_constraint"](reader, prompt, ITEMS, tried)
+            answer = player()["by_constraint"](reader, prompt, ITEMS, tried)
             assert reader.tokens(answer) == expected
             pair = tuple(answer.split(" + "))
             left -= {pair, pair[::-1]}
@@ -114,7 +121,7 @@ def test_the_answer_by_recipes_is_the_pair_of_the_most_probable_texts(reader, mo
     ]
     lines = "".join(json.dumps(line) + "\n" for line in game)
     monkeypatch.setattr("sys.stdin", io.StringIO(lines))
-    PLAYER["play_by_recipes"](reader)
+    player()["play_by_recipes"](reader)
     answers = capsys.readouterr().out.splitlines()
     assert answers[:15] == answers[15:]
     for answer in answers[:15]:
@@ -129,12 +136,12 @@ def test_games_without_a_goal_are_refused_by_recipes(reader, monkeypatch):
     line = json.dumps({"goal": None, "table": ITEMS, "text": "", "new": True})
     monkeypatch.setattr("sys.stdin", io.StringIO(line + "\n"))
     with pytest.raises(SystemExit, match="has no goal"):
-        PLAYER["play_by_recipes"](reader)
+        player()["play_by_recipes"](reader)
 
 
 def test_a_tokenizer_without_chat_template_is_refused_by_name(model_folder):
     with pytest.raises(SystemExit, match="has no chat template"):
-        PLAYER["Reader"](str(model_folder))
+        player()["Reader"](str(model_folder))
 
 
 @pytest.mark.parametrize("by", ["generation", "constrained", "probabilities"])
@@ -149,7 +156,7 @@ def test_equal_games_get_equal_answers_and_a_full_context_begins_anew(
     monkeypatch.setattr(
         "sys.stdin", io.StringIO("".join(json.dumps(line) + "\n" for line in game + game))
     )
-    PLAYER["play"](reader, by, 80, 4)
+    player()["play"](reader, by, 80, 4)
     answers = capsys.readouterr().out.splitlines()
     assert len(answers) == 20
     assert answers[:10] == answers[10:]

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from transformers import LlamaConfig, LlamaForCausalLM
 
 from wordcraft_kg import open_graph
 from wordcraft_kg.apps.text_agents.benchmark import open_track
@@ -36,6 +35,8 @@ def splits():
 
 
 def tiny(seed=0):
+    from transformers import LlamaConfig, LlamaForCausalLM
+
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return LlamaForCausalLM(

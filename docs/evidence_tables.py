@@ -1,4 +1,4 @@
-"""Tables of the evidence pages that follow from a JSON file of measurements.
+"""Tables and caveats of the evidence pages that follow from a JSON file of measurements.
 
 A page marks the place: ``<!-- table: NAME -->`` ... ``<!-- end of table -->``, with a name of TABLES.
 """
@@ -797,6 +797,196 @@ def large_book() -> Iterator[str]:
         yield f"| {title} | {' | '.join(cells)} |"
 
 
+def _rows(name: str, **values: object) -> list[Row]:
+    """Return the rows of a file that have these values."""
+    return [row for row in _read(name) if all(row[key] == value for key, value in values.items())]
+
+
+def _success(row: Row, name: str = "success") -> float:
+    """Return a share of tasks as it was before it was rounded to four digits."""
+    return float(round(row[name] * row["tasks"]) / row["tasks"])
+
+
+def _planner(**values: object) -> list[Row]:
+    """Return the rows of the planner on Little Alchemy 2, by split seed."""
+    where = {"book": "little-alchemy-2", "player": "planner", "policy": "any"} | values
+    return sorted(_rows("planning.json", **where), key=lambda row: int(row["seed"]))
+
+
+def _by_unseen(split: str, unseen: int) -> tuple[float, int]:
+    """Return the planner's success on depth-2 tasks by unseen recipes of the best plan."""
+    each = [row["unseen"][str(unseen)] for row in _planner(split=split, depth=2, distractors=4)]
+    tasks = sum(number for _, number in each)
+    return sum(rate * number for rate, number in each) / tasks, tasks
+
+
+def planning_caveats() -> Iterator[str]:
+    """Yield the planner's caveats, with depth 1, unseen recipes, shortcuts and distractors."""
+    below = {}
+    for split in ("by-recipe", "by-goal"):
+        values = {"split": split, "depth": 1, "distractors": 4}
+        planner, pair = (
+            _mean([row["success"] for row in _planner(player=player, **values)])
+            for player in ("planner", "w")
+        )
+        below[split] = _signed(planner - pair)
+    yield (
+        f"- At depth 1 the planner's difference to the best pair is {below['by-recipe']} by recipe and "
+        f"{below['by-goal']} by goal: its probabilities assume that known goals have no unseen recipes."
+    )
+    (one, of_one), (two, of_two) = (_by_unseen("by-recipe", number) for number in (1, 2))
+    goal, of_goal = _by_unseen("by-goal", 2)
+    yield (
+        f"- By recipe {_shown(one)} and {_shown(two)} of the depth-2 goals are made whose best plan has "
+        f"one and two unseen recipes ({of_one:,} and {of_two:,} tasks); by goal, two unseen recipes "
+        f"are hardly ever found ({_shown(goal)} of {of_goal:,})."
+    )
+    first = {"split": "by-recipe", "depth": 2, "distractors": 4, "seed": 0}
+    (row,) = _planner(**first)
+    (guarded,) = _planner(**first | {"policy": "no_train_shortcut"})
+    yield (
+        f"- Shortcuts explain little: {_shown(_success(row, 'by_plan'))} of {_shown(_success(row))} on "
+        "split 0 are by the task's own plan; where no distractor opens a way by train recipes, the "
+        f"planner makes {_shown(_success(guarded))}."
+    )
+    means = []
+    for split in ("by-recipe", "by-goal"):
+        none, many = (
+            _shown(_mean([_success(row) for row in _planner(split=split, depth=2, distractors=n)]))
+            for n in (0, 8)
+        )
+        means.append(f"{none} and {many} {split.replace('-', ' ')}")
+    yield f"- With 0 and 8 distractors: {', '.join(means)}."
+    times = []
+    for depth in (2, 3):
+        values = {"book": "little-alchemy-2", "split": "by-recipe", "distractors": 4}
+        rows = _rows("planning-agents.json", player="planner", depth=depth, **values)
+        times.append(f"{_mean([row['ms'] for row in rows]):.1f}")
+    yield (
+        f"- By tables, with GloVe, a decision takes {times[0].removeprefix('0')} ms of CPU time at "
+        f"depth 2, and {times[1]} ms at depth 3."
+    )
+
+
+def planning_splits() -> Iterator[str]:
+    """Yield the planner's success on single splits, and with fewer or more candidates."""
+    values = {"player": "planner", "distractors": 4}
+    of_everyday = _rows("planning.json", book="everyday", split="by-recipe", seed=0, **values)
+    rates = [_shown(row["success"]) for row in sorted(of_everyday, key=lambda row: row["depth"])]
+    depths = f"{', '.join(rates[:-1])} and {rates[-1]} at depth 1 to 4"
+    of_splits = []
+    for split in ("by-recipe", "by-goal", "by-slot"):
+        by_depth = []
+        for depth in (2, 3):
+            rows = _rows(
+                "planning-agents.json", book="little-alchemy-2", split=split, depth=depth, **values
+            )
+            each = ", ".join(_shown(row["success"]) for row in sorted(rows, key=_seed))
+            by_depth.append(f"{each} at depth {depth}" if split == "by-recipe" else each)
+        of_splits.append(f"{' and '.join(by_depth)} {split.replace('-', ' ')}")
+    yield (
+        f"`everyday`, split 0 by recipe, all sources: {depths}. Little Alchemy 2 with GloVe, splits 0, 1 "
+        f"and 2: {'; '.join(of_splits)}."
+    )
+    widths = (8, 16, 32, 64, 128)
+    found = []
+    for width in widths:
+        (row,) = _planner(
+            player=f"planner, {width} candidates", split="by-recipe", depth=2, distractors=4, seed=0
+        )
+        found.append(_shown(_success(row)))
+    yield ""
+    yield (
+        f"With earlier candidates, {', '.join(map(str, widths[:-1]))} and {widths[-1]} of them gave "
+        f"{', '.join(found[:-1])} and {found[-1]} at depth 2."
+    )
+
+
+def _seed(row: Row) -> int:
+    return int(row["seed"])
+
+
+def agents_with_plans() -> Iterator[str]:
+    """Yield the differences of agents with plans to the planner, at depth 2 on split 0."""
+    rates = {
+        (row["book"], row["split"], row["distractors"], row["player"]): row["success"]
+        for row in _rows("planning-agents.json", depth=2, seed=0)
+    }
+    differences = [
+        rate - rates[(*at, "planner, all tasks")]
+        for (*at, player), rate in rates.items()
+        if player == "agent, u,v,w,p"
+    ]
+    far = sum(difference < -0.01 for difference in differences)
+    yield (
+        f"At depth 2, agents with p differ from the planner by {signed(min(differences))} to "
+        f"{signed(max(differences))}; in {far} of {len(differences)} cells they are more than .01 below."
+    )
+
+
+def acting_caveats() -> Iterator[str]:
+    """Yield the caveats of agents against scorers: no penalty, and scores of links alone."""
+    differences = [
+        row["difference"]
+        for row in _read("agents-against-scorers.json")
+        if row["variant"].endswith("no penalty")
+    ]
+    below = [-difference for difference in differences if difference < 0]
+    yield (
+        f"- Without the penalty agents fall below their scorers in {len(below)} of {len(differences)} "
+        f"rows, by {_shown(min(below))} to {_shown(max(below))} ([the penalty](penalty.md))."
+    )
+    where = {"split": "by-recipe", "distractors": 8}
+    (alone,) = _rows(
+        "untrained-players.json",
+        book="little-alchemy-2",
+        player="recipe scorer alone, u v",
+        **where,
+    )
+    (agent,) = _rows(
+        "partial-graph.json", book="alchemy2", variant="recipes, u v", steps=1_000_000, **where
+    )
+    yield (
+        f"- Learning adds to scores of links: u and v of the recipe scorer make "
+        f"{_shown(_mean(alone['success']))} alone, and {_shown(agent['success'])} with an agent (Little "
+        "Alchemy 2, 8 distractors, a million steps; [partial graphs](../partial-graph.md))."
+    )
+
+
+def outside_caveats() -> Iterator[str]:
+    """Yield which source adds most on goals that the other book makes, and what agents make."""
+    of_goals = {"book": "little-alchemy-2", "split": "by-goal"}
+
+    def added(source: str, column: str) -> str:
+        with_source, without = (
+            _mean([row[column] for row in _rows("outside-knowledge.json", row=name, **of_goals)])
+            for name in (source, "and words")
+        )
+        return _shown(with_source - without)
+
+    yield (
+        f"- Next to MiniLM, another book adds {added('book', 'made 8')} on the goals that it makes and "
+        f"{added('book', 'other 8')} on others, where the language model "
+        f"({added('language model', 'other 8')}) and WordNet ({added('WordNet', 'other 8')}) add more. "
+        "Single tasks of these rows are not stored, so these differences have no interval."
+    )
+    with_all, without = (
+        _mean(
+            [
+                row["agent"]
+                for row in _rows(
+                    "outside-knowledge-agents.json", scorer=scorer, split="by-goal", distractors=8
+                )
+            ]
+        )
+        for scorer in ("all of them", "recipes and GloVe")
+    )
+    yield (
+        f"- Agents get it all: {_shown(with_all)} instead of {_shown(without)} with unseen goals, "
+        "without significant difference to their scorers (last folded table)."
+    )
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -828,7 +1018,12 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
         )
         for split in ("by-recipe", "by-goal")
     },
+    "planning caveats": planning_caveats,
+    "planning splits": planning_splits,
     "planning agents": agents_by_depth,
+    "agents with plans": agents_with_plans,
+    "acting caveats": acting_caveats,
+    "outside caveats": outside_caveats,
     "scripted players": scripted,
     "discoverers": discoverers,
     "penalty": penalty,

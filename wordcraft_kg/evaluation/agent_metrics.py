@@ -222,17 +222,23 @@ def slices_of(
 
 
 def slice_successes(
-    groups: Mapping[str, NDArray[np.bool_]], results: Sequence[Evaluation]
+    slices: Mapping[str, NDArray[np.bool_]], results: Sequence[Evaluation]
 ) -> tuple[SliceSuccess, ...]:
-    """Return the success rate on each group of the played tasks, over all results.
+    """Return the success rate on each slice of the played tasks, over all results.
 
-    ``groups`` are masks over the tasks of the results, each of shape (tasks,). Empty groups are
-    left out.
+    Args:
+        slices: mask over the played tasks, shape (tasks,), by name.
+        results: an evaluation of each run, on the same tasks.
+
+    Returns:
+        success by slice, in the order of ``slices``; empty slices are left out.
     """
     success = _successes(results)
     rows = []
-    for name, mask in groups.items():
+    for name, mask in slices.items():
         if mask.any():
+            # Within a slice, too, whole groups are resampled: the split holds out the tasks of a
+            # group together, so their outcomes are not independent.
             interval = task_bootstrap(success[mask], results[0].groups[mask])
             row = SliceSuccess(
                 slice=name,

@@ -62,7 +62,11 @@ def chain(ingredients: Sequence[str], result: str) -> list[Recipe]:
 
 
 def is_step(recipe: Recipe) -> bool:
-    """Return whether a recipe may be part of a chain: what it makes is named by its parts.
+    """Return whether a recipe could come from :func:`chain`.
+
+    A half-product is named by its ingredients. A recipe for a half-product of another name is not
+    of a chain: a book may have a thing whose label happens to end in :data:`HALF`, and
+    :func:`unchained` would take it apart. A recipe for anything else may be the last of a chain.
 
     Example:
         >>> is_step(Recipe("coal + rope + …", "stick", "coal + rope + stick + …"))
@@ -72,6 +76,7 @@ def is_step(recipe: Recipe) -> bool:
     """
     if not is_half_product(recipe.result):
         return True
+    # In either order: a recipe sorts its ingredients again, after the half-product has its name.
     one = recipe.ingredient_a.removesuffix(HALF)
     other = recipe.ingredient_b.removesuffix(HALF)
     return recipe.result.removesuffix(HALF) in (f"{one} + {other}", f"{other} + {one}")

@@ -137,7 +137,7 @@ class PlanSearch:
         Args:
             goal: shape (B,), int64.
             table: shape (B, A), int64; E for empty slots.
-            model: shape (B,), int64: number of the model.
+            model: shape (B,), int64: number of the model, 0 for all folds, k + 1 without fold k.
             attempts_left: shape (B,), int64; more than :data:`MAX_ATTEMPTS` count as that many.
             tried: shape (B, A, A), bool: pairs that were tried, which make nothing new. None if
                 unknown.
@@ -173,7 +173,7 @@ class PlanSearch:
         Args:
             goal: shape (B,), int64.
             table: shape (B, A), int64; E for empty slots.
-            model: shape (B,), int64: number of the model.
+            model: shape (B,), int64: number of the model, 0 for all folds, k + 1 without fold k.
             attempts_left: shape (B,), int64; more than :data:`MAX_ATTEMPTS` count as that many.
             tried: shape (B, A, A), bool: pairs that were tried. None if unknown.
 
@@ -229,9 +229,10 @@ class PlanSearch:
             goal: id of the goal.
             table: ids of the A entities on the table.
             pair: slots of the first pair.
-            model: number of the model.
+            model: number of the model: 0 for all folds, k + 1 without fold k.
             attempts_left: number of attempts left; at most :data:`MAX_ATTEMPTS` are planned.
-            tried: shape (1, A, A), bool: pairs that were tried. None if unknown.
+            tried: shape (1, A, A), bool: pairs that were tried. None if unknown. Results that the
+                plan puts on the table come after these A slots, and their pairs are untried.
 
         Returns:
             the attempts: two ingredients, the expected result, and its probability. Empty for a
@@ -257,6 +258,8 @@ class PlanSearch:
             is_goal = int(result) == goal
             first_slot = torch.tensor([one], device=device)
             second_slot = torch.tensor([other], device=device)
+            # With the prior that the search gave this step, so that the steps' probabilities
+            # multiply to that of the plan.
             chance = self.curve.log_probabilities(
                 self.knowledge,
                 result,

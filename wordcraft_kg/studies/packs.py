@@ -83,7 +83,8 @@ class CellFiles:
     def where(self, address: str) -> str | None:
         """Return in words where the cell of an address lies; None if the store lacks the cell.
 
-        Error messages show it.
+        Error messages begin with these words. So a member ends with a comma, as in "pack.zip,
+        member runs/2f65aebd52224b51.json, is damaged".
         """
         if self.loose(address).exists():
             return str(self.loose(address))
@@ -94,6 +95,11 @@ class CellFiles:
 
     def read(self, address: str) -> bytes:
         """Return the bytes of a cell; a loose file comes before a pack.
+
+        The loose file is the newer one: it may repeat a training whose packed cell is damaged.
+
+        Args:
+            address: address of the cell's task, such as ``runs/2f65aebd52224b51``.
 
         Raises:
             ArtefactError: if the store lacks the cell, or its file or its member of a pack cannot

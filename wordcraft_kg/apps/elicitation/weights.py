@@ -45,6 +45,11 @@ def locate_model(setting: str, name: str) -> Path:
 def hash_weights(path: Path) -> dict[str, str]:
     """Return SHA-256 hashes of a model's weights by file name.
 
+    Names are relative to the folder, so that a record tells nothing of the machine.
+
+    Args:
+        path: folder of a pretrained model; or a single file with all weights, such as ``.gguf``.
+
     Raises:
         ArtefactError: if the folder has no weights in safetensors, or no config.json.
     """
@@ -69,6 +74,10 @@ def weight_files(folder: Path) -> list[Path]:
 @contextmanager
 def loading(path: Path, expected: str) -> Iterator[None]:
     """Load a model without bars, warnings and questions.
+
+    Args:
+        path: the model, for errors.
+        expected: kind of model in words, such as "a sentence encoder".
 
     Raises:
         ArtefactError: if the model is damaged, not of the ``expected`` kind, or needs code of its

@@ -47,11 +47,14 @@ COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
-    """Return the indices of the tasks to play, shape (T,).
+    """Return the indices of the tasks to play, shape (T,), ascending.
+
+    Tasks are evenly spaced, because enumerated tasks are sorted by goal: the first ones would be of
+    few goals. Nothing is drawn, so all players get the same tasks.
 
     Args:
         world: the world.
-        most: number of tasks, evenly spaced over all; None for all.
+        most: number of tasks; None for all.
 
     Raises:
         ConfigError: for a number below 1.

@@ -182,6 +182,10 @@ def _sum_of_reciprocal_ranks(scorer: Scorer, queries: Ids, graph: RecipeGraph) -
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:
     """Split the train recipes again into a train and a test part, with the same kind of split.
 
+    Settings chosen on this test part have seen neither the validation nor the test recipes. With
+    the same kind of split, the choice meets the same difficulty as the test: whole goals are held
+    out for by-goal, single pairs for by-recipe. There is no validation part.
+
     Args:
         split: split whose train recipes are split again.
         held_out: share of their pairs, or goals, in the new test part.

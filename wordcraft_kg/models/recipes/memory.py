@@ -50,7 +50,8 @@ def encoder_bytes(num_entities: int, dim: int, workers: int, encoders: int) -> i
         workers: encoders that are fitted at once.
         encoders: encoders in all.
     """
-    # Each vector has two averages and a gradient; a finished encoder has half precision.
+    # Each vector has two averages and a gradient, 4 arrays in all; a finished encoder has half
+    # precision. The last term holds the word vectors, with 4 bytes for a number.
     fitted = workers * (4 * num_entities * _OF_ENCODER + _STEP + _RESULTS)
     finished = encoders * num_entities * _OF_ENCODER // 2
     return fitted + finished + 4 * num_entities * dim

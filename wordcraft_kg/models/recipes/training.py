@@ -317,8 +317,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         log: Log,
         checkpoint: Checkpoint[FitDone] | None,
     ) -> TrainedRecipes:
+        # A fit has no epochs, so `log` gets nothing. `checkpoint` is None: a resumed run reads the
+        # saved fits, and makes those that are missing.
         settings = self.config.settings
         if not run.is_live:
+            # Fits of one run must have the same inputs, or folds and main model would differ in
+            # more than the recipes that they leave out.
             inputs = {"features": self.features.sha256, **self._outside_hashes()}
             for name, sha256 in inputs.items():
                 if sha256 != run.record.inputs.get(name):

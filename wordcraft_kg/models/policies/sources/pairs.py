@@ -121,6 +121,9 @@ class PairSource(FoldedSource):
             view: scale, and the tasks to score by cross-fitted scorers.
             self_edges: treatment of triples with equal head and tail, instead of the view's.
 
+        Returns:
+            the source, with each task's model chosen if the view has tasks.
+
         Raises:
             LeakError: if a left-out model was trained on other recipes than its folds say.
         """
@@ -128,10 +131,14 @@ class PairSource(FoldedSource):
         size = len(scorer.entities)
         constants = _constants(scorer, cls.relation, view)
         knowledge = None
+        # Other scorers have factors in place of a table. A recipe scorer has none, so the source
+        # keeps its knowledge, with the models of all folds, and scores links when they are asked.
         if view.without_tables and isinstance(whole_of(scorer), RecipeScorer):
             knowledge = knowledge_of_models(scorer, view)
         folded = folds_of(scorer)
         of_recipe = cls.fold_numbers(scorer, view)
+        # A train task is scored by the model without its recipe's fold, never in-sample. Without
+        # tasks there is nothing to choose by, and the model of all folds is enough.
         if folded is not None and view.tasks is not None:
             constants = _stacked(constants, _without_each_fold(folded, cls.relation, view))
         if of_recipe is not None:
@@ -144,6 +151,8 @@ class PairSource(FoldedSource):
     ) -> Self:
         layouts = _layouts(constants)
         folds = cls.num_folds(constants)
+        # With K folds, buffers have K + 2 models, of which the last is empty. Knowledge has K + 1: an
+        # empty model needs no lists.
         if folds is not None:
             layouts = {name: f"models {layout}" for name, layout in layouts.items()}
         check_constants(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)

@@ -278,7 +278,7 @@ class LinkRows:
             path = (of_head.near, links, of_tail.back)
             if heads:
                 path = (of_tail.near, reverse, of_head.back)
-            # Words count on the first path alone.
+            # Only the first path has a feature by words, `link_words`.
             found = self._follow(entities, *path, least, by_words=number == 0)
             sums.append(found)
         link, exact, to_goal, with_result, with_goal = sums
@@ -320,6 +320,8 @@ class LinkRows:
         from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST
 
         used, itself = self._used_lists, self._itself
+        # Neighbours on both sides: a limit on the product of similarities skips most pairs of
+        # neighbours. With `itself` on one side there are few paths, and all count.
         near_pairs, _ = self._follow(entities, used.near, self._pairs, used.back, LEAST)
         of_own, _ = self._follow(entities, used.near, self._partners, itself.back, _NO_LEAST)
         of_other, _ = self._follow(entities, itself.near, self._partners, used.back, _NO_LEAST)

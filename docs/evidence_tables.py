@@ -766,26 +766,34 @@ def outside_agents() -> Iterator[str]:
 
 LARGE = {
     "recipe oracle": "knows all recipes",
-    "ic, planner": "**recipe scorer, planner**",
-    "ic, w, best pair": "recipe scorer, best pair (w)",
-    "ic, u+v, self edges dropped": "recipe scorer, links alone (u, v)",
+    "planner": "**recipe scorer, planner**",
+    "w, best pair": "recipe scorer, best pair (w)",
+    "u+v, self edges dropped": "recipe scorer, links alone (u, v)",
     "partial KG, votes": "votes of the train recipes",
     "partial KG, planner": "planner, train recipes only",
     "nearest words": "nearest words",
     "random": "chance",
 }
-"""Players of the table on Infinite Craft, by their names in the output of `evaluate-agent`."""
+"""Players of the tables on Infinite Craft, by their names in the output of `evaluate-agent`, without
+the name of the scorer's folder."""
 
 
-def large_book() -> Iterator[str]:
-    """Yield the table of players on Infinite Craft, by depth and distractors."""
+def large_book(files: str, depths: Sequence[int]) -> Iterator[str]:
+    """Yield a table of players on Infinite Craft, by depth and distractors.
+
+    Args:
+        files: beginning of the names of the files with the results of each depth.
+        depths: the depths.
+    """
     columns: dict[str, dict[str, Row]] = {}
-    for depth in (1, 2):
-        path = HERE / DATA / f"large-book-depth-{depth}.json"
+    for depth in depths:
+        path = HERE / DATA / f"{files}-depth-{depth}.json"
         view = json.loads(path.read_text(encoding="utf-8"))
         for row in view["rows"]:
             title = f"depth {depth}, {counted(row['distractors'], 'distractor')}"
-            columns.setdefault(title, {})[row["player"]] = row
+            # The folder of the model by goal is ic-goals.
+            name = row["player"].removeprefix("ic, ").removeprefix("ic-goals, ")
+            columns.setdefault(title, {})[name] = row
     yield f"| player | {' | '.join(columns)} |"
     yield f"|---|{'---|' * len(columns)}"
     for name, title in LARGE.items():
@@ -1035,7 +1043,8 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "worlds": worlds,
     "probabilities": probabilities,
     "promised": promised,
-    "large book": large_book,
+    "large book": partial(large_book, "large-book", (1, 2)),
+    "large book by goal": partial(large_book, "large-book-goals", (1, 2)),
     "links": links,
     "outside agents": outside_agents,
     "presets": presets,

@@ -151,8 +151,8 @@ class PairSource(FoldedSource):
     ) -> Self:
         layouts = _layouts(constants)
         folds = cls.num_folds(constants)
-        # With K folds, buffers have K + 2 models, of which the last is empty. Knowledge has K + 1: an
-        # empty model needs no lists.
+        # With K folds, buffers have K + 2 models, of which the last is empty. Knowledge has K + 1:
+        # an empty model needs no lists.
         if folds is not None:
             layouts = {name: f"models {layout}" for name, layout in layouts.items()}
         check_constants(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)

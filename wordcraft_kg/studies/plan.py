@@ -50,8 +50,8 @@ count. A test repeats some trainings and compares their results to the bit.
 SCORER_VERSIONS = {RecipeScorerConfig.command: 4}
 """Versions of scorers by command, in place of that in :data:`VERSIONS`.
 
-2: recipe scorers compute features by neighbour lists, before by tables of all pairs. 4: in books of
-4,000 recipes and more, their rankers learn from half as many tables.
+2: recipe scorers compute features by neighbour lists, before by tables of all pairs. 4: gradients
+of rankers are rounded in another order, which changes the third digit of success.
 """
 BOOK = "everyday"
 _CURVE_POINTS = 20

@@ -98,6 +98,17 @@ def test_plans_are_all_that_trying_every_pair_finds(graph, data):
             assert not plan or made[-1] == goal
 
 
+def test_ways_are_the_same_if_too_much_is_within_reach_to_look_up(kitchen, monkeypatch):
+    start = frozenset(kitchen.base_ids.tolist())
+    goals = range(kitchen.num_entities)
+    search = SolutionSearch(kitchen)
+    expected = [search.ways(goal, start, 4) for goal in goals]
+    assert any(len(way) == 4 for ways in expected for way in ways)
+    for most in (0, len(start)):
+        monkeypatch.setattr(task_search, "_MOST_NEAR", most)
+        assert [search.ways(goal, start, 4) for goal in goals] == expected
+
+
 def test_a_plan_may_use_both_results_of_one_attempt():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("c", "d", "e")])
     assert replay(graph, ["a", "b"], [Recipe("a", "b", "c")]) == {"a", "b", "c", "d"}

@@ -9,7 +9,8 @@ lists candidate tasks and keeps those of one depth and part.
 """
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ DRAWN_TASKS = 1_000
 MAX_ENUMERATED = 1_000_000
 """Plans at depth 2 that are enumerated, about 1 kB each; with more of them, tasks are drawn."""
 _ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
+_MOST_NEAR = 128  # most entities of which all pairs are looked up, about a millisecond
 _TRIES = 2_000  # draws without a new task after which drawing stops
 
 _Candidate = tuple[int, Rows]
@@ -110,9 +112,10 @@ class SolutionSearch:
         Returns:
             Sets of pair numbers, all of the same size; empty if there is no way.
         """
+        near = self._near(have, attempts - 1)
         # Iterative deepening: a small budget prunes nearly everything, so most searches are short.
         for budget in range(attempts + 1):
-            ways = self.ways(goal, have, budget)
+            ways = self._ways(goal, near, budget, frozenset())
             if ways:
                 return ways
         return set()
@@ -122,7 +125,6 @@ class SolutionSearch:
         goal: int,
         have: frozenset[int],
         attempts: int,
-        above: frozenset[int] = frozenset(),
     ) -> set[_Way]:
         """Return all acyclic ways to make a goal, also longer ones than necessary.
 
@@ -130,8 +132,67 @@ class SolutionSearch:
             goal: entity id.
             have: ids of the entities at hand.
             attempts: most attempts in a way.
+        """
+        return self._ways(goal, self._near(have, attempts - 1), attempts, frozenset())
+
+    def _near(self, have: frozenset[int], most: int) -> list[frozenset[int] | None]:
+        """Return the entities within reach of 0, 1, ... ``most`` attempts.
+
+        An entity that takes n attempts has ingredients that take n - 1 at most. So a search may
+        pass over recipes with others, which are nearly all of a hub's thousands. The sets are too
+        large where ingredients share attempts, and never too small; None stands for all entities.
+
+        Args:
+            have: ids of the entities at hand.
+            most: most attempts; the set of 0 attempts is there in any case.
+        """
+        near: list[frozenset[int] | None] = [have]
+        reached: frozenset[int] = frozenset()
+        within = have
+        for _ in range(most):
+            if len(within) > _MOST_NEAR:
+                near += [None] * (most + 1 - len(near))
+                break
+            made: set[int] = set()
+            # Pairs of entities that were there one attempt before have been combined already.
+            for new in within - reached:
+                for other in within:
+                    made.update(self._made_by.get(self._key(new, other), ()))
+            reached = within
+            within = within | made
+            near.append(within)
+        return near
+
+    @cached_property
+    def _made_by(self) -> dict[int, list[int]]:
+        """The results of usable recipes by ingredient pair, see :meth:`_key`."""
+        made_by: dict[int, list[int]] = {}
+        for result, recipes in enumerate(self.recipes_of):
+            for _, a, b in recipes:
+                made_by.setdefault(self._key(a, b), []).append(result)
+        return made_by
+
+    def _key(self, a: int, b: int) -> int:
+        """Return a number for an unordered pair: it takes less memory than a tuple."""
+        return min(a, b) * self.graph.num_entities + max(a, b)
+
+    def _ways(
+        self,
+        goal: int,
+        near: Sequence[frozenset[int] | None],
+        attempts: int,
+        above: frozenset[int],
+    ) -> set[_Way]:
+        """Return all acyclic ways to make a goal.
+
+        Args:
+            goal: entity id.
+            near: entities within reach by attempts, from :meth:`_near`; those at hand come first.
+            attempts: most attempts in a way.
             above: ids of the entities that need the goal, which no way may go through.
         """
+        have = near[0]
+        assert have is not None
         if goal in have:
             return {frozenset()}
         recipes = self.recipes_of[goal]
@@ -139,13 +200,16 @@ class SolutionSearch:
             return set()
         if attempts == 1:  # the last attempt: both ingredients are at hand, or it is none
             return {frozenset((pair,)) for pair, a, b in recipes if a in have and b in have}
+        within = near[attempts - 1]
+        if within is not None:
+            recipes = [(pair, a, b) for pair, a, b in recipes if a in within and b in within]
         # A way through an entity that needs this one would go round in a circle.
         above = above | {goal}
         ways: set[_Way] = set()
         for pair, a, b in recipes:
             if not above.isdisjoint((a, b)):
                 continue
-            ways_to_a = self.ways(a, have, attempts - 1, above)
+            ways_to_a = self._ways(a, near, attempts - 1, above)
             if not ways_to_a:  # then the other ingredient does not matter
                 continue
             this = frozenset((pair,))
@@ -153,7 +217,7 @@ class SolutionSearch:
                 # One way to the ingredient serves both places.
                 whole_ways = [way | this for way in ways_to_a]
             else:
-                ways_to_b = self.ways(b, have, attempts - 1, above)
+                ways_to_b = self._ways(b, near, attempts - 1, above)
                 both = itertools.product(ways_to_a, ways_to_b)
                 whole_ways = [way_a | way_b | this for way_a, way_b in both]
             # Two ways may share attempts, so that their union is within the number after all.

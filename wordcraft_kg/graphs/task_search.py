@@ -10,7 +10,6 @@ lists candidate tasks and keeps those of one depth and part.
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,12 +139,14 @@ class SolutionSearch:
 
         An entity that takes n attempts has ingredients that take n - 1 at most. So a search may
         pass over recipes with others, which are nearly all of a hub's thousands. The sets are too
-        large where ingredients share attempts, and never too small; None stands for all entities.
+        large, by recipes that are not usable and by two ingredients that take an attempt each, and
+        never too small; None stands for all entities.
 
         Args:
             have: ids of the entities at hand.
             most: most attempts; the set of 0 attempts is there in any case.
         """
+        outcomes = self.graph.outcomes
         near: list[frozenset[int] | None] = [have]
         reached: frozenset[int] = frozenset()
         within = have
@@ -157,24 +158,12 @@ class SolutionSearch:
             # Pairs of entities that were there one attempt before have been combined already.
             for new in within - reached:
                 for other in within:
-                    made.update(self._made_by.get(self._key(new, other), ()))
+                    pair = (new, other) if new <= other else (other, new)
+                    made.update(outcomes.get(pair, ()))
             reached = within
             within = within | made
             near.append(within)
         return near
-
-    @cached_property
-    def _made_by(self) -> dict[int, list[int]]:
-        """The results of usable recipes by ingredient pair, see :meth:`_key`."""
-        made_by: dict[int, list[int]] = {}
-        for result, recipes in enumerate(self.recipes_of):
-            for _, a, b in recipes:
-                made_by.setdefault(self._key(a, b), []).append(result)
-        return made_by
-
-    def _key(self, a: int, b: int) -> int:
-        """Return a number for an unordered pair: it takes less memory than a tuple."""
-        return min(a, b) * self.graph.num_entities + max(a, b)
 
     def _ways(
         self,

@@ -19,7 +19,7 @@ from wordcraft_kg.models.scorers.kernel import (
     link_matrices,
     profiles,
 )
-from wordcraft_kg.models.scorers.neighbours import blocks, knowledge
+from wordcraft_kg.models.scorers.neighbours import blocks, knowledge, link_rows
 from wordcraft_kg.models.scorers.neighbours import lists as lists_module
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
 from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST, table_features
@@ -260,7 +260,12 @@ def test_links_of_whole_rows_have_the_features_of_their_definitions():
 
 
 @pytest.mark.parametrize("width", [2, SIZE])
-def test_rows_columns_candidates_and_tables_agree_on_the_features_of_links(width):
+@pytest.mark.parametrize("dense", [0, link_rows.CELLS])
+def test_rows_columns_candidates_and_tables_agree_on_the_features_of_links(
+    width, dense, monkeypatch
+):
+    # Products with the candidates alone, or with all entities.
+    monkeypatch.setattr(link_rows, "_DENSE", dense)
     recipes = distinct(random_graph(5, SIZE, 60).recipes)
     vectors = unit_vectors()
     near = nearest_words(vectors, width)

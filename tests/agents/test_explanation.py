@@ -24,7 +24,7 @@ from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_spli
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.policies.sources.source import MOST_KEPT, ScoreView
+from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
@@ -478,10 +478,6 @@ def test_a_source_keeps_the_scores_of_some_questions_apart_from_each_other(
         fresh.kept.forget()
         assert torch.equal(kept(question), fresh(question))
     assert len(asked) == len(questions)
-    for number in range(100):
-        table = torch.tensor([[number // 20, 30, 31]])
-        kept(States(torch.tensor([number % 20]), nothing, table, task))
-    assert len(kept.kept) == MOST_KEPT
 
 
 def test_explaining_leaves_the_policy_as_it_is(made):

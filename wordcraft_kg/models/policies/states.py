@@ -4,7 +4,7 @@ Environments know no torch, and policies know no environment: an agent converts 
 ``wordcraft_kg.agents.states.states_of``, a wrapper an observation by :meth:`States.of_observation`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import torch
@@ -65,16 +65,21 @@ class States(NamedTuple):
         Returns:
             States with B = stop - start or fewer.
         """
+        return self._each(lambda tensor: tensor[start:stop].to(device))
 
-        def part(tensor: Tensor) -> Tensor:
-            return tensor[start:stop].to(device)
+    def of(self, rows: Tensor | slice) -> "States":
+        """Return some of the states: their numbers, shape (n,), or a slice."""
+        return self._each(lambda tensor: tensor[rows])
 
+    def _each(self, change: Callable[[Tensor], Tensor]) -> "States":
+        """Return states of which each tensor has been changed."""
         attempts = self.attempts
         if attempts is not None:
-            tried = None if attempts.tried is None else part(attempts.tried)
-            attempts = Attempts(part(attempts.left), tried)
-        task = None if self.task is None else part(self.task)
-        return States(part(self.goal), part(self.selection), part(self.table), task, attempts)
+            tried = None if attempts.tried is None else change(attempts.tried)
+            attempts = Attempts(change(attempts.left), tried)
+        task = None if self.task is None else change(self.task)
+        kept = change(self.goal), change(self.selection), change(self.table)
+        return States(*kept, task, attempts)
 
     @classmethod
     def of_observation(cls, observation: Mapping[str, Any], task: Any = None) -> "States":

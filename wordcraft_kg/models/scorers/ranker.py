@@ -33,10 +33,15 @@ class Ranker:
         return cls(torch.zeros(num_features, 1), torch.zeros(1), torch.zeros(1), torch.zeros(()))
 
     def __call__(self, features: Tensor) -> Tensor:
-        """Return a single network's scores, shape (...), of features, shape (..., F)."""
+        """Return a single network's scores, shape (...), of features, shape (..., F).
+
+        A row has the same bits in any batch, so that scores can be kept.
+        """
         # In place, which takes less memory.
         hidden = (features @ self.first).add_(self.first_bias).relu_()
-        return hidden @ self.second + self.bias
+        # A product of a matrix and a vector would add a row's terms in an order that depends on the
+        # number of rows.
+        return hidden.mul_(self.second).sum(-1) + self.bias
 
     def of_models(self, features: Tensor, model: Tensor) -> Tensor:
         """Return the scores of B rows by the network of each row.

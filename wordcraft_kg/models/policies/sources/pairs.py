@@ -3,7 +3,6 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, ClassVar, Self
 
 import torch
@@ -16,6 +15,7 @@ from wordcraft_kg.models.policies.sources.knowledge import empty_knowledge, know
 from wordcraft_kg.models.policies.sources.source import (
     FoldedSource,
     KeptScores,
+    Rows,
     ScoreView,
     check_constants,
 )
@@ -202,14 +202,18 @@ class PairSource(FoldedSource):
         key: Tensor,
         model: Tensor | None,
     ) -> Tensor:
-        assert self.knowledge is not None
+        knowledge = self.knowledge
+        assert knowledge is not None
         # The empty model has the last number, and no lists: another model computes scores, which
         # the next step sets to 0.
-        last = self.knowledge.num_models - 1
+        last = knowledge.num_models - 1
         used = torch.zeros_like(key) if model is None else model.clamp(max=last)
-        score = partial(self.knowledge.slot_scores, self.relation, key, table, used)
+
+        def compute(rows: Rows) -> Tensor:
+            return knowledge.slot_scores(self.relation, key[rows], table[rows], used[rows])
+
         # A slot's score with the goal is the same before and after the first action.
-        return self.kept.scores((key, table, used), score)
+        return self.kept.scores((key, table, used), compute, table.shape[1:])
 
     def _from_factors(
         self,

@@ -13,6 +13,7 @@ from wordcraft_kg.models.policies.sources.source import (
     Evidence,
     FoldedSource,
     KeptScores,
+    Rows,
     ScoreView,
     Source,
 )
@@ -159,7 +160,11 @@ class BestRecipe(FoldedSource):
         # Everything that scores depend on. The selection is not among it.
         inputs = [states.goal, narrow.table, model]
         inputs += [part for part in states.attempts or () if part is not None]
-        scores = self.kept.scores(inputs, lambda: self.pair_scores(narrow, model))
+
+        def compute(rows: Rows) -> Tensor:
+            return self.pair_scores(narrow.of(rows), model[rows])
+
+        scores = self.kept.scores(inputs, compute, (used, used))
         rest = slots - used
         # -inf, so that an empty slot is never the best partner.
         return nn.functional.pad(scores, (0, rest, 0, rest), value=-torch.inf)

@@ -1,13 +1,15 @@
 """Base classes: for sources, and for sources with a model per left-out fold."""
 
+import math
+import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
@@ -20,10 +22,16 @@ from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
 from wordcraft_kg.models.scorers.neighbours.knowledge import Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 
+Rows = Tensor | slice
+"""Rows of a batch: their numbers, or all of them as a slice."""
 KEPT = 2**24
-"""Most scores that a source keeps, in all batches together: 64 MiB of float32."""
-MOST_KEPT = 64
-"""Most batches whose scores a source keeps: each call compares its key with these."""
+"""Most scores that a source keeps for rows of one shape: 64 MiB of float32."""
+WAYS = 4
+"""Places of a set. With as many rows as an eighth of all places, one in 6,000 sets has too few."""
+MOST_SHAPES = 8
+"""Most shapes of rows: tables grow by a slot with each result."""
+_HASH_SEED = 0
+"""Any seed serves: hashes are compared with hashes of the same process alone."""
 
 
 @dataclass(frozen=True)
@@ -53,41 +61,118 @@ AS_IS = ScoreView()
 """Raw scores."""
 
 
-class KeptScores:
-    """The last scores of a source by neighbour lists, because tables recur.
+class _KeptRows:
+    """Places for scores of one shape, in sets; where all places of a set are taken, one is reused.
 
-    A table is scored before and after the first action, and for another player on the same tables.
-    Threads may call concurrently: the dictionary is replaced, never changed.
+    Attributes:
+        sets: number of sets, a power of two.
+        hashes: shape (sets, WAYS, 2): hash of the inputs at each place; zeros where it is free.
+        scores: shape (sets, WAYS, ...), float32.
+    """
+
+    def __init__(self, shape: tuple[int, ...]):
+        """Keep nothing yet, for rows of this shape."""
+        most = max(1, KEPT // (WAYS * max(1, math.prod(shape))))
+        self.sets: int = 1 << (most.bit_length() - 1)
+        # Memory of zeros is taken from the system only when it is written.
+        self.hashes = np.zeros((self.sets, WAYS, 2), dtype=np.int64)
+        self.scores = np.zeros((self.sets, WAYS, *shape), dtype=np.float32)
+
+    def sets_of(self, hashes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the set of each row, shape (B,), by its hashes, (B, 2)."""
+        return hashes[:, 0] & (self.sets - 1)
+
+    def find(self, hashes: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Return scores, (B, ...), by hashes, (B, 2), and the numbers of rows without any, (n,)."""
+        sets = self.sets_of(hashes)
+        is_here = (self.hashes[sets] == hashes[:, None]).all(2)
+        missing = (~is_here.any(1)).nonzero()[0]
+        return self.scores[sets, is_here.argmax(1)], missing
+
+    def keep(self, hashes: NDArray[np.int64], scores: NDArray[np.float32]) -> None:
+        """Keep the scores of rows, (n, ...), with these hashes, (n, 2)."""
+        sets = self.sets_of(hashes)
+        is_free = (self.hashes[sets] == 0).all(2)
+        ways = np.where(is_free.any(1), is_free.argmax(1), hashes[:, 1] & (WAYS - 1))
+        # Where rows of a batch share a place, NumPy writes the last one, hash and scores alike.
+        self.hashes[sets, ways] = hashes
+        self.scores[sets, ways] = scores
+
+
+class KeptScores:
+    """Scores of states that recur, for sources by neighbour lists.
+
+    A table is scored before and after the first action, for another player on the same tables, and
+    whenever a training plays it again. A row must have the same bits in any batch.
+
+    The hash of a row's inputs says where it is kept, so looking up a batch takes a few operations
+    however many rows are kept. Two hashes of 64 bits stand for the inputs, whose ids are below
+    2^31: that two rows are mistaken for each other has a probability below 2^-64. Threads may call
+    concurrently.
     """
 
     def __init__(self) -> None:
         """Keep nothing yet."""
-        self._batches: dict[tuple[object, ...], Tensor] = {}
+        self._rows: dict[tuple[int, ...], _KeptRows] = {}
+        self._lock = threading.Lock()
 
-    def __len__(self) -> int:
-        return len(self._batches)
+    def __reduce__(self) -> tuple[type["KeptScores"], tuple[()]]:
+        # A copied or saved policy begins anew: locks cannot be copied, and scores need not be.
+        return KeptScores, ()
 
-    def scores(self, inputs: Iterable[Tensor], compute: Callable[[], Tensor]) -> Tensor:
-        """Return the scores of a batch, computed if they are not kept.
+    def scores(
+        self,
+        inputs: Iterable[Tensor],
+        compute: Callable[[Rows], Tensor],
+        shape: tuple[int, ...],
+    ) -> Tensor:
+        """Return the scores of a batch; only rows that are not kept are computed.
 
         Args:
-            inputs: everything that the scores depend on.
-            compute: returns them.
+            inputs: everything that the scores depend on, whole numbers, shape (B, ...) each.
+            compute: returns the scores of some rows of the batch, shape (n, ...).
+            shape: shape of a row of scores.
+
+        Returns:
+            shape (B, ...), float32, on the device of the inputs.
         """
-        key = tuple((part.device, part.shape, part.cpu().numpy().tobytes()) for part in inputs)
-        kept = self._batches
-        if key in kept:
-            return kept[key]
-        scores = compute()
-        most = max(1, KEPT // max(1, scores.numel()))
-        # The newest batch comes first, and the oldest fall off.
-        others = islice(kept.items(), min(most, MOST_KEPT) - 1)
-        self._batches = {key: scores, **dict(others)}
+        parts = list(inputs)
+        device = parts[0].device
+        hashes = _hashes(parts)
+        with self._lock:
+            kept = self._rows.pop(shape, None) or _KeptRows(shape)
+            # The shape that was asked for last comes last, and the first one falls off.
+            self._rows[shape] = kept
+            if len(self._rows) > MOST_SHAPES:
+                del self._rows[next(iter(self._rows))]
+            known, missing = kept.find(hashes)
+        scores = torch.from_numpy(known).to(device)
+        if not len(missing):
+            return scores
+        is_all = len(missing) == len(hashes)
+        rows = slice(None) if is_all else torch.from_numpy(missing).to(device)
+        found = compute(rows)
+        scores[rows] = found
+        with self._lock:
+            kept.keep(hashes[missing], found.cpu().numpy())
         return scores
 
     def forget(self, *_: object) -> None:
         """Drop all scores; takes any arguments, so that it can be a hook of torch."""
-        self._batches = {}
+        self._rows = {}
+
+
+def _hashes(parts: Sequence[Tensor]) -> NDArray[np.int64]:
+    """Return two hashes of each row of all parts together, shape (B, 2)."""
+    columns = [part.reshape(len(part), -1).cpu().numpy() for part in parts]
+    numbers = np.concatenate(columns, axis=1, dtype=np.int64)
+    generator = np.random.default_rng(_HASH_SEED)
+    # Sums of products with random odd numbers, which wrap around at 64 bits. A first term keeps
+    # rows of zeros from the hash of a free place.
+    first, *factors = generator.integers(-(2**63), 2**63 - 1, (1 + numbers.shape[1], 2)) | 1
+    sums = first + numbers @ np.array(factors)
+    # High bits depend on all bits below, and places are low bits.
+    return sums ^ (sums >> 32)
 
 
 class Source(nn.Module, ABC):

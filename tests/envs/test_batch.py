@@ -531,6 +531,26 @@ def test_a_restart_goes_on_with_the_next_episodes(opened_kitchen, device):
     assert again.table.tolist() == ended.table.tolist()
 
 
+def test_with_repeat_the_first_episodes_come_again(opened_kitchen, device):
+    world = batch(opened_kitchen, 1, 0, num_distractors=3).world
+
+    def begun(repeat, number):
+        """Return tasks and tables of the first episodes, in the order of play."""
+        state = BatchEngine(world, 30, device=device, repeat=repeat).reset(4)
+        episodes = []
+        for _ in range(number):
+            episodes.append((state.task.tolist(), state.table.tolist()))
+            state = state.engine.restart(state)
+        return episodes
+
+    all_new = begun(0, 20)
+    assert len({str(episode) for episode in all_new}) == 20
+    assert begun(20, 20) == all_new
+    assert begun(3, 20) == [all_new[number % 3] for number in range(20)]
+    with pytest.raises(ConfigError, match="repeat"):
+        BatchEngine(world, 30, repeat=-1)
+
+
 def test_what_is_on_a_table_stands_first_however_many_are_drawn(opened_kitchen):
     engine = batch(opened_kitchen, 20_000, part="all", num_distractors=4).engine
     task = int(np.argmax(engine.world.tasks.starts[:, 1] == engine.nothing))

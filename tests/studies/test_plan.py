@@ -181,6 +181,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         0.0,
         40.0,
         0,
+        0,
         "cpu",
         1,
         False,

@@ -10,6 +10,7 @@ with the same bits as an uninterrupted run.
 
 import json
 import logging
+import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -182,7 +183,10 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         update = f"an update of {trainer.steps_per_update:,} steps"
         check_memory(name, getattr(trainer, name), update, needed)
         world = World(self.opened, config.tasks.environment("train"))
-        return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
+        assert trainer.tables is not None  # closed by `AgentConfig`
+        repeat = math.ceil(trainer.tables / trainer.batch_size)
+        engine = BatchEngine(world, trainer.batch_size, device=trainer.device, repeat=repeat)
+        return engine.reset(trainer.seed)
 
     @property
     def step(self) -> int:

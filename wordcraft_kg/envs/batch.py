@@ -249,6 +249,7 @@ class BatchEngine:
         *,
         device: str = "cpu",
         first_env: int = 0,
+        repeat: int = 0,
     ):
         """Prepare N environments.
 
@@ -259,6 +260,8 @@ class BatchEngine:
                 devices on the CPU, for tests.
             first_env: number of the first environment, which seeds the random draws: two engines
                 for environments 0 to 63 and 64 to 127 draw the same episodes as one engine for 128.
+            repeat: number of different episodes of an environment, which then begin again with the
+                first: tables recur, and scores of tables can be kept. 0 if all differ.
 
         Raises:
             ConfigError: for a number out of range, or a device that is not available.
@@ -271,7 +274,7 @@ class BatchEngine:
         self.num_slots = world.num_slots
         self.arrays = arrays_of(device)
         self.pairs = _PairNumbers(world.graph, self.arrays)
-        self._draws = Draws(world, self.arrays)
+        self._draws = Draws(world, self.arrays, whole("repeat", repeat, 0))
         array = self.arrays.array
         self._goals = array(world.tasks.goals)
         self._intermediates = array(world.tasks.intermediates)

@@ -59,13 +59,16 @@ class Draws:
     Attributes:
         world: graph, tasks and settings.
         arrays: array operations by NumPy or torch.
+        repeat: number of different episodes of an environment, which then begin again with the
+            first; 0 if all differ.
         width: size of the largest starting table.
     """
 
-    def __init__(self, world: World, arrays: Arrays):
+    def __init__(self, world: World, arrays: Arrays, repeat: int = 0):
         """Prepare look-up tables for a world's tasks and distractors."""
         self.world = world
         self.arrays = arrays
+        self.repeat = repeat
         self.width = world.config.depth + 1 + world.config.num_distractors
         tasks = world.tasks
         self._starts = arrays.array(tasks.starts.astype(np.int32))
@@ -104,6 +107,8 @@ class Draws:
 
     def keys(self, env_keys: Array, episodes: Array) -> Array:
         """Return the key of each episode, for :meth:`env_keys` and episode numbers."""
+        if self.repeat:
+            episodes = episodes % self.repeat
         return mixed(env_keys + episodes * _EPISODE_STRIDE)
 
     def _numbers(

@@ -5,6 +5,8 @@
     python benchmarks/train_speed.py BOOK --device cuda the same on a device
     python benchmarks/train_speed.py BOOK --scorer MODEL --use combines,component,recipe
                                                      guided by a model instead of counts of neighbours
+    python benchmarks/train_speed.py BOOK --scorer MODEL --use u,v,w --tables 32768
+                                                     once the tables of a training are scored
     python benchmarks/train_speed.py BOOK --cpu-time --json FILE
                                                      steps per CPU second, for a machine with other jobs
 
@@ -117,7 +119,13 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
 
 def begin(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> State:
     world = World(opened, WordCraftConfig(part="train", num_distractors=distractors))
-    return BatchEngine(world, config.batch_size, device=config.device).reset()
+    engine = BatchEngine(world, config.batch_size, device=config.device, repeat=episodes_of(config))
+    return engine.reset()
+
+
+def episodes_of(config: ImpalaConfig) -> int:
+    """Return the number of different episodes of an environment."""
+    return math.ceil((config.tables or 0) / config.batch_size)
 
 
 def rate(
@@ -126,8 +134,9 @@ def rate(
     seconds: float,
     clock: Callable[[], float] = time.perf_counter,
 ) -> float:
-    """Return environment steps per second of a clock."""
-    for _ in range(50):
+    """Return environment steps per second of a clock, once all tables have been played."""
+    # An update plays an episode in each environment.
+    for _ in range(max(50, episodes_of(config) + 1)):
         update()
     done, begun = 0, clock()
     while clock() - begun < seconds or done % 50:
@@ -226,6 +235,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--scorer", help="a model folder")
     parser.add_argument("--use", default="u,v", help="the scorer's scores in the policy")
+    parser.add_argument("--tables", type=int, default=0, help="different tables; 0 for all new")
     parser.add_argument("--cpu-time", action="store_true", help="count CPU seconds of the process")
     parser.add_argument("--json", type=Path, help="file to write the best rates to")
     options = parser.parse_args()
@@ -236,7 +246,11 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     opened = open_world_graph(options.book)
     config = ImpalaConfig(
-        "paper", policy_lag=options.lag, device=options.device, compile=options.compile
+        "paper",
+        policy_lag=options.lag,
+        device=options.device,
+        compile=options.compile,
+        tables=options.tables,
     )
     print(
         f"{opened.graph.name}, {options.distractors} distractors, batch {config.batch_size}, "
@@ -260,7 +274,8 @@ def main() -> None:
             f"unguided {unguided:8,.0f} {unit}   guided {guided:8,.0f} {unit}", end="", flush=True
         )
         rates.setdefault("no graph", []).append(unguided)
-        rates.setdefault(options.use, []).append(guided)
+        kept = ", known tables" if options.tables else ""
+        rates.setdefault(options.use + kept, []).append(guided)
         if options.device == "cpu":
             step = plain(opened, config, options.distractors)
             beside = rate(step, config, options.seconds, clock)

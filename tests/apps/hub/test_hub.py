@@ -139,7 +139,6 @@ def test_changed_files_and_foreign_paths_are_refused(hub, run, parted_folder):
     assert ("datasets", "me/other", "main") not in hub.files
 
 
-@pytest.mark.slow
 def test_a_book_without_a_known_licence_needs_one(hub, run):
     Path("book.csv").write_text("# base: a, b\ningredient_a,ingredient_b,result\na,b,c\n")
     assert run("build-graph", "book.csv", "--split", "none", "--out", "graph").code == 0

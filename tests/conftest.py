@@ -60,6 +60,13 @@ def pytest_collection_modifyitems(items):
     items.sort(key=_room)
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish():
+    """Look for garbage once: pytest would go through all imported objects ten times."""
+    gc.collect()
+    gc.freeze()
+
+
 ROOMS = (
     "agents/test_explanation.py",
     "base/",

@@ -6,6 +6,7 @@ import runpy
 from pathlib import Path
 
 import mlcroissant
+import pytest
 
 from wordcraft_kg.graphs import Recipe, RecipeGraph, open_book
 
@@ -51,6 +52,7 @@ def test_votes_ranks_are_those_of_counting():
         assert ranks[index] == expected
 
 
+@pytest.mark.slow
 def test_croissant_metadata_are_valid_and_their_records_can_be_read():
     dataset = mlcroissant.Dataset(str(DATA / "croissant.json"))
     assert not dataset.metadata.issues.errors

@@ -114,6 +114,7 @@ LIGHT = {
 """Steps of one process, and what is not imported after each."""
 
 
+@pytest.mark.slow
 def test_what_only_some_need_is_imported_by_them_alone():
     code = "\n".join(f"{step}\nprint({heavy} & {{*sys.modules}})" for step, heavy in LIGHT.items())
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

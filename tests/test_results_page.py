@@ -257,6 +257,7 @@ def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(
     assert text.count("*no agent: ") == 2
 
 
+@pytest.mark.slow
 def test_packing_moves_each_cell_into_the_first_study_that_needs_it(script, tmp_path, monkeypatch):
     monkeypatch.setattr(script, "ORDER", ("embeddings", "knowledge"))
     monkeypatch.setattr(script, "SEEDS", {"everyday": 1})
@@ -290,6 +291,7 @@ def test_packing_moves_each_cell_into_the_first_study_that_needs_it(script, tmp_
     assert len(CellFiles(tmp_path).addresses()) == len(needed) + 1
 
 
+@pytest.mark.slow
 def test_a_study_of_cells_takes_the_place_of_its_file_from_three_seeds_on(
     script, tmp_path, monkeypatch
 ):

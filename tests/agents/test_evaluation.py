@@ -149,7 +149,15 @@ def termination(env, info, pair, recipes):
     return "no_recipe"
 
 
-@pytest.mark.parametrize(("depth", "attempts"), [(1, None), (1, 2), (2, 2), (2, 3)])
+@pytest.mark.parametrize(
+    ("depth", "attempts"),
+    [
+        (1, None),
+        (1, 2),
+        pytest.param(2, 2, marks=pytest.mark.slow),
+        pytest.param(2, 3, marks=pytest.mark.slow),
+    ],
+)
 def test_a_batch_is_evaluated_like_single_episodes(opened, depth, attempts):
     rules = {"max_attempts": attempts, "reward": "official" if depth == 2 else "sparse"}
     config = WordCraftConfig(part="test", depth=depth, num_distractors=8, **rules)
@@ -166,7 +174,8 @@ def test_a_batch_is_evaluated_like_single_episodes(opened, depth, attempts):
 
 
 @pytest.mark.parametrize(
-    ("kind", "guided"), [("attention", False), ("attention", True), ("mlp", False)]
+    ("kind", "guided"),
+    [pytest.param("attention", False, marks=pytest.mark.slow), ("attention", True), ("mlp", False)],
 )
 def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind, guided):
     config = WordCraftConfig(part="test", depth=2, num_distractors=3)
@@ -259,6 +268,7 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     assert torch.equal(torch.get_rng_state(), states[1])
 
 
+@pytest.mark.slow
 def test_an_evaluation_amid_training_sees_one_set_of_weights(opened, monkeypatch):
     """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")

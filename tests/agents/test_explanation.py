@@ -280,7 +280,7 @@ def ways_by_loops(graph, goal, table):
     }
 
 
-@pytest.mark.parametrize("part", ["train", "test", "all"])
+@pytest.mark.parametrize("part", ["train", "test", pytest.param("all", marks=pytest.mark.slow)])
 def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, explaining, part):
     explainer = explaining("recipes", part)
     world = explainer.world

@@ -134,7 +134,7 @@ def test_what_cannot_be_read_is_an_error_each_time_until_it_can(interrupted, ope
         run.records()
 
 
-@pytest.mark.parametrize("gone", [False, True])
+@pytest.mark.parametrize("gone", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_path, gone):
     with_train_sample = LinksConfig(
         "kitchen",
@@ -167,6 +167,7 @@ def copy(done, tmp_path):
     return Path(shutil.copytree(done, tmp_path / "run"))
 
 
+@pytest.mark.slow
 def test_a_line_of_episodes_says_how_each_draw_of_a_task_ended(done):
     found, summary = read_episodes(done), read_agent_run(done).evaluation
     for part, success in summary.success.items():
@@ -233,6 +234,7 @@ def test_a_run_that_is_not_done_is_read_as_far_as_it_has_come(copy, status):
     assert read_agent_run(copy).checkpoint == "step 1,280"
 
 
+@pytest.mark.slow
 def test_constants_of_another_type_or_shape_are_damage(recipes_folder, tmp_path):
     world = World("kitchen", WordCraftConfig(num_distractors=1))
     scorer = load_scorer(recipes_folder)

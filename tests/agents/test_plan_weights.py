@@ -84,7 +84,7 @@ def test_labels_know_train_recipes_only(train):
 
 
 def test_the_planners_weights_choose_the_planners_pairs(plan, train):
-    states = states_of(BatchEngine(train, 40).pose(np.arange(40)))
+    states = states_of(BatchEngine(train, 12).pose(np.arange(12)))
     before = plan(states)
     model = plan.model_of(states.task)
     features = plan.features(states)
@@ -172,6 +172,7 @@ def config_of(scorer, **settings):
     return AgentConfig("kitchen", str(scorer), tasks, PolicyConfig(use="p"), trainer)
 
 
+@pytest.mark.slow
 def test_an_agent_learns_weights_before_it_trains_and_keeps_them(
     recipes_folder, opened, tmp_path, monkeypatch
 ):

@@ -138,6 +138,7 @@ def test_rare_items_are_a_shortcut_where_distractors_are_drawn_by_use():
     assert rates["uniform"]["fewest uses"] < 1.2 * rates["uniform"]["random"]
 
 
+@pytest.mark.slow
 def test_more_knowledge_wins_more(opened):
     table = play(opened, knowledge_players(opened.split), (1, 8), distractor_seeds=10)
     for distractors in (1, 8):
@@ -232,6 +233,7 @@ def test_a_scorers_players_take_its_scores_on_a_common_scale(opened):
     assert success(table, "plain", 4) == success(table, "louder", 4)
 
 
+@pytest.mark.slow
 def test_a_scorer_of_recipes_plays_the_pair_whose_recipe_scores_highest(opened, recipes_folder):
     scorer = load_scorer(recipes_folder)
     players = scorer_players(opened.graph, scorer, opened.split.partial)

@@ -99,7 +99,10 @@ def outputs_of(network, observations):
 
 
 @pytest.mark.interop
-@pytest.mark.parametrize("algorithm", SHORT)
+@pytest.mark.parametrize(
+    "algorithm",
+    ["MaskablePPO", *(pytest.param(name, marks=pytest.mark.slow) for name in ("PPO", "A2C"))],
+)
 def test_training_changes_the_parameters_of_a_copy_and_no_scores(algorithm):
     network = make_network()
     before = copy.deepcopy(network.state_dict())

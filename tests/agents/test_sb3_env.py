@@ -129,7 +129,8 @@ def test_the_task_is_as_in_the_wrapper(opened_kitchen):
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "kind"), [(PPO, SB3Policy), (MaskablePPO, MaskableSB3Policy)]
+    ("algorithm", "kind"),
+    [pytest.param(PPO, SB3Policy, marks=pytest.mark.slow), (MaskablePPO, MaskableSB3Policy)],
 )
 def test_algorithms_train_on_it(world, policy, algorithm, kind):
     def trained():

@@ -135,16 +135,9 @@ def test_a_policy_is_loaded_from_its_folder_alone(done, tmp_path):
     assert policy(state).logits[0, 2] == -torch.inf
 
 
-POINTS = [(37, 2)]
-OTHERS = [
-    (update, lag) for update in (1, 20, 37, 99) for lag in (0, 2) if (update, lag) not in POINTS
-]
-
-
-@pytest.mark.parametrize(
-    ("update", "lag"),
-    [*POINTS, *(pytest.param(*point, marks=pytest.mark.slow) for point in OTHERS)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("lag", [0, 2])
+@pytest.mark.parametrize("update", [1, 20, 37, 99])
 def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
     config, made_once, interrupted, update, lag
 ):
@@ -196,6 +189,7 @@ def test_a_loss_that_is_not_finite_keeps_the_last_checkpoint(config, tmp_path, m
     assert all(torch.isfinite(parameter).all() for parameter in agent.policy.parameters())
 
 
+@pytest.mark.slow
 def test_training_leaves_global_generators_and_thread_counts_as_they_were(config, done, tmp_path):
     def states():
         return (
@@ -229,6 +223,7 @@ def test_settings_that_were_changed_after_the_start_are_refused(config, interrup
             use(path.parent)
 
 
+@pytest.mark.slow
 def test_tensorboard_gets_the_metrics_also_of_a_resumed_run(interrupted, monkeypatch):
     """Tensorboard gets the figures of the metrics and goes on with a resumed run."""
     written, begun = [], []
@@ -252,6 +247,7 @@ def test_tensorboard_gets_the_metrics_also_of_a_resumed_run(interrupted, monkeyp
             assert timed or value is None or (name, value, row["step"]) in written
 
 
+@pytest.mark.slow
 def test_a_missing_compiler_leaves_the_run_that_was_to_be_replaced(
     config, interrupted, monkeypatch
 ):
@@ -268,6 +264,7 @@ def test_a_missing_compiler_leaves_the_run_that_was_to_be_replaced(
     assert [path.name for path in folder.parent.iterdir()] == ["run"]
 
 
+@pytest.mark.slow
 def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(interrupted):
     folder = interrupted()
     (folder / "metrics.jsonl").write_bytes(b"")
@@ -275,6 +272,7 @@ def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(interrup
         resume(folder)
 
 
+@pytest.mark.slow
 def test_a_link_as_the_metrics_file_is_refused(interrupted, tmp_path):
     """A link in the place of the metrics is refused and its target stays."""
     metrics, other = interrupted() / "metrics.jsonl", tmp_path / "other.jsonl"
@@ -286,6 +284,7 @@ def test_a_link_as_the_metrics_file_is_refused(interrupted, tmp_path):
     assert other.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_features_without_half_of_the_words_are_refused(config, opened, tmp_path):
     """Features without half of the words are refused before anything is written."""
     words = tmp_path / "words.txt"
@@ -472,6 +471,7 @@ def test_a_preset_or_attempts_that_do_not_exist_are_refused():
         _ = ImpalaConfig().updates
 
 
+@pytest.mark.slow
 def test_an_unroll_shorter_than_an_episode_is_warned_of(tmp_path, caplog):
     def warned(**settings):
         caplog.clear()

@@ -19,6 +19,7 @@ from wordcraft_kg.base.escaping import (
 pytest.importorskip("linkify_it")  # for MarkdownIt("gfm-like")
 from markdown_it import MarkdownIt
 
+MARKDOWN = MarkdownIt("gfm-like")  # also turns bare addresses into links
 MARKUP = (
     "<a ",
     "<img",
@@ -57,9 +58,8 @@ HOSTILE = [
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_no_text_becomes_markup_in_markdown(text):
-    markdown = MarkdownIt("gfm-like")  # also turns bare addresses into links
-    table = markdown.render(f"| a | b |\n|---|---|\n| {for_markdown(text)} | last |\n")
-    alone = markdown.render(for_markdown(text))
+    table = MARKDOWN.render(f"| a | b |\n|---|---|\n| {for_markdown(text)} | last |\n")
+    alone = MARKDOWN.render(for_markdown(text))
     assert not [mark for mark in MARKUP if mark in table + alone]
     assert table.count("<td>") == 2
     assert table.rstrip().endswith("<td>last</td>\n</tr>\n</tbody>\n</table>")
@@ -67,10 +67,9 @@ def test_no_text_becomes_markup_in_markdown(text):
 
 @given(st.text(max_size=60))
 def test_every_text_stays_in_its_cell_and_is_shown_unchanged(text):
-    markdown = MarkdownIt("gfm-like")
-    table = markdown.render(f"| a | b |\n|---|---|\n| x{for_markdown(text)}x | last |\n")
+    table = MARKDOWN.render(f"| a | b |\n|---|---|\n| x{for_markdown(text)}x | last |\n")
     inside = table.split("<td>")[1].split("</td>")[0]
-    expected = markdown.utils.escapeHtml(f"x{for_terminal(text)}x")
+    expected = MARKDOWN.utils.escapeHtml(f"x{for_terminal(text)}x")
     assert table.count("<td>") == 2
     assert " ".join(inside.split()) == " ".join(expected.split())
 

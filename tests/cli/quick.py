@@ -9,13 +9,13 @@ TINY = ("--dim", "8", "--epochs", "4", "--folds", "0", "--quiet")
 QUICK = (*TINY, "--n3", "0.1")
 SMALL = (
     "--steps",
-    1_600,
+    960,
     "--batch-size",
     16,
     "--eval-every",
-    800,
+    480,
     "--checkpoint-every",
-    800,
+    480,
     "--quiet",
 )
 

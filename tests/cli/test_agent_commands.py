@@ -69,6 +69,7 @@ def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, p
     assert values["outcomes"]["2"] == recorded["outcomes"][part]
 
 
+@pytest.mark.slow
 def test_train_agent_names_its_preset_and_refuses_contradictions(
     run, printed, refused, world, tmp_path
 ):
@@ -158,6 +159,7 @@ def test_a_missing_report_is_written_by_the_same_command(world, tmp_path):
     assert (tmp_path / "run/report/index.html").is_file()
 
 
+@pytest.mark.slow
 def test_the_same_command_goes_on_with_an_agent(
     printed, refused, run, world, tmp_path, monkeypatch
 ):
@@ -165,7 +167,7 @@ def test_the_same_command_goes_on_with_an_agent(
 
     def interrupted(self):
         step(self)
-        if self.update_number == 30:
+        if self.update_number == 18:
             raise KeyboardInterrupt
 
     command = ("train-agent", world / "graph", *SMALL, "--out", tmp_path / "run")
@@ -174,12 +176,13 @@ def test_the_same_command_goes_on_with_an_agent(
         stopped = run(*command)
     assert stopped.code == 130
     assert f"is saved in '{tmp_path / 'run'}'. Repeat the command" in stopped.err
-    assert "step 800\n" in run("evaluate-agent", tmp_path / "run").out
+    assert "step 480\n" in run("evaluate-agent", tmp_path / "run").out
     refused(*command, "--unroll", 5, says="--unroll")
-    assert printed(*command)["steps"] == 1_600
+    assert printed(*command)["steps"] == 960
     refused(*command, kind="OutputExistsError")
 
 
+@pytest.mark.slow
 def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
     config = world / "guided/config.toml"
     assert 'scorer = "../scorer"' in config.read_text()
@@ -205,7 +208,8 @@ def test_a_book_too_small_for_8_distractors_gets_advice(printed, refused, run, t
     }
 
 
-@pytest.mark.parametrize("depth", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("depth", [2, 3])
 def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path, depth):
     """Agents with another task weighting are compared only if it does not decide the tasks."""
     small = ("--steps", 64, *MOMENT[2:], "--depth", depth, "--distractors", 1)
@@ -220,6 +224,7 @@ def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path,
         assert not (tmp_path / "report").exists()
 
 
+@pytest.mark.slow
 def test_an_mlp_is_judged_with_the_tables_it_was_made_for(refused, run, train, tmp_path):
     mlp, report = train(*MOMENT, "--policy", "mlp", "--distractors", 2), tmp_path / "report"
     assert run("evaluate-agent", mlp).code == 0
@@ -231,13 +236,22 @@ def test_an_mlp_is_judged_with_the_tables_it_was_made_for(refused, run, train, t
 @pytest.mark.parametrize(
     "options",
     [
-        "--features one-hot --value-readout logits --policy-lag 1 --unroll 3",
-        "--features random --pooling max --depth 2 --max-attempts 3 --reward official",
+        pytest.param(
+            "--features one-hot --value-readout logits --policy-lag 1 --unroll 3",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "--features random --pooling max --depth 2 --max-attempts 3 --reward official",
+            marks=pytest.mark.slow,
+        ),
         "--features learned --embedding-size 8 --distractor-policy no_shortcut --config {settings}",
-        "--features shuffled:glove --task-weighting goal",
+        pytest.param("--features shuffled:glove --task-weighting goal", marks=pytest.mark.slow),
         "--scorer {scorer} --kg-only --use v --scale ranks --mixing softmax",
-        "--scorer {scorer} --use u --scale log-softmax --self-edges drop",
-        "--scorer {scorer} --scale none --self-edges keep",
+        pytest.param(
+            "--scorer {scorer} --use u --scale log-softmax --self-edges drop",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("--scorer {scorer} --scale none --self-edges keep", marks=pytest.mark.slow),
     ],
 )
 def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, options, tmp_path):
@@ -249,7 +263,9 @@ def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, option
     assert run("explain", folder, "--episodes", 1).code == 0
 
 
-@pytest.mark.parametrize("player", ["kitchen", "{world}/plain/seed-0"])
+@pytest.mark.parametrize(
+    "player", [pytest.param("kitchen", marks=pytest.mark.slow), "{world}/plain/seed-0"]
+)
 def test_players_are_evaluated_on_tables_without_shortcuts(printed, run, world, player):
     command = (
         "evaluate-agent",
@@ -332,7 +348,10 @@ def test_tasks_are_printed_with_their_table_and_plans(run, home):
     assert plan.endswith("  barley + water -> malt; malt + yeast -> beer")
 
 
-@pytest.mark.parametrize(("part", "depth"), [("all", 1), ("train", 2), ("test", 2), ("test", 3)])
+@pytest.mark.parametrize(
+    ("part", "depth"),
+    [("all", 1), ("train", 2), ("test", 2), pytest.param("test", 3, marks=pytest.mark.slow)],
+)
 def test_what_is_shown_are_tasks_as_an_agent_sees_them(shown, kitchen, part, depth):
     values = shown("kitchen", "--depth", depth, "--distractors", 4, "--part", part, "--limit", 30)
     made = WordCraftEnv("kitchen", part=part, depth=depth, num_distractors=4).tasks
@@ -378,6 +397,7 @@ def test_a_limit_beyond_the_tasks_shows_each_once(shown):
     )
 
 
+@pytest.mark.slow
 def test_without_options_the_environments_tasks_are_played(shown):
     """Without options the tasks are those of the environment without settings."""
     values, env = shown(), WordCraftEnv("everyday")

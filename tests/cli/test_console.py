@@ -412,6 +412,7 @@ def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):
     assert set(lines) == {name.format(folder) for name in offered}
 
 
+@pytest.mark.slow
 def test_completion_can_be_installed(run, tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "home", lambda: tmp_path)
     outcome = run("--install-completion", "--shell", "bash")
@@ -713,6 +714,7 @@ def test_a_full_disk_is_one_line_and_the_command_goes_on(
     assert run(*command).code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
 @pytest.mark.parametrize("options", [[], ["--json"]])
 def test_a_result_that_stdout_does_not_take_fails_and_the_message_is_true(tmp_path, options):
@@ -732,6 +734,7 @@ def test_a_result_that_stdout_does_not_take_fails_and_the_message_is_true(tmp_pa
     assert (tmp_path / "graph" / "graph.json").is_file()
 
 
+@pytest.mark.slow
 def test_a_working_folder_that_was_deleted_is_named(tmp_path):
     """Some libraries end the process when they are imported there, so the check comes first."""
     code = """
@@ -750,6 +753,7 @@ sys.exit(main(["train-complex", "kitchen", "--out", "model"]))
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_pykeens_missing_folder_is_named_with_its_variable(tmp_path):
     """A folder that pykeen cannot make is named with the variable that moves it."""
     (tmp_path / "home").touch()  # a file where the folder would be
@@ -778,6 +782,7 @@ def test_a_user_without_a_home_folder_is_told_to_set_one(refused, monkeypatch):
     refused("describe", "kitchen", kind="RuntimeError", says="no home folder. Set HOME")
 
 
+@pytest.mark.slow
 def test_help_ends_at_any_width_of_the_terminal():
     script = """
 import os
@@ -795,7 +800,15 @@ for width in (0, 1, 7, 19, 20):
 SIGNS = "water,fire,\U0001f525\n\U0001f525,water,\u03bb\n\u03bb,fire,steam\n"
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8", "utf-16"])
+@pytest.mark.parametrize(
+    "encoding",
+    [
+        pytest.param("cp1252", marks=pytest.mark.slow),
+        "ascii",
+        pytest.param("utf-8", marks=pytest.mark.slow),
+        pytest.param("utf-16", marks=pytest.mark.slow),
+    ],
+)
 def test_stdout_in_any_encoding_has_the_whole_result(tmp_path, encoding):
     book = tmp_path / "book.csv"
     text = f"ingredient_a,ingredient_b,result\n{SIGNS}"

@@ -1,6 +1,7 @@
 import re
 import xml.etree.ElementTree as ET
 
+import pytest
 from quick import text_of
 
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
@@ -134,6 +135,7 @@ def test_a_scorer_of_another_book_explores_beside_published_runs(
     assert "empowerment-scorer" in refused(*start, *QUICK, "--players", "empowerment-scorer")
 
 
+@pytest.mark.slow
 def test_a_world_by_name_with_another_book_and_its_main_bottleneck(printed, refused, tmp_path):
     arguments = ("discover", "world-8:everyday", "--book", "kitchen", *QUICK)
     values = printed(*arguments)

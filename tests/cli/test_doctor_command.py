@@ -27,7 +27,11 @@ def test_a_sound_installation_passes_and_a_missing_extra_is_a_note(doctor, unins
 
 
 @pytest.mark.parametrize(
-    ("missing", "code", "state"), [(["torch", "pykeen"], 0, "note"), (["pykeen"], 1, "error")]
+    ("missing", "code", "state"),
+    [
+        (["torch", "pykeen"], 0, "note"),
+        pytest.param(["pykeen"], 1, "error", marks=pytest.mark.slow),
+    ],
 )
 def test_only_a_deliberate_light_installation_passes_without_packages(
     doctor, uninstalled, missing, code, state
@@ -42,6 +46,7 @@ def test_only_a_deliberate_light_installation_passes_without_packages(
     assert checks["packages"][2].endswith("pip install 'pykeen<1.12,>=1.11.1'")
 
 
+@pytest.mark.slow
 def test_an_old_package_a_changed_book_and_folders_without_permission_fail(
     doctor, home, monkeypatch
 ):

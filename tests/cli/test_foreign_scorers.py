@@ -35,7 +35,7 @@ def models(tmp_path_factory):
     return home
 
 
-@pytest.mark.parametrize("name", ["mine", "theirs"])
+@pytest.mark.parametrize("name", ["mine", pytest.param("theirs", marks=pytest.mark.slow)])
 def test_links_commands_take_it(printed, name, run, models, tmp_path):
     scored = printed("score", models / name, "water", "combinesWith", "flour")
     assert scored["rank_as_tail"] >= 1
@@ -51,6 +51,7 @@ def test_links_commands_take_it(printed, name, run, models, tmp_path):
     assert run("evaluate-agent", "kitchen", *options).code == 0
 
 
+@pytest.mark.slow
 def test_an_unseeing_scorer_meets_baselines_of_train_recipes(printed, models, tmp_path):
     """A scorer that has seen no recipe is compared with baselines of the train recipes."""
     opened = open_graph("kitchen")

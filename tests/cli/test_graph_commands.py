@@ -317,7 +317,14 @@ def test_bad_input_is_refused_naming_its_place(not_built, book, home, line, name
             "\n",
             "book.csv, line 2: a line of 20,000,001 characters; the limit is 100,000",
         ),
-        ("book.csv", "", "a", "", "book.csv: no table: a line of 20,000,000 characters"),
+        pytest.param(
+            "book.csv",
+            "",
+            "a",
+            "",
+            "book.csv: no table: a line of 20,000,000 characters",
+            marks=pytest.mark.slow,
+        ),
         (
             "book.json",
             '{"entities": ["',
@@ -448,6 +455,7 @@ def test_build_graph_prints_what_it_made(printed, run, home, kitchen):
     )
 
 
+@pytest.mark.slow
 def test_a_graph_folder_keeps_kinds(built):
     assert built("everyday").graph.kinds == open_graph("everyday").graph.kinds
 
@@ -637,6 +645,7 @@ def test_fetch_reports_the_real_book_that_the_cache_holds(
     assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error(tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
@@ -665,6 +674,7 @@ def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_check_book_prints_percentages_and_json_numbers(printed, run):
     """Check book prints shares as percentages and json keeps them as numbers."""
     command = ("check-book", "kitchen", "--against", "everyday")
@@ -770,7 +780,10 @@ def test_describe_counts_all_and_shows_invisible_characters(run, book):
     assert note in run("check-book", path, "--all").out
 
 
-@pytest.mark.parametrize(("setting", "partner"), [("self", "sand"), ("furnace", "furnace")])
+@pytest.mark.parametrize(
+    ("setting", "partner"),
+    [pytest.param("self", "sand", marks=pytest.mark.slow), ("furnace", "furnace")],
+)
 def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built(
     run, book, built, not_built, setting, partner
 ):
@@ -806,6 +819,7 @@ def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monk
     ]
 
 
+@pytest.mark.slow
 def test_the_figures_of_a_check_count_no_half_products(run, book):
     path = book("lamps.txt", "plank + rope + coal + iron = lamp\nlamp + gold = box\n")
     options = ("--ingredients", "chain", "--json")
@@ -815,6 +829,7 @@ def test_the_figures_of_a_check_count_no_half_products(run, book):
     assert (figures["words"], figures["shared_recipes"], figures["shared"]) == (7, 2, 1)
 
 
+@pytest.mark.slow
 def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, home):
     path = book(
         "wiki.csv", "x;y;z\nwater;earth;mud\nmud;water;mud\nearth;water;mud\nmud;fire;brick;?\n"

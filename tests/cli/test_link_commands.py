@@ -61,6 +61,7 @@ def test_a_quiet_training_prints_one_object_and_nothing_on_stderr(
     assert (tmp_path / "model" / WEIGHTS).is_file()
 
 
+@pytest.mark.slow
 def test_progress_goes_to_stderr_and_the_result_to_stdout(run, tmp_path):
     outcome = run(
         "train-complex",
@@ -107,6 +108,7 @@ def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(
     assert not same(WEIGHTS, workshop / "one", trained / "one")
 
 
+@pytest.mark.slow
 def test_settings_may_stand_in_a_toml_file_and_the_command_line_goes_first(printed, tmp_path):
     (tmp_path / "mine.toml").write_text(
         "[train-complex]\ndim = 4\nepochs = 3\nlearning_rate = 0.05\nfolds = 0\n"
@@ -149,6 +151,7 @@ def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
     assert warning.endswith(f"try {says}")
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_with_130_and_the_same_command_goes_on(
     printed, refused, run, trained, tmp_path, monkeypatch
 ):
@@ -212,7 +215,11 @@ NOTHING = RankingMetrics(60, mrr=0.0, hits_at_1=0.0, hits_at_3=0.0, hits_at_10=0
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"with_leaked": NOTHING}, "no better, though training contains them"),
+        pytest.param(
+            {"with_leaked": NOTHING},
+            "no better, though training contains them",
+            marks=pytest.mark.slow,
+        ),
         ({"leaked_left_out": 0}, "0 leaked ones"),
     ],
     ids=["leaked triples lower the figure", "no leaked triples"],
@@ -253,6 +260,7 @@ def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(refused, ru
     )
 
 
+@pytest.mark.slow
 def test_a_model_of_the_full_graph_is_evaluated_as_memory(run, trained, tmp_path):
     command = ("evaluate-links", trained / "full", "--out", tmp_path / "report")
     assert "memory, not prediction" in run(*command).out

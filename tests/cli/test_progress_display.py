@@ -92,9 +92,10 @@ def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
             ["discover", "kitchen", "--runs", "2", "--attempts", "5"],
             ["playing random: 1 of 2", "playing greedy"],
         ),
-        (
+        pytest.param(
             ["evaluate-agent", "kitchen"],
             ["playing recipe oracle, 8 distractors, table 5 of 5, action: 1 of 2"],
+            marks=pytest.mark.slow,
         ),
     ],
     ids=lambda value: value[0],

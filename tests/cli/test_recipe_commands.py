@@ -158,7 +158,7 @@ def test_partners_are_listed_and_new_ones_only_if_asked(
     assert 0 < len(new) < len(top) == 79
 
 
-@pytest.mark.parametrize("termination", ["csv", "tsv"])
+@pytest.mark.parametrize("termination", ["csv", pytest.param("tsv", marks=pytest.mark.slow)])
 def test_a_file_of_recipes_gives_what_single_ones_give(
     printed, refused, recipes_folder, tmp_path, termination
 ):
@@ -214,6 +214,7 @@ def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
     assert result in [row.result for row in view.top if row.in_sample]
 
 
+@pytest.mark.slow
 def test_explain_and_the_report_name_the_recipes_that_support_a_pair(
     printed, run, recipes_folder, tmp_path
 ):

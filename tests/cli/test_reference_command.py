@@ -89,6 +89,7 @@ def person(path, *, right, wrong, graph="kitchen", distractors=4):
     return path
 
 
+@pytest.mark.slow
 def test_a_graph_without_a_pack_is_measured_as_baselines_does(printed, run):
     values = printed(*TWO)
     assert (values["pack"], values["measured"], values["columns"]) == (None, [1, 4], [1, 4])
@@ -149,6 +150,7 @@ def test_open_ended_play_stands_beside_people_and_language_models(printed, run, 
     assert "Success" not in text
 
 
+@pytest.mark.slow
 def test_open_ended_play_from_another_base_is_measured(printed, pack):
     base = pack.rows[-1].play.base
     values = printed(*OPEN, "--base", ",".join(base[1:]))
@@ -376,6 +378,7 @@ def test_the_page_of_discover_shows_players_from_elsewhere(printed, tmp_path, pa
     assert "192 new combinations after 500 attempts" in page.read_text()
 
 
+@pytest.mark.slow
 def test_the_page_has_the_table_with_ours_and_others_apart(refused, run, pack, tmp_path):
     page = tmp_path / "page.html"
     assert f"wrote {page}" in run(*TWO, "--out", page).out

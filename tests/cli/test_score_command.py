@@ -243,15 +243,17 @@ def test_a_wrong_file_of_queries_is_refused_with_the_line(
 @pytest.mark.parametrize(
     ("query", "by_words", "notes"),
     [
-        (
+        pytest.param(
             "yogurt componentOf cake",
             ["yogurt"],
             ["new   yogurt componentOf cake", "among all 81 entities"],
+            marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             "yogurt combinesWith rice",
             ["yogurt", "rice"],
             ["'yogurt', 'rice' are not in the graph: scored by"],
+            marks=pytest.mark.slow,
         ),
         (
             "bakery combinesWith water",

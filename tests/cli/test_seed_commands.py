@@ -42,7 +42,11 @@ def test_what_is_no_list_of_seeds_is_refused(text):
     ("command", "weights"),
     [
         (("train-agent", *AGENT, "--seed", 1), ("policy.safetensors", "plain/seed-1")),
-        (("train-complex", *TINY, "--seed", 3), ("model.safetensors", "links/seed-3")),
+        pytest.param(
+            ("train-complex", *TINY, "--seed", 3),
+            ("model.safetensors", "links/seed-3"),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_each_seed_is_an_ordinary_run(run, world, trained, tmp_path, command, weights):
@@ -53,7 +57,10 @@ def test_each_seed_is_an_ordinary_run(run, world, trained, tmp_path, command, we
     )
 
 
-@pytest.mark.parametrize(("command", "options"), [("train-agent", AGENT), ("train-complex", TINY)])
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [("train-agent", AGENT), pytest.param("train-complex", TINY, marks=pytest.mark.slow)],
+)
 def test_seeds_that_are_done_are_kept_and_others_are_added(
     printed, world, trained, tmp_path, command, options
 ):
@@ -74,6 +81,7 @@ def test_seeds_that_are_done_are_kept_and_others_are_added(
             assert not same("model.safetensors", tmp_path / "seeds" / seed, source / seed)
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkeypatch):
     step, updates = Impala.update, 0
 
@@ -109,6 +117,7 @@ def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkey
     assert (tmp_path / "plain/seed-2/report/index.html").is_file()
 
 
+@pytest.mark.slow
 def test_a_killed_seed_begins_again_and_its_report_is_written(world, tmp_path):
     """A seed that was killed at once begins again and a missing report is written."""
     shutil.copytree(world / "plain", tmp_path / "plain")

@@ -10,6 +10,8 @@ from functools import cache
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
+import pytest
+
 from wordcraft_kg.base.extras import CPU_TORCH, pip_install
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 
@@ -99,6 +101,7 @@ def run(folder, *lines, program=COMMANDS):
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
 
 
+@pytest.mark.slow
 def test_graphs_tasks_exports_play_and_discovery_need_no_torch(tmp_path):
     codes, errors = run(tmp_path, *WORKING)
     assert codes == [0] * len(WORKING), errors
@@ -112,6 +115,7 @@ def test_a_command_that_needs_more_names_the_package(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_public_name_that_needs_more_names_the_package(tmp_path):
     errors, _ = run(tmp_path, program=PUBLIC_NAMES)
     assert errors["open_graph"] is errors["LinksConfig"] is None

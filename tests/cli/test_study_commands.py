@@ -36,6 +36,7 @@ def study(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_sweep_trains_missing_runs_and_writes_its_results(
     printed, run, study, tmp_path, monkeypatch
 ):
@@ -80,6 +81,7 @@ def test_a_study_file_that_changed_while_it_ran_is_named(run, study, tmp_path, m
     assert not caplog.text
 
 
+@pytest.mark.slow
 def test_the_list_has_every_study_with_hours_and_source(printed, refused):
     values = printed("reproduce", "--list")
     studies = values["studies"]

@@ -127,7 +127,7 @@ def device(request):
     return request.param
 
 
-@pytest.mark.parametrize("part", ["train", "test"])
+@pytest.mark.parametrize("part", [pytest.param("train", marks=pytest.mark.slow), "test"])
 def test_a_batch_on_the_kitchen_agrees_in_every_part(opened_kitchen, part):
     twins = Twins(
         opened_kitchen, 8, seed=5, part=part, depth=2, num_distractors=6, reward="official"
@@ -333,7 +333,7 @@ def test_without_shortcuts_only_the_plans_make_the_goal(
     assert any(has_shortcut(*row) for row in drawn_tables(free, 500))
 
 
-@pytest.mark.parametrize("weighting", ["use", "uniform"])
+@pytest.mark.parametrize("weighting", [pytest.param("use", marks=pytest.mark.slow), "uniform"])
 def test_both_engines_draw_distractors_from_the_same_distribution(opened_kitchen, weighting):
     """First two distractors drawn, as a set: exact probabilities of drawing without replacement, by
     a chi-square."""
@@ -559,6 +559,7 @@ def test_what_is_on_a_table_stands_first_however_many_are_drawn(opened_kitchen):
         np.testing.assert_array_equal(masks, np.arange(masks.shape[1]) < np.full((20_000, 1), 5))
 
 
+@pytest.mark.slow
 def test_large_tables_hold_each_entity_once():
     rows = [(f"e{i:04d}", f"e{i + 1:04d}", f"e{i + 2:04d}") for i in range(1_300)]
     opened = OpenedGraph(RecipeGraph.from_recipes(rows), None, "chain")
@@ -596,7 +597,9 @@ def test_no_environments_and_missing_devices_are_refused(opened_kitchen):
             batch(opened_kitchen, 1, device="cuda")
 
 
-@pytest.mark.parametrize("policy", ["no_shortcut", "no_train_shortcut"])
+@pytest.mark.parametrize(
+    "policy", [pytest.param("no_shortcut", marks=pytest.mark.slow), "no_train_shortcut"]
+)
 @pytest.mark.parametrize("tries", [30, pytest.param(SHORTCUT_TRIES, marks=pytest.mark.slow)])
 def test_a_table_without_shortcuts_that_cannot_be_is_given_up(
     ambiguous, monkeypatch, tries, policy

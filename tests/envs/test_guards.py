@@ -140,6 +140,7 @@ def test_nothing_is_at_risk_where_nothing_is_guarded(world):
     assert not guards.at_risk(np.arange(6)[:, None], np.zeros(1, dtype=np.int64)).any()
 
 
+@pytest.mark.slow
 def test_guards_need_memory_for_recipes_only():
     """The memory of guards grows with recipes not with goals times entities."""
     rows = np.random.default_rng(0).integers(0, 3_000, size=(15_000, 3)).tolist()

@@ -339,7 +339,11 @@ def test_bad_reset_options_are_refused(opened_kitchen, options, error, says):
 
 
 @pytest.mark.parametrize(
-    "first", ["import gymnasium, wordcraft_kg", "import wordcraft_kg, gymnasium"]
+    "first",
+    [
+        "import gymnasium, wordcraft_kg",
+        pytest.param("import wordcraft_kg, gymnasium", marks=pytest.mark.slow),
+    ],
 )
 def test_gymnasium_knows_the_environments_in_either_order(first):
     code = (
@@ -352,7 +356,7 @@ def test_gymnasium_knows_the_environments_in_either_order(first):
     assert out.split() == ["WordCraft-v0", "WordCraft-OpenEnded-v0"]
 
 
-@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+@pytest.mark.parametrize("make", [gym.make, pytest.param(gym.make_vec, marks=pytest.mark.slow)])
 def test_everyday_is_played_if_no_graph_is_named(make):
     options = (
         {"num_envs": 2, "vectorization_mode": "vector_entry_point"} if make is gym.make_vec else {}

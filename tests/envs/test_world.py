@@ -199,6 +199,7 @@ def test_tasks_that_the_split_holds_out_together_are_a_group(kind, depth):
     assert len(world.groups) == len(world.tasks)
 
 
+@pytest.mark.slow
 def test_evaluation_by_goal_resamples_goals():
     graph = open_graph("everyday").graph
     split = make_split(graph, SplitConfig("by-goal"))

@@ -337,6 +337,7 @@ def features():
     return FeatureObservation(gym.make("WordCraft-v0", graph="kitchen", num_distractors=2), vectors)
 
 
+@pytest.mark.slow
 @pytest.mark.interop
 def test_stable_baselines_checks_and_trains():
     checker = pytest.importorskip("stable_baselines3.common.env_checker")

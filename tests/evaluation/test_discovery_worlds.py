@@ -200,6 +200,7 @@ def test_the_page_maps_discoveries_of_the_best_player_without_an_oracle(kitchen)
     assert f"<td>{main.needed_by}</td>" in page
 
 
+@pytest.mark.slow
 def test_reasons_repeat_the_first_run_with_evidence_of_the_scorers_book(recipes_folder, kitchen):
     guides = open_guides(recipes_folder, kitchen)
     view, plays = view_discovery(kitchen, ["recipe-learner"], attempts=20, runs=2, scorer=guides)

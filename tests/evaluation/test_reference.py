@@ -105,6 +105,7 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
     assert measured.episodes == row.tasks * row.distractor_seeds
 
 
+@pytest.mark.slow
 def test_a_scorer_without_an_agent_has_rows_by_links_and_by_recipes(opened_kitchen, recipes_folder):
     model = open_model(recipes_folder)
     by_links, by_recipes = scorer_rows(opened_kitchen, DEPTH_1, (1, 8), "alone", model)
@@ -122,6 +123,7 @@ def test_a_scorer_without_an_agent_has_rows_by_links_and_by_recipes(opened_kitch
     assert (by_links.notes, unseen.notes) == ("", "learned no recipe of this graph")
 
 
+@pytest.mark.slow
 def test_a_model_folder_of_the_user_has_the_rows_of_its_scorer_alone(
     opened_kitchen, recipes_folder, everyday
 ):

@@ -216,6 +216,7 @@ def test_another_encoding_than_that_of_the_mark_is_refused(put):
     assert read_book(path, encoding="UTF8").recipes == read_book(path).recipes
 
 
+@pytest.mark.slow
 def test_gzip_of_many_members_is_read_in_time_that_grows_with_its_size(put):
     # Copying all that follows a member, for each member, takes time that grows with its square.
     members = b"".join(gzip.compress(f"a{i},b,c{i}\n".encode()) for i in range(20_000))

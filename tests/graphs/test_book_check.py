@@ -366,6 +366,7 @@ def test_long_lists_are_cut_and_equal_faults_are_one(check):
     assert two.lines == (102,)
 
 
+@pytest.mark.slow
 def test_a_book_with_very_many_findings_is_read_to_its_end(check):
     # Once, reading stopped at the 10,000th finding, and the figures were those of half a book.
     names = ["fire", *(f"n{i}" for i in range(6_001))]

@@ -95,6 +95,7 @@ def test_a_file_or_graph_folder_of_the_same_name_goes_before_a_known_book(home, 
         open_book("kitchen")
 
 
+@pytest.mark.slow
 def test_made_up_words_keep_the_graph_and_hide_the_words(home):
     book, twin = open_book("everyday"), open_book("made-up-3:everyday")
     assert twin == open_book("made-up-3:everyday") != open_book("made-up:everyday")

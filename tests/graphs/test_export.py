@@ -68,7 +68,7 @@ def test_exported_books_read_back_to_an_equal_graph(source, tmp_path, format):
     assert RecipeGraph.from_book(book) == source.graph
 
 
-@pytest.mark.parametrize("format", ["csv", "json"])
+@pytest.mark.parametrize("format", [pytest.param("csv", marks=pytest.mark.slow), "json"])
 def test_exported_books_keep_kinds(tmp_path, format):
     export_graph(open_graph("everyday"), format, tmp_path / f"train.{format}", part="partial")
     kinds, of_book = read_book(tmp_path / f"train.{format}").kinds, open_book("everyday").kinds

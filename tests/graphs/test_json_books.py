@@ -419,6 +419,7 @@ def test_other_line_separators_may_stand_in_json_lines(put):
     assert {tuple(r) for r in read_book(put(text, "book.jsonl")).recipes} == TWO
 
 
+@pytest.mark.slow
 def test_results_named_like_keys_of_a_wrapper_are_results(put):
     """The book everyday makes a book, and the recipes of everything else must not vanish."""
     book = open_book("everyday")

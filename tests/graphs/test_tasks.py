@@ -165,7 +165,10 @@ def test_tasks_are_all_that_trying_every_start_finds(depth, graph):
     assert len(found) == len(expected)
 
 
-@pytest.fixture(params=[1, 2, 3, 4], ids="depth {}".format)
+@pytest.fixture(
+    params=[1, 2, 3, pytest.param(4, marks=pytest.mark.slow)],
+    ids=["depth 1", "depth 2", "depth 3", "depth 4"],
+)
 def kitchen_tasks(kitchen, request):
     return make_tasks(kitchen, request.param, limit=300)
 
@@ -257,10 +260,10 @@ def part_of(task, split):
 @pytest.mark.parametrize(
     ("kind", "valid_ratio", "depth"),
     [
-        ("by-recipe", 0, 1),
+        pytest.param("by-recipe", 0, 1, marks=pytest.mark.slow),
         ("by-goal", 0, 1),
         ("by-goal", 0.1, 1),
-        ("by-recipe", 0.1, 2),
+        pytest.param("by-recipe", 0.1, 2, marks=pytest.mark.slow),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in (
@@ -384,9 +387,9 @@ def drawn_distribution(depth, part, weighting):
 @pytest.mark.parametrize(
     ("part", "weighting"),
     [
-        ("all", "task"),
+        pytest.param("all", "task", marks=pytest.mark.slow),
         ("train", "goal"),
-        ("test", "task"),
+        pytest.param("test", "task", marks=pytest.mark.slow),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in (("all", "goal"), ("train", "task"), ("test", "goal"))

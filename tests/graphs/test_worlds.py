@@ -67,6 +67,7 @@ def test_worlds_differ_by_seed_and_way_and_depend_on_nothing_else(everyday):
     assert graphs_of_two == GOLDEN
 
 
+@pytest.mark.slow
 def test_entities_of_a_topic_are_closer_than_those_of_a_closure(everyday):
     """A world around a topic has more recipes for its size than a random one."""
 
@@ -87,6 +88,7 @@ def test_a_book_with_another_number_of_base_entities_gets_a_drawn_base(way):
     assert made_from(world.recipes, world.base) == set(world.entities)
 
 
+@pytest.mark.slow
 def test_a_name_makes_a_world_and_prefixes_follow_each_other(everyday):
     assert open_book("world-topic-3:everyday") == cut_world(everyday, 3, "topic")
     wrong = open_book("world-3:wrong-30-2:everyday")

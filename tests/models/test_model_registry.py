@@ -69,7 +69,7 @@ def test_it_is_opened_with_what_its_evaluation_needs(own, folder):
 @pytest.mark.parametrize(
     "command",
     [
-        ("evaluate-links", "{}", "--out", "report"),
+        pytest.param(("evaluate-links", "{}", "--out", "report"), marks=pytest.mark.slow),
         ("score", "{}", "flour", "combinesWith", "water"),
         ("compare", "{}", "{}", "--resamples", "2"),
     ],

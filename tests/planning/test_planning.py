@@ -107,7 +107,7 @@ def slow_pair(search, goal, table, attempts, pair, cache):
     return cache[key]
 
 
-@pytest.mark.parametrize("attempts", [1, 2, 3, 4])
+@pytest.mark.parametrize("attempts", [1, 2, 3, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_values_are_those_of_all_plans(seed, attempts):
     search = random_search(seed)

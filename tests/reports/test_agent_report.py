@@ -251,6 +251,7 @@ def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
             report_of({"a": [agents[0]], "b": [other]})
 
 
+@pytest.mark.slow
 def test_an_agent_is_compared_with_the_scores_that_it_saw(tmp_path):
     """An agent is compared with the scores that it saw and the page says how."""
     links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)

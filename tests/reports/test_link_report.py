@@ -236,12 +236,18 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, 
     ("make", "verdict", "baseline"),
     [
         (lambda graph, split: SymbolicScorer(graph, graph.triples), "above", None),
-        (
+        pytest.param(
             lambda graph, split: NeighbourScorer(graph, split.partial),
             "no significant difference",
             "neighbours",
+            marks=pytest.mark.slow,
         ),
-        (lambda graph, split: SymbolicScorer(graph, split.partial), "below", None),
+        pytest.param(
+            lambda graph, split: SymbolicScorer(graph, split.partial),
+            "below",
+            None,
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_the_first_line_compares_with_the_best_baseline(opened, make, verdict, baseline):
@@ -401,6 +407,7 @@ def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model, opened, 
     assert not checks(values_of(link_report(foreign, opened)))["graph"]
 
 
+@pytest.mark.slow
 def test_entities_that_training_lacks_fail_the_coverage_check(graph):
     split = make_split(graph, SplitConfig(kind="by-recipe-plain", train_ratio=0.3))
     assert len(split.uncovered)
@@ -409,7 +416,15 @@ def test_entities_that_training_lacks_fail_the_coverage_check(graph):
     assert graph.entities[split.uncovered[0]] in checks(values, "detail")["coverage"]
 
 
-@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "by-recipe",
+        pytest.param("by-recipe-plain", marks=pytest.mark.slow),
+        pytest.param("by-slot", marks=pytest.mark.slow),
+        pytest.param("by-goal", marks=pytest.mark.slow),
+    ],
+)
 def test_a_report_of_every_split_is_valid_and_free_of_leaks(graph, kind):
     split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))
     report = of_frequency(OpenedGraph(graph, split, kind))
@@ -538,6 +553,7 @@ def test_a_failed_check_is_shown(kitchen_report):
         )
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_curves_of_the_training(kitchen_model):
     trace = [
         TraceRow(epoch=1, loss=3.0, seconds=0.1),
@@ -562,6 +578,7 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
     assert [note in text_of(render(one)) for one in (kitchen_report, report)] == [False, True]
 
 
+@pytest.mark.slow
 def test_more_queries_than_asked_for_are_sampled_uniformly(kitchen_model, split):
     """Of more queries than asked for a uniform sample is ranked and said so."""
     held_out = split.held_out("test")
@@ -655,6 +672,7 @@ def test_the_same_inputs_give_the_same_bytes(kitchen_model, report_folder, tmp_p
         )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("whole")
 def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model, values):
     other, own = values_of(made(kitchen_model, seed=1))["metrics"]["all"], values["metrics"]["all"]
@@ -663,6 +681,7 @@ def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model, values)
     assert other["mrr_ci"] == pytest.approx(own["mrr_ci"], abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("whole")
 def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model):
     def states():
@@ -687,6 +706,7 @@ def test_a_report_is_replaced_by_a_whole_one_on_force_alone(
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
 
 
+@pytest.mark.slow
 def test_a_cross_fitted_model_shows_left_out_metrics(
     kitchen_model, kitchen_report, values, whole_report, full_report
 ):

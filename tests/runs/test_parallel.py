@@ -33,7 +33,7 @@ class Light:
         after(2)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_all_jobs_are_done_and_say_how_far_they_are(workers):
     noted = []
     train_in_processes(
@@ -45,9 +45,9 @@ def test_all_jobs_are_done_and_say_how_far_they_are(workers):
 @pytest.mark.parametrize(
     ("how", "kind", "said"),
     [
-        ("refuses", ConfigError, "`dim` 0"),
+        pytest.param("refuses", ConfigError, "`dim` 0", marks=pytest.mark.slow),
         ("raises", TrainingError, "the oven is broken"),
-        ("is killed", TrainingError, "code -9"),
+        pytest.param("is killed", TrainingError, "code -9", marks=pytest.mark.slow),
     ],
 )
 def test_an_error_and_the_death_of_a_process_are_told_and_end_the_others(how, kind, said):
@@ -79,6 +79,7 @@ def dies_where_it_should(job, note):
     return os.getpid()
 
 
+@pytest.mark.slow
 def test_a_process_is_reused_and_a_job_is_begun_again_after_a_death(tmp_path):
     begun = []
     pool = Workers(1, dies_where_it_should, attempts=2, progress=begun.append)

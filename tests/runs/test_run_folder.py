@@ -77,6 +77,16 @@ def trainer(request):
     return request.param
 
 
+agent_slow = pytest.mark.parametrize(
+    "trainer",
+    [Links(), pytest.param(Agent(), marks=pytest.mark.slow)],
+    ids=["links", "agent"],
+    indirect=True,
+    scope="module",
+)
+"""For properties of the run folder that both trainers reach by the same lines: agents train longer."""
+
+
 @pytest.fixture(scope="module")
 def whole(trainer, tmp_path_factory):
     """The results of an undisturbed run."""
@@ -108,6 +118,7 @@ def interrupted(trainer, out, **options):
     return out
 
 
+@agent_slow
 def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
     folder = trainer.train(tmp_path / "run").folder
     run = read_run(folder)
@@ -120,6 +131,7 @@ def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
         pass
 
 
+@agent_slow
 def test_checkpoints_of_a_run_killed_late_leave_later(trainer, tmp_path):
     """Checkpoints of a run killed after its last record leave with the next command."""
     folder = trainer.train(tmp_path / "run").folder
@@ -143,6 +155,7 @@ def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
+@agent_slow
 def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, whole):
     handler = signal.getsignal(signal.SIGINT)
     with pytest.raises(
@@ -164,7 +177,8 @@ def test_a_run_interrupted_twice_ends_with_the_same_bits(trainer, tmp_path, whol
     assert len(read_run(tmp_path / "run").resumed) == 2
 
 
-@pytest.mark.parametrize("is_finished", [True, False])
+@agent_slow
+@pytest.mark.parametrize("is_finished", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_forced_training_starts_anew_and_goes_on_as_the_new_run(
     trainer, tmp_path, whole, is_finished
 ):
@@ -177,6 +191,7 @@ def test_forced_training_starts_anew_and_goes_on_as_the_new_run(
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
+@agent_slow
 def test_nobody_else_trains_in_a_folder_in_use(trainer, tmp_path, whole):
     tried = []
 
@@ -191,6 +206,7 @@ def test_nobody_else_trains_in_a_folder_in_use(trainer, tmp_path, whole):
     assert learned(trained.folder) == whole
 
 
+@agent_slow
 def test_an_error_is_on_record_and_the_run_can_go_on(trainer, tmp_path, whole):
     with pytest.raises(RuntimeError, match="no more"):
         trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], fail))
@@ -198,6 +214,7 @@ def test_an_error_is_on_record_and_the_run_can_go_on(trainer, tmp_path, whole):
     assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
+@agent_slow
 def test_an_existing_run_is_replaced_on_demand_only(trainer, tmp_path, whole):
     trainer.train(tmp_path / "run")
     with pytest.raises(OutputExistsError):
@@ -220,6 +237,7 @@ def disk_full(monkeypatch, number):
     monkeypatch.setattr(Checkpoints, "save", full)
 
 
+@agent_slow
 def test_a_replaced_run_comes_back_if_the_new_one_leaves_nothing(
     trainer, tmp_path, whole, monkeypatch
 ):
@@ -243,6 +261,7 @@ def test_a_full_disk_loses_nothing_that_was_safe(trainer, tmp_path, whole, monke
     assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
+@agent_slow
 @pytest.mark.parametrize("what", ["tensors", "record", "missing", "another kind"])
 def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
     trainer, tmp_path, whole, caplog, what
@@ -272,6 +291,7 @@ def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(train
     assert read_run(folder).status == "interrupted"
 
 
+@agent_slow
 def test_a_run_that_goes_on_with_another_torch_says_so(trainer, tmp_path, caplog):
     folder = interrupted(trainer, tmp_path / "run")
     run = json.loads((folder / "run.json").read_text())
@@ -324,9 +344,14 @@ def resume_killed(folder):
 @pytest.mark.parametrize(
     ("act", "error", "result"),
     [
-        (lambda folder: plain_run.train(folder, "", force=True), "no more", "the first"),
+        pytest.param(
+            lambda folder: plain_run.train(folder, "", force=True),
+            "no more",
+            "the first",
+            marks=pytest.mark.slow,
+        ),
         (lambda folder: plain_run.train(folder, "the third", force=True), None, "the third"),
-        (resume_killed, "no checkpoint yet", "the first"),
+        pytest.param(resume_killed, "no checkpoint yet", "the first", marks=pytest.mark.slow),
     ],
     ids=["the next one fails", "the next one ends", "resumed without a checkpoint"],
 )
@@ -341,6 +366,7 @@ def test_what_a_killed_run_was_to_replace_comes_back(killed, act, error, result)
 BEGINNINGS = ["before the first file", "while the first file is written"]
 
 
+@agent_slow
 @pytest.mark.parametrize("moment", BEGINNINGS)
 def test_a_trainer_starts_again_before_the_first_record(trainer, tmp_path, whole, moment):
     """A trainer starts again where it was killed before the first record."""

@@ -72,6 +72,7 @@ def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path):
     assert {"success", "test_success", "train_success"} <= notes.rows[-1][1].keys()
 
 
+@pytest.mark.slow
 def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path, parted_folder):
     notes = Notes()
     settings = ComplExConfig(dim=4, epochs=3, n3=0.1, eval_every=2)

@@ -125,6 +125,7 @@ def test_a_study_that_replaces_another_of_its_name_says_so(tmp_path, caplog):
     assert "was another one" in caplog.text
 
 
+@pytest.mark.slow
 def test_two_studies_share_what_is_equal(done):
     more = small_plan('[variants.more]\nscorer = "partial"\nuse = "v"', name="larger")
     new = [f"more, distractors {amount}, seed {seed}" for seed in (0, 1) for amount in (2, 1)]
@@ -171,6 +172,7 @@ def test_damaged_figures_are_noticed_and_made_again(done, tmp_path, caplog):
     assert figures(done) == before
 
 
+@pytest.mark.slow
 def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
     plan = small_plan()
     scorer = the("scorers", plan)
@@ -204,6 +206,7 @@ def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
     assert graph.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
     task = the("scorers", small_plan(text=TRAINED))
     shutil.copytree(done / "graphs", tmp_path / "graphs")

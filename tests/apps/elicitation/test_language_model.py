@@ -83,7 +83,7 @@ def test_the_folder_names_graph_weights_and_prompts(written, model_folder, kitch
     ).replace("{E}", "")
 
 
-@pytest.mark.parametrize("damage", [False, True])
+@pytest.mark.parametrize("damage", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_an_interrupted_run_continues_with_the_same_bits(
     written, language_model, kitchen, tmp_path, monkeypatch, damage
 ):

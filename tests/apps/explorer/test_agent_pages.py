@@ -137,6 +137,7 @@ def test_the_form_asks_at_the_table_that_is_seen(agents):
     assert "Back to the original table" in text
 
 
+@pytest.mark.slow
 def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents):
     state = EpisodeState(
         goal="bread", table=agents.opened.graph.entities[:MOST_ON_TABLE], other=("plain", "mlp")

@@ -161,8 +161,10 @@ def test_each_link_is_listed_once_by_its_first_query(ranked, everything, order, 
     "state",
     [
         PredictionsState(),
-        PredictionsState(part="new"),
-        PredictionsState(known="all", entity="water", rank="1"),
+        pytest.param(PredictionsState(part="new"), marks=pytest.mark.slow),
+        pytest.param(
+            PredictionsState(known="all", entity="water", rank="1"), marks=pytest.mark.slow
+        ),
     ],
 )
 def test_each_facet_leads_to_as_many_links_as_it_says(explored, state):

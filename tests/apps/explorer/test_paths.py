@@ -198,6 +198,7 @@ def test_a_path_without_a_goal_leads_to_an_entity_of_the_last_layer(explored):
     assert view.layers > 5
 
 
+@pytest.mark.slow
 def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
     explored = explored_graph(chain(15_000))
     for state, text in (

@@ -46,6 +46,7 @@ def played(kitchen_folder, agents, tmp_path_factory):
     )
 
 
+@pytest.mark.slow
 def test_each_recorded_table_leads_to_an_episode_with_every_player(played):
     explored, study = played
     actions = {

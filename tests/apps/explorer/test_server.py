@@ -337,6 +337,7 @@ sys.exit(main(["explore", "kitchen", "--no-browser", "--port", "0", "--json"]))
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_server_within_3_s_while_a_page_is_computed():
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen([sys.executable, "-c", SLOW_PAGE], **pipes) as server:

@@ -42,6 +42,7 @@ def hostile_site(hostile, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_every_link_of_every_file_leads_to_a_file(static_site, pages):
     assert len(pages) > 80  # one for each entity, and more
     for path, page in pages.items():
@@ -54,6 +55,7 @@ def test_every_link_of_every_file_leads_to_a_file(static_site, pages):
             assert not anchor or f'id="{anchor}"' in pages[file].page, (path, link)
 
 
+@pytest.mark.slow
 def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages):
     for path, page in pages.items():
         assert all("hidden" in form.attributes for form in page.forms), path
@@ -61,6 +63,7 @@ def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages):
         assert "Content-Security-Policy" in page.page
 
 
+@pytest.mark.slow
 def test_the_record_says_what_was_written(static_site, explored):
     record = json.loads((static_site / "site.json").read_text())
     sizes = [page.stat().st_size for page in static_site.rglob("*.html")]
@@ -76,6 +79,7 @@ def test_the_record_says_what_was_written(static_site, explored):
     )
 
 
+@pytest.mark.slow
 def test_the_search_file_has_every_entity_the_most_used_first(static_site, explored):
     text = (static_site / "search.js").read_text()
     found = json.loads(text.removeprefix("window.entities = ").removesuffix(";\n"))
@@ -125,6 +129,7 @@ def test_a_site_is_replaced_only_on_request(tmp_path):
     assert (other / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_no_file_says_where_folders_are_on_this_machine(
     explored, run_folder, tmp_path, monkeypatch
 ):

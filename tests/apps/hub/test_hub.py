@@ -215,7 +215,14 @@ def test_a_file_of_another_kind_of_folder_is_never_pulled(push_and_change, reque
     assert not Path("new").exists()
 
 
-@pytest.mark.parametrize("name", ["SHA256SUMS", "README.md", "the folder of"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "SHA256SUMS",
+        pytest.param("README.md", marks=pytest.mark.slow),
+        pytest.param("the folder of", marks=pytest.mark.slow),
+    ],
+)
 def test_a_download_that_cannot_fit_never_begins(hub, run, parted_folder, monkeypatch, name):
     assert run("hub", "push", parted_folder, "me/graph").code == 0
     if name == "the folder of":
@@ -300,6 +307,7 @@ def test_a_link_out_of_a_graph_folder_is_never_pushed(hub, run, parted_folder, n
     assert not hub.created
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_itself_a_link_is_pushed(hub, run, parted_folder):
     Path("near").symlink_to(parted_folder)
     assert run("hub", "push", "near", "me/mine").code == 0

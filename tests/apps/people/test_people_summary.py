@@ -182,6 +182,7 @@ def test_an_agent_is_compared_at_the_table_of_each_answer(agent):
         assert rate.interval[0] <= rate.rate <= rate.interval[1]
 
 
+@pytest.mark.slow
 def test_an_agent_of_another_graph_or_split_is_refused(agent, kitchen):
     for graph in (other_world(kitchen, "split"), "everyday"):
         with pytest.raises(GraphMismatchError):

@@ -110,6 +110,7 @@ def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed, lines):
     assert outcome.out.splitlines()[-1] == "goals made: 0 of 0   to repeat these tasks: --seed 7"
 
 
+@pytest.mark.slow
 def test_the_game_fits_80_columns(typed):
     outcome = typed(
         ["?", "zzz", "1 2"], "play", "everyday", "--distractors", "40", "--episodes", "1"
@@ -117,6 +118,7 @@ def test_the_game_fits_80_columns(typed):
     assert max(map(len, outcome.out.splitlines())) <= 80
 
 
+@pytest.mark.slow
 def test_input_that_is_not_text_is_bad_input():
     command, environment = (
         [sys.executable, "-m", "wordcraft_kg"],

@@ -386,6 +386,7 @@ def test_a_study_with_other_page_texts_is_refused(study, folder):
         check_study_folder(folder, msgspec.structs.replace(study.record, texts_hash="0" * 64))
 
 
+@pytest.mark.slow
 def test_a_study_of_another_graph_or_split_is_refused(kitchen, folder):
     for other in ("everyday", other_world(kitchen, "split")):
         with pytest.raises(GraphMismatchError):

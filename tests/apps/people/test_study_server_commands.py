@@ -120,6 +120,7 @@ def test_who_asks_is_private_and_a_manager_ends_it_like_ctrl_c(tmp_path):
     assert "127.0.0.1" not in log
 
 
+@pytest.mark.slow
 def test_two_servers_do_not_share_a_folder(run, tmp_path):
     out = tmp_path / "study"
     with served(out) as (_, address):
@@ -141,6 +142,7 @@ def test_a_port_in_use_is_an_error_before_anything_is_written(run, tmp_path):
     assert not (tmp_path / "study").exists()
 
 
+@pytest.mark.slow
 def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path):
     with served(tmp_path / "study", "--allow-host", "lab.example.org") as (_, address):
         for host, status in (
@@ -188,6 +190,7 @@ def test_options_that_cannot_be_write_nothing(run, tmp_path, monkeypatch, option
     assert not Path("study").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_of_another_study_is_refused_and_stays(run, begun):
     for graph, kind, name in (
         ("everyday", "GraphMismatchError", "graph_hash"),
@@ -200,6 +203,7 @@ def test_a_folder_of_another_study_is_refused_and_stays(run, begun):
         assert f"is a study with {name}" in refused(outcome, kind)
 
 
+@pytest.mark.slow
 def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path):
     text = tmp_path / "consent.txt"
     text.write_bytes(

@@ -76,6 +76,7 @@ FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PYTHON = shlex.quote(sys.executable)
 PROGRAM = f"program:{PYTHON} -c {shlex.quote(FIRST_TWO)}"
 LITE = [name for name in read_manifest()[0].names if "-lite" in name]
+FAST = ("depth-2-lite", "discover-500-lite")
 OTHER = "0" * 64
 
 
@@ -141,7 +142,7 @@ def test_prompts_and_schema_are_those_of_the_manifest():
     )
 
 
-@pytest.mark.parametrize("name", ["craft-8", "goal-8"])
+@pytest.mark.parametrize("name", ["craft-8", pytest.param("goal-8", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("player", ["nearest-words", "oracle"])
 def test_a_scripted_player_has_the_success_of_the_evaluation(submitted, name, player):
     track = open_track(name)
@@ -160,7 +161,14 @@ def test_a_scripted_player_has_the_success_of_the_evaluation(submitted, name, pl
 
 
 @pytest.mark.parametrize(
-    ("track", "player"), [("craft-8-lite", "random"), *((track, "oracle") for track in LITE)]
+    ("track", "player"),
+    [
+        ("craft-8-lite", "random"),
+        *(
+            pytest.param(track, "oracle", marks=[] if track in FAST else pytest.mark.slow)
+            for track in LITE
+        ),
+    ],
 )
 def test_every_lite_track_can_be_played_and_verified(submitted, track, player):
     submission = verify(submitted(track, player))
@@ -179,7 +187,9 @@ def test_the_tasks_with_made_up_words_are_the_same_tasks(submitted):
     assert known.games_hash != unknown.games_hash
 
 
-@pytest.mark.parametrize("player", ["random", "votes", PROGRAM])
+@pytest.mark.parametrize(
+    "player", ["random", "votes", pytest.param(PROGRAM, marks=pytest.mark.slow)]
+)
 def test_the_same_player_writes_the_same_bytes_and_is_reproduced(
     submitted, tmp_path, player, capsys
 ):
@@ -191,6 +201,7 @@ def test_the_same_player_writes_the_same_bytes_and_is_reproduced(
     assert capsys.readouterr().out.splitlines()[-1].startswith("reproduced  craft-8-lite")
 
 
+@pytest.mark.slow
 def test_a_program_keeps_its_messages_and_look_ups_are_offered_and_counted(tmp_path):
     asks = FIRST_TWO.replace("'1 + 2'", "'look up air' if '\"new\": true' in line else '1 + 2'")
     player = f"program:{PYTHON} -c {shlex.quote(asks)}"
@@ -401,6 +412,7 @@ def mutated(rng, data):
     return b"".join(lines)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("track", "amount"),
     [("craft-8-lite", 60), pytest.param("craft-8-lite", 2_000, marks=pytest.mark.slow)],
@@ -471,6 +483,7 @@ def test_no_other_file_is_changed(tmp_path, files, force, reason):
     assert all((tmp_path / name).read_text() == "mine" for name in files)
 
 
+@pytest.mark.slow
 def test_a_forced_run_keeps_the_earlier_until_it_is_complete(submitted, tmp_path):
     """A forced run keeps the earlier submission until the new one is complete."""
     out = tmp_path / "out"
@@ -534,6 +547,7 @@ def kitchen_track(opened_kitchen, monkeypatch):
     return track
 
 
+@pytest.mark.slow
 def test_models_and_agents_play_as_in_the_evaluation(
     kitchen_track, recipes_folder, tmp_path, capsys
 ):
@@ -729,6 +743,7 @@ def test_a_run_prints_invalid_answers_and_the_present_score(tmp_path, capsys):
     assert verify(tmp_path / "printed").figures.mean == 0
 
 
+@pytest.mark.slow
 def test_a_game_that_would_go_on_has_no_second_score(tmp_path, capsys):
     """A game that would have gone on with other prompts has no second figure."""
     player = f"program:{PYTHON} -c {shlex.quote(SECOND['printed'])}"

@@ -44,6 +44,7 @@ def called(message):
     return message["tool_calls"][0]["function"]
 
 
+@pytest.mark.slow
 def test_a_conversation_is_what_a_rollout_of_the_same_game_reads_and_says():
     """The environment for TRL gives the same prompt, and the same reply to each call."""
     prompts = {row["task_id"]: row for row in crafting_rows("kitchen", depth=[1, 2], distractors=2)}
@@ -65,6 +66,7 @@ def test_a_conversation_is_what_a_rollout_of_the_same_game_reads_and_says():
         assert row["goal"] == environment.talk.game.goal
 
 
+@pytest.mark.slow
 def test_the_tool_is_described_as_trl_describes_it():
     get_json_schema = pytest.importorskip("transformers.utils").get_json_schema
     assert get_json_schema(CraftingEnvironment().combine) == COMBINE
@@ -112,6 +114,7 @@ def test_no_conversation_shows_a_held_out_recipe():
     assert shown > 50
 
 
+@pytest.mark.slow
 def test_games_are_kept_by_their_end():
     plays = kitchen_plays(2, attempts=6)
     lengths = {}
@@ -147,7 +150,10 @@ def test_other_parts_are_refused(part):
         rows_of(kitchen_plays(1, part=part))
 
 
-@pytest.mark.parametrize("player", PLAYERS)
+@pytest.mark.parametrize(
+    "player",
+    [*PLAYERS[2:], *(pytest.param(player, marks=pytest.mark.slow) for player in PLAYERS[:2])],
+)
 def test_the_command_writes_conversations_of_any_player_with_a_card(run, tmp_path, player):
     out = tmp_path / "new" / "sft.jsonl"
     outcome = run(
@@ -196,6 +202,7 @@ def test_the_same_command_writes_the_same_bytes_and_another_seed_others(run, tmp
     assert files[0] != files[2]
 
 
+@pytest.mark.slow
 def test_a_file_that_exists_is_kept_and_a_failure_leaves_nothing(run, tmp_path):
     out = tmp_path / "sft.jsonl"
     out.write_text("mine")
@@ -235,6 +242,7 @@ def test_bad_options_are_refused(run, tmp_path):
         assert (outcome.code, fragment in outcome.err) == (code, True), (options, outcome.err)
 
 
+@pytest.mark.slow
 def test_a_model_plays(run, tmp_path, recipes_folder):
     for kind in ("scorer", "planner"):
         out = tmp_path / f"{kind}.jsonl"

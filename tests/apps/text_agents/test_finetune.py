@@ -106,7 +106,14 @@ def test_splits_of_two_books_are_refused(splits):
         SCRIPT["learned"]([splits[0], other], 0)
 
 
-@pytest.mark.parametrize("track", ["craft-1-lite", "craft-8-lite", "goal-8-lite"])
+@pytest.mark.parametrize(
+    "track",
+    [
+        pytest.param("craft-1-lite", marks=pytest.mark.slow),
+        pytest.param("craft-8-lite", marks=pytest.mark.slow),
+        "goal-8-lite",
+    ],
+)
 def test_no_recipe_that_solves_a_task_of_a_track_is_learned(track):
     """The splits of the built-in book are those of the tracks, and the tasks are not learned."""
     opened = open_track(track)
@@ -124,6 +131,7 @@ def test_no_recipe_that_solves_a_task_of_a_track_is_learned(track):
     assert not asked & learned
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_a_tree_has_the_loss_of_its_texts_one_by_one():
     model = tiny()

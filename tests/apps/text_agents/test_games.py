@@ -44,9 +44,20 @@ def play_all(games, distractor_seeds, player):
     return played
 
 
-@pytest.mark.parametrize("name", PLAYERS)
 @pytest.mark.parametrize(
-    "settings", [{}, {"depth": 2, "num_tasks": 25, "max_attempts": 3}], ids=["depth 1", "depth 2"]
+    ("name", "settings"),
+    [
+        *(pytest.param(name, {}, id=f"depth 1-{name}") for name in PLAYERS),
+        *(
+            pytest.param(
+                name,
+                {"depth": 2, "num_tasks": 25, "max_attempts": 3},
+                id=f"depth 2-{name}",
+                marks=[] if name == "oracle" else pytest.mark.slow,
+            )
+            for name in PLAYERS
+        ),
+    ],
 )
 def test_a_text_player_like_a_scripted_one_has_its_evaluation(kitchen, name, settings):
     """A text player that plays like a scripted one has its evaluation to the last digit."""

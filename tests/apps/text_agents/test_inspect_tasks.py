@@ -12,12 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from inspect_ai import Task, eval
-from inspect_ai._util.error import PrerequisiteError
-from inspect_ai._util.registry import registry_info
-from inspect_ai.dataset import Sample
-from inspect_ai.log import write_eval_log
-from inspect_ai.model import ModelOutput, ModelUsage, get_model
 
 import wordcraft_kg
 from tests.apps.text_agents.scripted import PLAYERS, picks_of
@@ -27,7 +21,6 @@ from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
-from wordcraft_kg.apps.text_agents.inspect_tasks import InspectTaskError, crafting, discovery
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import verify
@@ -49,6 +42,24 @@ KEYS = {
 }
 
 
+def inspect_ai():
+    """Inspect, imported by the process that plays its tasks: the import takes seconds, and each
+    process collects this file."""
+    return importlib.import_module("inspect_ai")
+
+
+def our_tasks():
+    return importlib.import_module("wordcraft_kg.apps.text_agents.inspect_tasks")
+
+
+def crafting(*graph, **parameters):
+    return our_tasks().crafting(*graph, **parameters)
+
+
+def discovery(*graph, **parameters):
+    return our_tasks().discovery(*graph, **parameters)
+
+
 @pytest.fixture(autouse=True)
 def untouched(tmp_path, monkeypatch):
     """Take back what Inspect does to the root logger, which other tests listen to; it writes
@@ -68,14 +79,16 @@ def play(tmp_path):
 
     def play(task, answer, **options):
         def output(messages, *_):
-            content = ModelOutput.from_content("mockllm", answer(messages))
+            content = inspect_ai().model.ModelOutput.from_content("mockllm", answer(messages))
             # Without a usage the mock counts tokens with tables from the network.
-            content.usage = ModelUsage(input_tokens=100, output_tokens=10, total_tokens=110)
+            content.usage = inspect_ai().model.ModelUsage(
+                input_tokens=100, output_tokens=10, total_tokens=110
+            )
             return content
 
-        model = get_model("mockllm/model", custom_outputs=output, memoize=False)
+        model = inspect_ai().model.get_model("mockllm/model", custom_outputs=output, memoize=False)
         settings = {"display": "none", "log_dir": str(tmp_path), "log_realtime": False} | options
-        (log,) = eval(task, model=model, **settings)
+        (log,) = inspect_ai().eval(task, model=model, **settings)
         return log
 
     return play
@@ -111,10 +124,11 @@ def metrics_of(log):
     ("name", "settings", "log_format"),
     [
         ("random", {"distractors": 1, "distractor_seeds": 2, "tasks": 16}, "eval"),
-        (
+        pytest.param(
             "full graph",
             {"distractors": 3, "distractor_seeds": 1, "tasks": 16, "depth": 2, "attempts": 3},
             "json",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             "oracle", {"distractors": 8, "distractor_seeds": 1}, "eval", marks=pytest.mark.slow
@@ -194,6 +208,7 @@ def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
     assert sample.metadata["graph_hash"] == kitchen.graph.hash
 
 
+@pytest.mark.slow
 def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     task = crafting("kitchen", tasks=4, depth=2, max_invalid=1)
     answers = ("", "unicorn + [dragon]", "1 + 2\nthat is all", "1 + 1")
@@ -217,6 +232,7 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     assert prompts[1].startswith("Invalid answer: no answer")
 
 
+@pytest.mark.slow
 def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play):
     def answer(messages):
         return "look up bread" if turn(messages) < 2 else "1 + 2"
@@ -237,12 +253,13 @@ def test_a_scorer_that_remembers_the_tasks_is_refused(tmp_path, kitchen):
     """A scorer that remembers the tasks is refused before the first game."""
     scorer = SymbolicScorer(kitchen.graph, kitchen.split.partial)
     save_scorer(tmp_path / "model", scorer, kitchen, kg="partial")
-    with pytest.raises(InspectTaskError, match="has no folds"):
+    with pytest.raises(our_tasks().InspectTaskError, match="has no folds"):
         crafting("kitchen", part="train", knowledge="scorer", scorer=str(tmp_path / "model"))
     task = crafting("kitchen", tasks=1, knowledge="scorer", scorer=str(tmp_path / "model"))
     assert len(task.metadata["wordcraft_kg"]["settings"]["scorer"]) == 64
 
 
+@pytest.mark.slow
 def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen, play):
     def pair(number):
         return f"{1 + number % 8} + {1 + number // 3 % 8}"
@@ -263,12 +280,14 @@ def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen, p
     assert (result.games, result.success, result.settings.base) == (2, None, kitchen.graph.base)
 
 
+@pytest.mark.slow
 def test_a_log_of_repeated_games_is_refused(play):
     log = play(crafting("kitchen", tasks=3), lambda messages: "1 + 1", epochs=2)
     with pytest.raises(ArtefactError, match=r"6 of 3 games.* instead of --epochs"):
         read_inspect_log(log.location)
 
 
+@pytest.mark.slow
 def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play, kitchen):
     log = play(crafting("kitchen", tasks=3, distractors=2), lambda messages: "1 + 2")
     success = read_inspect_log(log.location).success
@@ -279,6 +298,7 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play, kit
         external_rows(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "track", [pytest.param("depth-2-lite", marks=pytest.mark.slow), "discover-500-lite"]
 )
@@ -327,12 +347,12 @@ def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
         tmp_path / name for name in ("stopped.eval", "half.eval", "spoilt.json")
     )
     log.status = "cancelled"
-    write_eval_log(log, str(stopped))
+    inspect_ai().log.write_eval_log(log, str(stopped))
     half.write_bytes(stopped.read_bytes()[:-300])
     log.status = "success"
     log.samples[0].scores["goal_made"].metadata["actions"] = "many"
     log.eval.metadata["wordcraft_kg"]["games"] = 5
-    write_eval_log(log, str(spoilt))
+    inspect_ai().log.write_eval_log(log, str(spoilt))
     for path, fragment in (
         (stopped, r"evaluation is stopped, 5 of 6 games .* inspect eval-retry"),
         (half, "cannot be read as an Inspect AI log"),
@@ -344,7 +364,10 @@ def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
 
 def test_other_logs_and_files_are_refused(play, tmp_path):
     other = play(
-        Task(dataset=[Sample(input="Say hello.", target="hello")], name="greeting"),
+        inspect_ai().Task(
+            dataset=[inspect_ai().dataset.Sample(input="Say hello.", target="hello")],
+            name="greeting",
+        ),
         lambda messages: "hello",
     )
     with pytest.raises(
@@ -390,10 +413,11 @@ def test_other_logs_and_files_are_refused(play, tmp_path):
     ],
 )
 def test_a_wrong_parameter_is_an_error_without_a_traceback(make, parameters, setting, fragment):
-    with pytest.raises(InspectTaskError, match=fragment) as raised:
+    with pytest.raises(our_tasks().InspectTaskError, match=fragment) as raised:
         make(**{"graph": "kitchen", **parameters})
     assert raised.value.setting == setting
-    assert isinstance(raised.value, PrerequisiteError)  # which Inspect shows without a traceback
+    prerequisite = importlib.import_module("inspect_ai._util.error").PrerequisiteError
+    assert isinstance(raised.value, prerequisite)  # which Inspect shows without a traceback
     assert raised.value.message.replace("\\[", "[") == str(
         raised.value
     )  # its terminal takes brackets for a style
@@ -402,8 +426,10 @@ def test_a_wrong_parameter_is_an_error_without_a_traceback(make, parameters, set
 def test_inspect_finds_both_tasks_by_the_package_s_name():
     root = Path(wordcraft_kg.__file__).parents[1]
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
-    assert project["entry-points"]["inspect_ai"] == {"wordcraft_kg": crafting.__module__}
-    assert [registry_info(one).name for one in (crafting, discovery)] == [
+    ours = our_tasks()
+    assert project["entry-points"]["inspect_ai"] == {"wordcraft_kg": ours.crafting.__module__}
+    registry_info = importlib.import_module("inspect_ai._util.registry").registry_info
+    assert [registry_info(one).name for one in (ours.crafting, ours.discovery)] == [
         "wordcraft_kg/crafting",
         "wordcraft_kg/discovery",
     ]

@@ -426,6 +426,7 @@ def running(*options):
         process.communicate()
 
 
+@pytest.mark.slow
 def test_clients_of_both_versions_of_the_protocol_play_at_once_over_http():
     async def session(address, task):
         async with Client(address, mode=MODES[task % 2]) as client:
@@ -438,6 +439,7 @@ def test_clients_of_both_versions_of_the_protocol_play_at_once_over_http():
         assert asyncio.run(together(address)) == played_alone(range(4))
 
 
+@pytest.mark.slow
 def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path):
     path = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7"}
     command = StdioServerParameters(command=sys.executable, args=COMMAND, env=path, cwd=tmp_path)
@@ -498,6 +500,7 @@ def test_a_client_that_leaves_within_its_request_is_no_error(caplog):
     assert [record.message for record in caplog.records if record.exc_info] == []
 
 
+@pytest.mark.slow
 def test_over_http_bad_requests_are_refused():
     """Over http malformed long and foreign requests are refused and the server goes on."""
 

@@ -181,7 +181,11 @@ def test_a_page_that_takes_long_to_compute_has_no_deadline(impatient):
     assert impatient.process.stdout.readline() == "computing\n"
 
 
-@pytest.mark.parametrize("data", [b"", HALF, FORM], ids=["silent", "half a header", "half a form"])
+@pytest.mark.parametrize(
+    "data",
+    [b"", pytest.param(HALF, marks=pytest.mark.slow), pytest.param(FORM, marks=pytest.mark.slow)],
+    ids=["silent", "half a header", "half a form"],
+)
 def test_a_visitor_is_served_while_others_hold_more_connections_than_files(starting, data):
     files = 128
     served = starting(files=files)
@@ -214,6 +218,7 @@ def test_ctrl_c_does_not_wait_for_clients(starting):
     assert open_of(connections) == 0
 
 
+@pytest.mark.slow
 def test_the_number_of_connections_follows_the_limit_of_open_files(monkeypatch):
     for allowed, expected in (
         (resource.RLIM_INFINITY, MOST_CONNECTIONS),

@@ -51,6 +51,7 @@ def spoilt_folds(folded, tmp_path):
 # --- what is trained ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kitchen, tmp_path):
     plain = load_scorer(train(opened_kitchen, replace(SHORT, folds=0), tmp_path / "plain").folder)
     scorer = load_scorer(folded)
@@ -97,6 +98,7 @@ def test_the_record_has_each_models_rank_of_its_own_fold(folded, opened_kitchen)
     assert set(FILES) < set(run["outputs"])
 
 
+@pytest.mark.slow
 def test_a_model_whose_scorer_is_a_table_has_folds_without_its_parameters(opened_kitchen, tmp_path):
     config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=2)
     folder = train(opened_kitchen, config, tmp_path / "model").folder
@@ -188,6 +190,7 @@ def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, mon
 # --- interruptions --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_progress_counts_the_epochs_of_the_folds(opened_kitchen, tmp_path):
     calls = []
     train(
@@ -199,7 +202,9 @@ def test_progress_counts_the_epochs_of_the_folds(opened_kitchen, tmp_path):
     assert calls == [(done, 16) for done in range(1, 17)]
 
 
-@pytest.mark.parametrize("epoch", [5, 9, 14])
+@pytest.mark.parametrize(
+    "epoch", [pytest.param(5, marks=pytest.mark.slow), pytest.param(9, marks=pytest.mark.slow), 14]
+)
 def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     folded, opened_kitchen, tmp_path, epoch, monkeypatch
 ):
@@ -220,7 +225,11 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     assert not (trained.folder / "checkpoints").exists()
 
 
-@pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "of other epochs"])
+@pytest.mark.parametrize(
+    "is_damaged",
+    [pytest.param(True, marks=pytest.mark.slow), False],
+    ids=["damaged", "of other epochs"],
+)
 def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(
     folded, opened_kitchen, tmp_path, caplog, is_damaged
 ):
@@ -237,6 +246,7 @@ def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(
     assert same_files(folder, folded)
 
 
+@pytest.mark.slow
 def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(opened_kitchen, tmp_path, monkeypatch):
     def fail(*arguments):
         raise TrainingError("the loss is no longer a finite number.")

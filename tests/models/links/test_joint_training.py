@@ -150,6 +150,7 @@ def test_the_saved_model_holds_the_entities_and_the_two_relations_alone(joint, o
     assert "3 outside triples, 2 relations, 2 nodes" in (joint.folder / "README.md").read_text()
 
 
+@pytest.mark.slow
 def test_each_fold_and_the_choice_of_weights_use_the_outside_triples(
     joint, opened_kitchen, outside
 ):
@@ -168,6 +169,7 @@ def test_each_fold_and_the_choice_of_weights_use_the_outside_triples(
     )
 
 
+@pytest.mark.slow
 def test_a_changed_knowledge_folder_is_refused_and_the_same_one_resumes(
     joint, opened_kitchen, outside, tmp_path
 ):

@@ -53,7 +53,15 @@ RESUMED: dict[str, LinkSettings] = {
     ),
 }
 
-EACH = pytest.mark.parametrize("config", RESUMED.values(), ids=RESUMED)
+FAST = ("complex", "distmult by negatives", "rotate by negatives, with validation")
+EACH = pytest.mark.parametrize(
+    "config",
+    [
+        pytest.param(config, marks=[] if name in FAST else pytest.mark.slow)
+        for name, config in RESUMED.items()
+    ],
+    ids=RESUMED,
+)
 
 
 def weights(trained):
@@ -108,7 +116,9 @@ def test_the_same_seed_gives_the_same_bytes_and_settings(parted_kitchen, tmp_pat
 
 
 @pytest.mark.parametrize(
-    "config", [SHORT, RESUMED["distmult by softmax"]], ids=["complex", "distmult"]
+    "config",
+    [SHORT, pytest.param(RESUMED["distmult by softmax"], marks=pytest.mark.slow)],
+    ids=["complex", "distmult"],
 )
 def test_another_seed_gives_another_model(opened_kitchen, tmp_path, config):
     models = [
@@ -136,9 +146,17 @@ ROTATE = RESUMED["rotate by negatives, with validation"]
 @pytest.mark.parametrize(
     ("config", "end"),
     [
-        *((SHORT, end) for end in ("done", "interrupted", "failed")),
+        (SHORT, "done"),
         (ROTATE, "interrupted"),
-        *(pytest.param(ROTATE, end, marks=pytest.mark.slow) for end in ("done", "failed")),
+        *(
+            pytest.param(config, end, marks=pytest.mark.slow)
+            for config, end in (
+                (SHORT, "interrupted"),
+                (SHORT, "failed"),
+                (ROTATE, "done"),
+                (ROTATE, "failed"),
+            )
+        ),
     ],
 )
 def test_training_leaves_all_global_states_as_they_were(
@@ -233,7 +251,9 @@ def test_the_validation_figure_is_the_filtered_mrr_of_the_validation_part(parted
 
 
 @pytest.mark.parametrize(
-    "config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"]
+    "config",
+    [SHORT, pytest.param(RESUMED["rotate by negatives, with validation"], marks=pytest.mark.slow)],
+    ids=["complex", "rotate"],
 )
 def test_validating_does_not_change_what_is_learnt(parted_kitchen, tmp_path, config):
     without, with_validation = (
@@ -243,6 +263,7 @@ def test_validating_does_not_change_what_is_learnt(parted_kitchen, tmp_path, con
     assert weights(without) == weights(with_validation)
 
 
+@pytest.mark.slow
 def test_the_full_graph_trains_on_all_triples_and_remembers_them(opened_kitchen, tmp_path):
     trained = train(opened_kitchen, ComplExConfig(kg="full", dim=32, epochs=60), tmp_path / "model")
     assert (

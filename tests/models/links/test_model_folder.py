@@ -64,7 +64,12 @@ def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder, 
 
 
 @pytest.mark.parametrize(
-    ("folder", "model"), [("elsewhere", "../model"), ("graph", "{}"), (".", "model")]
+    ("folder", "model"),
+    [
+        ("elsewhere", "../model"),
+        pytest.param("graph", "{}", marks=pytest.mark.slow),
+        pytest.param(".", "model", marks=pytest.mark.slow),
+    ],
 )
 def test_a_model_finds_its_graph_from_anywhere(on_disk, tmp_path, monkeypatch, folder, model):
     (tmp_path / "elsewhere").mkdir()
@@ -174,6 +179,7 @@ def test_an_opened_folder_says_what_the_scorer_has_seen(kg, mine, opened_kitchen
     assert card.startswith("---\nlibrary_name: wordcraft-kg\n")
 
 
+@pytest.mark.slow
 def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_kitchen, tmp_path):
     mine = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
     model = open_model(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))

@@ -75,7 +75,7 @@ def test_a_large_root_seed_is_as_good_as_any():
         assert draws() != large
 
 
-@pytest.mark.parametrize("is_frozen", [False, True])
+@pytest.mark.parametrize("is_frozen", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_guard_freezes_objects_only_while_it_is_open(is_frozen):
     """The guard freezes objects only while it is open unless frozen before."""
     if is_frozen:

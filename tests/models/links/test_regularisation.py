@@ -110,6 +110,7 @@ def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen, settings)
     assert choose(opened_kitchen, settings, silent) is None
 
 
+@pytest.mark.slow
 def test_a_book_neither_small_nor_large_keeps_the_fixed_default(opened_kitchen, monkeypatch):
     train_recipes = len(opened_kitchen.split.recipes("train"))
     monkeypatch.setattr(regularisation, "SMALL", train_recipes - 1)
@@ -141,6 +142,7 @@ def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
     )
 
 
+@pytest.mark.slow
 def test_with_popularity_alone_the_choice_equals_counting():
     """Where there is nothing but popularity to learn the choice keeps up with counting."""
     rng = np.random.default_rng(0)
@@ -160,6 +162,7 @@ def test_with_popularity_alone_the_choice_equals_counting():
 # --- in a run -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen, tmp_path, choice):
     trained = train(opened_kitchen, OPEN, tmp_path / "model")
     assert trained.metrics.choice == choice

@@ -106,6 +106,7 @@ def test_an_opened_model_tells_what_it_was_trained_on(with_train_sample, plain, 
         assert model.metrics.train_mrr == pytest.approx(mean_reciprocal_rank(ranks))
 
 
+@pytest.mark.slow
 def test_without_a_train_sample_nothing_is_said_of_one(complex_folder, opened_kitchen, tmp_path):
     settings = replace(SHORT, train_fraction=1.0, label_noise=0.0)
     folder = train(opened_kitchen, settings, tmp_path / "whole").folder
@@ -227,6 +228,7 @@ def test_an_agent_takes_the_self_edges_of_the_train_sample(
     np.testing.assert_array_equal(seen["observed"], open_model(with_train_sample).triples)
 
 
+@pytest.mark.slow
 def test_weights_are_chosen_on_the_train_sample(opened_kitchen, tmp_path):
     settings = replace(
         SHORT, n3=None, popularity=None, folds=0, train_fraction=0.9, label_noise=0.5
@@ -240,6 +242,7 @@ def test_weights_are_chosen_on_the_train_sample(opened_kitchen, tmp_path):
     assert found != choose(opened_kitchen, settings, lambda done, total: None)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_continues_with_the_same_train_sample(
     with_train_sample, opened_kitchen, tmp_path
 ):

@@ -114,9 +114,9 @@ def expected_scores(opened, scorer, view, state, folds):
     ("part", "depth", "scale"),
     [
         ("train", 1, "ranks"),
-        ("train", 2, "standardise"),
-        ("all", 1, "ranks"),
-        ("all", 1, "standardise"),
+        pytest.param("train", 2, "standardise", marks=pytest.mark.slow),
+        pytest.param("all", 1, "ranks", marks=pytest.mark.slow),
+        pytest.param("all", 1, "standardise", marks=pytest.mark.slow),
         ("test", 1, "ranks"),
     ],
 )
@@ -274,6 +274,7 @@ def test_scripted_players_do_not_remember_the_recipes_of_train_tasks(opened, sco
     assert memory > honest + 0.1
 
 
+@pytest.mark.slow
 def test_a_run_keeps_that_its_scorer_is_cross_fitted(folder, opened, tmp_path, caplog):
     """A run says that its scorer is cross fitted and comes back the same."""
     trainer = ImpalaConfig(steps=1_024, batch_size=32, eval_every=0, checkpoint_every=512)
@@ -312,7 +313,7 @@ def test_a_run_keeps_that_its_scorer_is_cross_fitted(folder, opened, tmp_path, c
     ).read_bytes()
 
 
-@pytest.mark.parametrize("in_sample", [False, True])
+@pytest.mark.parametrize("in_sample", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_run_on_memory_says_so(folder, tmp_path, caplog, in_sample):
     if not in_sample:
         config = ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0)
@@ -407,6 +408,7 @@ def test_observations_can_have_the_number_of_the_task(opened, part):
     assert env.action_masks().sum() == seen["action_mask"].sum()
 
 
+@pytest.mark.slow
 def test_stable_baselines_learns_on_out_of_sample_scores(opened, scorer):
     """Stable baselines learns on scores of models that have not seen the task."""
     pytest.importorskip("sb3_contrib")

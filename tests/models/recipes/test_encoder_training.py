@@ -63,7 +63,7 @@ def trained(book, tmp_path_factory):
     return train_recipes(RecipesConfig(str(book), WITH), folder).folder
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_same_settings_give_the_same_bytes(book, trained, monkeypatch, workers):
     state = torch.get_rng_state()
     monkeypatch.setattr(training, "cores", lambda: workers)
@@ -73,7 +73,14 @@ def test_the_same_settings_give_the_same_bytes(book, trained, monkeypatch, worke
     assert torch.equal(torch.get_rng_state(), state)
 
 
-@pytest.mark.parametrize(("done", "left"), [(1, 5), (4, 2), (7, 0)])
+@pytest.mark.parametrize(
+    ("done", "left"),
+    [
+        pytest.param(1, 5, marks=pytest.mark.slow),
+        pytest.param(4, 2, marks=pytest.mark.slow),
+        (7, 0),
+    ],
+)
 def test_an_interrupted_run_continues_to_the_same_bytes(book, trained, done, left, monkeypatch):
     # Six encoders come first: (), (0,), (0, 1), (1,), (2,), (0, 2).
     folder = trained.parent / f"interrupted-{done}"
@@ -207,6 +214,7 @@ def knowing(book, other_book, many, tmp_path):
     return train_recipes(RecipesConfig(str(book), with_other(other_book)), tmp_path / "one").folder
 
 
+@pytest.mark.slow
 def test_a_large_other_book_gives_all_folds_its_encoder(knowing, book, other_book):
     scorer = load_scorer(knowing)
     opened = open_graph(str(book))
@@ -236,6 +244,7 @@ def test_recipes_that_both_books_have_teach_its_encoder_nothing(book, other_book
     assert same_tensors(*encoders)
 
 
+@pytest.mark.slow
 def test_it_is_fitted_once_and_a_resumed_run_reads_it(
     knowing, book, other_book, tmp_path, monkeypatch
 ):
@@ -261,7 +270,9 @@ def test_fits_without_the_encoder_that_is_asked_for_are_no_beginning(
         resume(folder)
 
 
-@pytest.mark.parametrize(("enough", "setting"), [(1_000, "auto"), (1, "off")])
+@pytest.mark.parametrize(
+    ("enough", "setting"), [pytest.param(1_000, "auto", marks=pytest.mark.slow), (1, "off")]
+)
 def test_no_encoder_of_other_books_where_it_is_off_or_they_are_small(
     book, other_book, tmp_path, monkeypatch, enough, setting
 ):
@@ -345,6 +356,7 @@ def test_entities_outside_the_graph_are_scored_by_words(book, trained, tmp_path)
     assert longer.score_recipes("new thing", 1, 2).isfinite()
 
 
+@pytest.mark.slow
 def test_a_small_book_is_without_an_encoder_unless_it_is_asked_for(book, tmp_path):
     plain = RecipeScorerConfig(folds=3, features="one-hot")
     folders = [

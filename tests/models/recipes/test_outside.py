@@ -274,6 +274,7 @@ def teacher(opened, tmp_path):
     return write_book(tmp_path / "teacher.csv", rows)
 
 
+@pytest.mark.slow
 def test_the_knowledge_about_some_entities_scores_as_the_whole(opened, teacher):
     joint = join_books([teacher], opened, "random", folds=3)
     size = joint.opened.graph.num_entities
@@ -315,6 +316,7 @@ def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_
     assert folds[0] == folds[1]
 
 
+@pytest.mark.slow
 def test_tables_alone_are_a_scorer(opened, knowledge, tmp_path):
     settings = replace(SMALL, kg="none", with_=(str(knowledge),))
     folder = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model").folder

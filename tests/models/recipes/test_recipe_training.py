@@ -109,6 +109,7 @@ def same_tensors(one, other):
     return all(torch.equal(one[name], other[name]) for name in one)
 
 
+@pytest.mark.slow
 @compares_fits
 def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
     folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
@@ -119,7 +120,14 @@ def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
 
 
 @compares_fits
-@pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        pytest.param("removed", marks=pytest.mark.slow),
+        "changed",
+        pytest.param("a test recipe changed", marks=pytest.mark.slow),
+    ],
+)
 def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
     graph = random_graph(2, 12, 60)
     folds = make_folds(make_split(graph, SplitConfig()), 3)
@@ -188,6 +196,7 @@ def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, ope
         )
 
 
+@pytest.mark.slow
 def test_by_goal_known_recipes_are_highest_and_constants_weigh_nothing(kitchen):
     split = make_split(kitchen, SplitConfig("by-goal"))
     size = kitchen.num_entities

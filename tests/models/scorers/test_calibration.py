@@ -125,6 +125,7 @@ def test_places_are_log_odds_of_ranks_with_ties_halved():
     assert rank_log_odds(np.array([7.0]), np.full(5, 7.0)) == pytest.approx(0)
 
 
+@pytest.mark.slow
 def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer, folds):
     size, known = len(scorer.entities), {tuple(row) for row in folds.triples().tolist()}
     for fold in range(folds.count):

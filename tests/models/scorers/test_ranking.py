@@ -93,7 +93,7 @@ def test_ranks_do_not_depend_on_the_batches(case):
         pd.testing.assert_frame_equal(rank_triples(table_scorer(table), queries, known), whole)
 
 
-@pytest.mark.parametrize("cells", [1, 11, 40])
+@pytest.mark.parametrize("cells", [pytest.param(1, marks=pytest.mark.slow), 11, 40])
 def test_of_many_entities_fewer_queries_are_scored_at_once(opened_kitchen, monkeypatch, cells):
     graph = opened_kitchen.graph
     scorer = FrequencyScorer(graph, opened_kitchen.split.partial)

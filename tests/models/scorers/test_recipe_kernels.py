@@ -181,6 +181,7 @@ def validation_mrrs(graph, seed):
     return mean_reciprocal_rank(ranks[0]), mean_reciprocal_rank(ranks[1])
 
 
+@pytest.mark.slow
 def test_the_kernel_beats_neighbours_on_everyday_1():
     """The kernel predicts unseen links of everyday 1 better than neighbours."""
     found = validation_mrrs(RecipeGraph.from_book(open_book("everyday-1")), seed=10)

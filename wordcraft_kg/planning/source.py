@@ -173,15 +173,26 @@ class BestPlan(BestRecipe):
         Raises:
             ValueError: if the states have no ``attempts``.
             LeakError: if a model trained on a task's recipes could score it.
+            IndexError: for a number without a task.
         """
-        of_task = self.model_of(states.task)
-        model = torch.zeros_like(states.goal) if of_task is None else of_task
+        model = self.model_of(states.task)
+        # None: the model of all train recipes, number 0, scores all states.
+        if model is None:
+            model = torch.zeros_like(states.goal)
         return self.search.features(*self._searched(states, model))
 
     def _searched(
         self, states: States, model: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor | None]:
-        """Return the arguments of the search; arguments of :meth:`pair_scores`."""
+        """Return the arguments of the search: goal, table, model, attempts left and tried pairs.
+
+        Args:
+            states: as in :meth:`pair_scores`.
+            model: as in :meth:`pair_scores`.
+
+        Raises:
+            ValueError: if the states have no ``attempts``.
+        """
         attempts = states.attempts
         if attempts is None:
             raise ValueError(

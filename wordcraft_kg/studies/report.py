@@ -39,11 +39,18 @@ def write_study_report(view: StudyView, folder: Path, *, force: bool = False) ->
 
 
 def make_study_report(view: StudyView) -> Report[StudyView]:
-    """Return a study report, ready to write."""
+    """Return a study report, ready to write.
+
+    Returns:
+        The page with its charts, and the files ``table.csv`` and ``figure.svg``.
+    """
+    # A claim has one verdict for each grid point, all in a row: the page prints its text once.
+    claims = [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))]
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
         {"panels": list(panels_of(view))},
+        # Functions too: the template formats a value where it is printed.
         shown={
             "tables": tables_of(view),
             "notes": notes(view),
@@ -51,13 +58,14 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "correlation": _correlation,
             "title": title_of,
             "words": in_words,
-            "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
+            "claims": claims,
         },
         files={"table.csv": as_csv(view), "figure.svg": study_figure(view)},
     )
 
 
 def _correlation(of: Correlation | None) -> str:
+    """Format a correlation with its interval; a dash without one."""
     return with_bounds(of.value, (of.low, of.high), ".2f") if of else "–"
 
 

@@ -281,13 +281,16 @@ def log_shares(features: Tensor, weights: Tensor, left: Tensor, is_empty: Tensor
     Returns:
         shape (B, A, A), symmetric, from :data:`NO_PLAN`; -inf for empty slots.
     """
-    of_states = weights[left.clamp(1, MAX_ATTEMPTS) - 1]
+    # Row 0 is for a single attempt left.
+    row = left.clamp(1, MAX_ATTEMPTS) - 1
+    of_states = weights[row]
     scores = (features * of_states[:, None, None]).sum(-1)
     has_empty = is_empty[:, :, None] | is_empty[:, None]
     scores = scores.masked_fill(has_empty, -torch.inf)
     # A pair counts once, and is written twice.
     is_lower = torch.ones_like(scores[0], dtype=torch.bool).tril(-1)
-    total = torch.logsumexp(scores.masked_fill(is_lower, -torch.inf).flatten(1), dim=1)
+    counted_once = scores.masked_fill(is_lower, -torch.inf)
+    total = torch.logsumexp(counted_once.flatten(1), dim=1)
     # A table without entities has no pair.
     shares = (scores - total[:, None, None]).clamp(min=NO_PLAN)
     return shares.masked_fill(has_empty, -torch.inf)

@@ -93,6 +93,7 @@ def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
 
 
 def _curves(view: StudyView, point: PointMetrics) -> Markup:
+    """Draw the success of each variant over training."""
     # A variant keeps its colour at all points.
     colours: dict[str, int] = {}
     for at in view.points:
@@ -119,12 +120,19 @@ def _estimates(
 
 
 def _bars(view: StudyView, point: PointMetrics) -> Markup:
-    reference = [entry.mean for entry in point.variants if entry.variant == view.reference]
+    """Draw the final success of each variant, with its interval and a line for the reference."""
+    # A point where the reference has no runs has no line.
+    reference = None
+    rows = []
+    for entry in point.variants:
+        rows.append((entry.variant, (entry.mean, *entry.interval)))
+        if entry.variant == view.reference:
+            reference = entry.mean
     return charts.intervals(
-        [(entry.variant, (entry.mean, *entry.interval)) for entry in point.variants],
+        rows,
         "success on test tasks, 95 % over seeds and tasks",
         f"Success of each variant, {point.title}",
-        reference=reference[0] if reference else None,
+        reference=reference,
         percent=True,
     )
 
@@ -134,6 +142,7 @@ def _has_several_agents(scatter: ScorerScatter) -> bool:
 
 
 def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
+    """Draw the success of agents by the MRR of their scorers, and that of one without a scorer."""
     has_several = any(_has_several_agents(scatter) for scatter in scatters)
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for scatter in scatters:

@@ -77,7 +77,11 @@ class Discoverer(ABC):
 
     @abstractmethod
     def choose(self) -> Pair:
-        """Return the next pair of known ids to combine; called only while discoveries remain."""
+        """Return the next pair of known ids to combine.
+
+        It is called only while a pair of known entities makes an unknown one, so a player never has
+        to answer that nothing is left.
+        """
 
     def draw_best(self, values: Floats) -> int:
         """Return the index of the highest value; equal values are drawn at random."""
@@ -155,7 +159,7 @@ class OracleDiscoverer(Discoverer):
         self.is_known = np.zeros(self.graph.num_entities, dtype=bool)
         # Recipes with known ingredients, kept because a large book has a million recipes.
         self._open = np.empty(0, dtype=np.int64)
-        # Recipes with an ingredient learnt since the last choice: a pair may have made thousands.
+        # Rows of recipes with an ingredient learnt since the last choice, an array per entity.
         self._pending: list[Ids] = []
         super().begin(base, rng)
 
@@ -168,10 +172,20 @@ class OracleDiscoverer(Discoverer):
     def worth(self, entities: Ids) -> Floats:
         """Return how useful it is to make each unknown entity, given ids: positive numbers."""
 
-    def choose(self) -> Pair:  # noqa: D102
+    def choose(self) -> Pair:
+        """Return the pair with the highest gain; equal gains are drawn at random.
+
+        The gain of a pair is the summed worth of the unknown entities that it makes. Some pair has
+        one, see :meth:`Discoverer.choose`.
+
+        Returns:
+            The ids of both ingredients, in the order of the recipe.
+        """
         graph = self.graph
+        # A pair may make thousands of entities: their recipes are merged once, not one by one.
         if self._pending:
             uses = np.concatenate(self._pending)
+            # Each recipe with one of its ingredients new: open only if the other is known, too.
             is_open = self.is_known[graph.recipes[uses, :2]].all(axis=1)
             self._open = np.union1d(self._open, uses[is_open])
             self._pending = []
@@ -179,7 +193,7 @@ class OracleDiscoverer(Discoverer):
         is_made = self.is_known[graph.recipes[self._open, 2]]
         self._open = self._open[~is_made]
         pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
-        # A pair with several results makes all of them.
+        # A pair with several results makes all of them, so their worths add up.
         worth = self.worth(graph.recipes[self._open, 2])
         gains = np.bincount(index, worth).astype(np.float64)
         best = pairs[self.draw_best(gains)]

@@ -197,14 +197,17 @@ class Evaluator:
                 is_attempt = running & (selection != engine.nothing)
                 # The pair as one number, equal for both orders.
                 first = np.minimum(selection, action)
-                pair = first * engine.nothing + np.maximum(selection, action)
+                second = np.maximum(selection, action)
+                pair = first * engine.nothing + second
                 # A polynomial of the pairs in turn, so the order of attempts counts.
                 decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
                 decisions[is_attempt, distractor_seed] += 1 + pair[is_attempt]
+                over = step.over
                 failed = self._termination(selection, action)
                 ended = np.where(step.outcome == GOAL, 0, failed)
-                terminations[step.over, distractor_seed] = ended[step.over]
-                last[step.over, distractor_seed] = np.column_stack([selection, action])[step.over]
+                terminations[over, distractor_seed] = ended[over]
+                chosen = np.column_stack([selection, action])
+                last[over, distractor_seed] = chosen[over]
         groups = engine.world.groups[self.tasks]
         return Evaluation(
             self.tasks, groups, success, by_plan, actions, terminations, last, decisions

@@ -140,22 +140,27 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         goal, selection, table, *_ = states_of(state)
-        scores = of_pairs(selection[:, None], table, goal[:, None], state.nothing)
-        begins = torch.nonzero(selection == state.nothing).flatten()
+        nothing = state.nothing
+        # Second entity of an attempt: the selection with each slot.
+        scores = of_pairs(selection[:, None], table, goal[:, None], nothing)
+        # First entity of an attempt: nothing is selected, and all pairs of slots are scored.
+        begins = torch.nonzero(selection == nothing).flatten()
         # In a large book, most slots may be empty, reserved for results.
-        is_used = (table[begins] != state.nothing).any(0)
-        slots = torch.nonzero(is_used).flatten()
+        is_filled = table[begins] != nothing
+        slots = torch.nonzero(is_filled.any(0)).flatten()
         # Without slots there is no state to score, and no block to divide by.
-        at_once = max(1, CELLS // max(1, len(slots)) ** 2)
-        blocks = begins.split(at_once) if len(slots) else ()
-        for rows in blocks:
-            filled = table[rows][:, slots]
-            # Shape (B, A, A): each slot as the first entity against each as the second.
-            one = filled[:, :, None]
-            other = filled[:, None, :]
-            pairs = of_pairs(one, other, goal[rows, None, None], state.nothing)
-            # The first entity of an attempt is worth what its best partner makes of it.
-            scores[rows[:, None], slots] = pairs.max(dim=2).values
+        if len(slots):
+            at_once = max(1, CELLS // len(slots) ** 2)
+            for rows in begins.split(at_once):
+                filled = table[rows][:, slots]
+                # Shape (B, A, A): each slot as the first entity against each as the second.
+                one = filled[:, :, None]
+                other = filled[:, None, :]
+                goals = goal[rows, None, None]
+                pairs = of_pairs(one, other, goals, nothing)
+                # The first entity of an attempt is worth what its best partner makes of it.
+                best = pairs.amax(dim=2)
+                scores[rows[:, None], slots] = best
         return _best(state, scores.numpy(), rng)
 
     return choose

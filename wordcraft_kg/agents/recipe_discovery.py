@@ -156,10 +156,12 @@ class RecipeDiscoverer(Discoverer):
         results = [of_pair for of_pair, _ in kept]
         scores = [of_pair for _, of_pair in kept]
         others = torch.from_numpy(partners)
+        is_foreign = row >= self._own
+        foreign_partners = partners >= self._own
         fixed = [
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
-            float(row >= self._own) + (partners >= self._own),
+            float(is_foreign) + foreign_partners,
             self._knowledge.word_cosines(row, others).numpy(),
             self._knowledge.have_recipes(row, others).numpy(),
             partners == row,
@@ -172,38 +174,55 @@ class RecipeDiscoverer(Discoverer):
         self._fixed = np.concatenate([self._fixed, np.column_stack(fixed)])
 
     def choose(self) -> Pair:  # noqa: D102
-        # A result that was expected in vain is less likely with every pair.
-        doubt = self._doubt * np.log1p(self._failures)
-        doubted = self._scores - doubt[self._results]
-        # A known result is nothing new; -inf would make a pair without other candidates undefined.
-        scores = np.where(self._is_known[self._results], _NONE, doubted)
+        scores = self._scores_of_new()
         # The second feature changes with each attempt; all others stay while a pair waits.
         best = logsumexp(scores, axis=1)
         features = np.insert(self._fixed, 1, best, axis=1)
-        reason = "value"
-        if len(self._made) < FREE:
+        number = len(self._made) + 1
+        if number <= FREE:
             reason = "random start"
             self._chosen = int(self.rng.integers(len(features)))
         else:
-            shares = np.exp(log_softmax(scores, axis=1))
-            uses = self._uses[self._results]
-            worth = 1 + (shares * uses).sum(axis=1)
-            log_odds = features @ self._weights + self._own_parts[self._pairs].sum(axis=1)
-            values = expit(log_odds) * worth
-            if (len(self._made) + 1) % COVER == 0:
+            reason = "value"
+            values = self._values(scores, features)
+            if number % COVER == 0:
                 reason = "cover"
                 attempts = self._attempts[self._pairs].min(axis=1)
                 # Below all values, which are positive.
                 values[attempts > attempts.min()] = -1
             self._chosen = self.draw_best(values)
-        chosen = features[self._chosen, None]
-        self._seen = np.concatenate([self._seen, chosen])
+        chosen = features[self._chosen]
+        pair = self._pairs[self._chosen]
         self._expected = np.exp(log_softmax(scores[self._chosen]))
-        self.thought = self._thought(reason, chosen[0])
-        self._tried = np.concatenate([self._tried, self._pairs[self._chosen, None]])
-        one, other = self._pairs[self._chosen].tolist()
+        self.thought = self._thought(reason, chosen)
+        self._seen = np.concatenate([self._seen, chosen[None]])
+        self._tried = np.concatenate([self._tried, pair[None]])
+        one, other = pair.tolist()
         self._attempts[[one, other]] += 1
         return one, other
+
+    def _scores_of_new(self) -> Floats:
+        """Return the scores of the results of P waiting pairs as new entities, (P, width)."""
+        # A result that was expected in vain is less likely with every pair.
+        doubt = self._doubt * np.log1p(self._failures)
+        doubted = self._scores - doubt[self._results]
+        # A known result is nothing new; -inf would make a pair without other candidates undefined.
+        is_known = self._is_known[self._results]
+        return np.where(is_known, _NONE, doubted)
+
+    def _values(self, scores: Floats, features: Floats) -> Floats:
+        """Return the expected worth of P waiting pairs, shape (P,), positive.
+
+        Args:
+            scores: from :meth:`_scores_of_new`.
+            features: features of the pairs, shape (P, len(PRIOR)).
+        """
+        shares = np.exp(log_softmax(scores, axis=1))
+        uses = self._uses[self._results]
+        worth = 1 + (shares * uses).sum(axis=1)
+        own_parts = self._own_parts[self._pairs].sum(axis=1)
+        log_odds = features @ self._weights + own_parts
+        return expit(log_odds) * worth
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         if not new:

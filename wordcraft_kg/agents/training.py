@@ -282,6 +282,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             The run folder and, unless interrupted, the final evaluation.
 
         Raises:
+            ArtefactError: if the checkpoint does not fit the run, or a file has changed.
             TrainingError: if the loss is no longer finite; the last checkpoint stays.
         """
         self._begun = time.perf_counter()

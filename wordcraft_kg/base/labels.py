@@ -155,13 +155,24 @@ class LabelIndex:
     def find(self, written: str) -> int | None:
         """Return the index of the label that a text names; None without a unique match.
 
+        The rules are those of :meth:`places`; a text of blanks, or much longer than any label,
+        names none.
+
+        Args:
+            written: a text, with any blanks.
+
         Example:
             >>> index = LabelIndex(["water", "fire", "Fire", "berry"])
             >>> index.find("The Water"), index.find("berries"), index.find("FIRE")
             (0, 3, None)
         """
-        text = " ".join(written.split()) if len(written) <= self._longest else ""
-        places = self.places(text) if text else []
+        # A text that is longer than any label can be: not worth the comparisons.
+        if len(written) > self._longest:
+            return None
+        text = " ".join(written.split())
+        if not text:
+            return None
+        places = self.places(text)
         return places[0] if len(places) == 1 else None
 
     def places(

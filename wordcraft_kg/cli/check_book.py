@@ -95,8 +95,10 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
     from wordcraft_kg.base.records import as_values
 
     figures = as_values(view.figures)
-    yield from lines_of({name: _shown(name, value) for name, value in figures.items()})
-    problems = sum(finding.severity == "problem" for finding in view.findings)
+    shown = {name: _shown(name, value) for name, value in figures.items()}
+    yield from lines_of(shown)
     if view.fixed is not None:
         yield f"wrote the mended book to {view.fixed}"
-    yield f"{counted(problems, 'problem')}, {len(view.findings) - problems:,} to look at"
+    problems = sum(finding.severity == "problem" for finding in view.findings)
+    others = len(view.findings) - problems
+    yield f"{counted(problems, 'problem')}, {others:,} to look at"

@@ -143,13 +143,17 @@ def _rows(view: "DiscoveryView", published: Sequence["ReferenceRow"]) -> list[tu
         # Repetitions are counted over whole runs, so the last mark has them all.
         repeated = known[marks[-1]].repeated
         rows.append((name, *cells, f"{repeated:.1%}"))
-    people = [view.people.get(mark) for mark in marks]
-    means = ["" if mean is None else f"{mean:g}" for mean in people]
+    means = []
+    for mark in marks:
+        mean = view.people.get(mark)
+        means.append("" if mean is None else f"{mean:g}")
     # People played with other entities, so their row is a rough guide and says so.
     rows.append(("people, another game", *means))
     for row in published:
-        figures = [row.figures.get(mark) for mark in marks]
-        values = ["" if each is None else f"{each.value:g}" for each in figures]
+        values = []
+        for mark in marks:
+            figure = row.figures.get(mark)
+            values.append("" if figure is None else f"{figure.value:g}")
         rows.append((f"{row.player}, published", *values))
     return rows
 

@@ -96,28 +96,28 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
     from wordcraft_kg.evaluation.recipe_scores import because
     from wordcraft_kg.models.policies.sources import label_of
 
-    weights = "  ".join(
-        f"{label_of(name).coefficient} {value:z.2f}" for name, value in step.lambdas.items()
-    )
-    yield from (
-        "",
-        f"  holding {step.selection or 'nothing'}   V {step.value:z.2f}   {weights}".rstrip(),
-    )
+    lambdas = []
+    for name, value in step.lambdas.items():
+        coefficient = label_of(name).coefficient
+        lambdas.append(f"{coefficient} {value:z.2f}")
+    held = step.selection or "nothing"
+    line = f"  holding {held}   V {step.value:z.2f}   {'  '.join(lambdas)}"
+    yield ""
+    yield line.rstrip()
     symbols = [label_of(name).symbol for name in step.slots[0].sources]
-    rows = [
-        ("  ", *symbols, *(f"λ{symbol}·{symbol}" for symbol in symbols if step.lambdas), "β", "π")
-    ]
+    # Without mixing weights there are no products to show.
+    products = [f"λ{symbol}·{symbol}" for symbol in symbols] if step.lambdas else []
+    rows = [("  ", *symbols, *products, "β", "π")]
     for slot in sorted(step.slots, key=lambda slot: -slot.logit):
-        figures = (
-            *slot.sources.values(),
-            *(slot.contributions.values() if step.lambdas else ()),
-            slot.logit,
-        )
-        label = (
-            f"  {'>' if slot.entity == step.action else ' '} "
-            f"{slot.entity}{' *' if slot.is_part else ''}"
-        )
-        rows.append((label, *(f"{figure:z.2f}" for figure in figures), f"{slot.probability:.1%}"))
+        figures = [*slot.sources.values()]
+        if step.lambdas:
+            figures += slot.contributions.values()
+        figures.append(slot.logit)
+        cells = [f"{figure:z.2f}" for figure in figures]
+        pointer = ">" if slot.entity == step.action else " "
+        star = " *" if slot.is_part else ""
+        label = f"  {pointer} {slot.entity}{star}"
+        rows.append((label, *cells, f"{slot.probability:.1%}"))
     yield from aligned(rows, numbers=True)
     for entity, evidence in step.best_evidence():
         support = f" because {because(evidence.because)}" if evidence.because else ""

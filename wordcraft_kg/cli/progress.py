@@ -91,18 +91,24 @@ class Progress:
         print(", ".join([f"{self.what}: {place}", *figures]), file=sys.stderr, flush=True)
 
     def _draw(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
-        count = f"{_short(done)}/{_short(total)}" if total > 1 else ""
+        has_steps = total > 1
+        count = f"{_short(done)}/{_short(total)}" if has_steps else ""
         # As many metrics as fit beside the smallest bar; the first ones matter most.
-        used = len(f"{self.what}  {count} 0:00:00 left ") + MIN_BAR
-        while figures and used + len("  ".join(figures)) > console.width:
+        around = f"{self.what}  {count} 0:00:00 left "
+        room = console.width - len(around) - MIN_BAR
+        while figures and len("  ".join(figures)) > room:
             figures.pop()
         if self._bar is None:
             self._bar = self._begin_bar(console)
             # The progress within a single step is unknown: the bar only shows activity.
-            self._bar.add_task(self.what, total=total if total > 1 else None, count="", figures="")
+            known_total = total if has_steps else None
+            self._bar.add_task(self.what, total=known_total, count="", figures="")
             self._bar.start()
-        shown = "  ".join(["left" if count else "", *figures])
-        self._bar.update(self._bar.task_ids[0], completed=done, count=count, figures=shown)
+        # The time comes before it; a bar without steps has none.
+        left = "left" if has_steps else ""
+        shown = "  ".join([left, *figures])
+        task = self._bar.task_ids[0]
+        self._bar.update(task, completed=done, count=count, figures=shown)
 
     def _begin_bar(self, console: "Console") -> Any:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn

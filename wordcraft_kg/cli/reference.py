@@ -105,7 +105,8 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     yield f"{graph.name} {graph.hash[:12]}, {split}: {_played(view.play)}"
     everything = (*view.rows, *view.literature)
     # Footnotes: equal notes have one number.
-    notes = list(dict.fromkeys(filter(None, map(_note, everything))))
+    given = [note for note in map(_note, everything) if note]
+    notes = list(dict.fromkeys(given))
     # A second column for each, if any row has the share of goals by the task's own recipe.
     has_own = any(any(map(row.shown_by_plan, view.columns)) for row in everything)
     yield from _lines_of_rows(view, notes, has_own=has_own)
@@ -120,7 +121,8 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     # The package holds results for its own books; others take time, and the reader knows why.
     if view.measured:
         plural = "" if view.measured == (1,) else "s"
-        now = f"{', '.join(map(str, view.measured))} {_unit(view)}{plural}"
+        numbers = ", ".join(map(str, view.measured))
+        now = f"{numbers} {_unit(view)}{plural}"
         reason = f"has no results for {now}" if view.pack else "does not have this graph and split"
         yield f"measured now: scripted players with {now}, because the pack {reason}"
     if view.out:

@@ -344,13 +344,22 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
         # Kinds are plurals: runs, scorers, graphs.
         noun = kind if number > 1 else kind[:-1]
         counts.append(f"{number:,} {noun}")
-    title = f"{plan.study.title}: {', '.join(counts)}; about {duration(hours)} of one core"
+    everything = ", ".join(counts)
+    title = f"{plan.study.title}: {everything}; about {duration(hours)} of one core"
     # Only a cluster knows how many of its cores are free.
     if options.engine == "processes" or options.jobs is not None:
-        title += f", {duration(hours / jobs)} with {counted(jobs, 'job')}"
-    tasks = [{"address": address, "title": task.title} for address, task in plan.tasks.items()]
-    listed = _first([f"  {task['address']}  {task['title']}" for task in tasks], "--json lists all")
-    return {"core_hours": round(hours, 3), "tasks": tasks}, [title, *listed]
+        with_jobs = duration(hours / jobs)
+        title += f", {with_jobs} with {counted(jobs, 'job')}"
+    tasks = []
+    lines = []
+    for address, task in plan.tasks.items():
+        tasks.append({"address": address, "title": task.title})
+        lines.append(f"  {address}  {task.title}")
+    values = {
+        "core_hours": round(hours, 3),
+        "tasks": tasks,
+    }
+    return values, [title, *_first(lines, "--json lists all")]
 
 
 def _reported(

@@ -58,6 +58,7 @@ def train_links(
             only triples.
         out: model folder to write. Default: models/<graph name>-<model>-<kg>.
     """
+    # --list-models needs no graph, so the argument is optional; a training needs one.
     if list_models:
         return _list(output)
     if graph is None:

@@ -338,12 +338,15 @@ def _agent_rows(trained: "TrainedAgent") -> Rows:
 def _agent_seed_rows(values: dict[int, Values]) -> Rows:
     have_test = all("test" in summary["success"] for summary in values.values())
     part = "test" if have_test else "train"
-    rates = {seed: summary["success"][part] for seed, summary in values.items()}
+    rates = []
     rows = []
-    for seed, success in rates.items():
+    for seed, summary in values.items():
+        success = summary["success"][part]
+        rates.append(success)
         rows.append((f"seed {seed}", f"success {success:.3f} on {part} tasks"))
-    spread = f"from {min(rates.values()):.3f} to {max(rates.values()):.3f}"
-    rows.append(("mean", f"success {sum(rates.values()) / len(rates):.3f}, {spread}"))
+    mean = sum(rates) / len(rates)
+    spread = f"from {min(rates):.3f} to {max(rates):.3f}"
+    rows.append(("mean", f"success {mean:.3f}, {spread}"))
     return rows
 
 

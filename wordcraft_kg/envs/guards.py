@@ -48,7 +48,9 @@ class Guards:
             return_index=True,
             return_counts=True,
         )
-        number = np.arange(len(recipes)) - np.repeat(first, counts)
+        # Row of the first recipe for the same goal, for each recipe.
+        first_of_goal = np.repeat(first, counts)
+        number = np.arange(len(recipes)) - first_of_goal
 
         # An entity of a goal has the key row + entity. Odd strides spread the keys' last bits,
         # which index the filter. Row 0 belongs to goals without guarded recipes.
@@ -60,14 +62,17 @@ class Guards:
         place = place.reshape(-1, 2)  # the shape of inverses differs between versions of NumPy
 
         # A power of two, so that a bitwise and replaces a remainder.
-        self._mask = (1 << (_ROOM * len(keys)).bit_length()) - 1
+        places_wanted = _ROOM * len(keys)
+        num_places = 1 << places_wanted.bit_length()
+        self._mask = num_places - 1
         marks = _marks(number, place, len(keys))
         folded = np.zeros(self._mask + 1, dtype=np.int32)
         # Most goals have a recipe or two: counted from the goal's id, goals that share places
         # rarely share bits.
         bit_number = (number + made) % _FILTER_BITS
         for side in range(2):
-            bit = np.int64(1) << (bit_number + side * _FILTER_BITS)
+            shift = bit_number + side * _FILTER_BITS
+            bit = np.int64(1) << shift
             places = pairs[:, side] & self._mask
             # `at`, because an ingredient of several recipes occurs several times.
             np.bitwise_or.at(folded, places, bit.astype(np.int32))

@@ -124,6 +124,11 @@ class WorldsView(Record):
     best: str | None
 
 
+def _shapes(world: PlayedWorld) -> list[tuple[tuple[str, ...], tuple[int, ...]]]:
+    """Return the players, and the numbers of runs and attempts, of each fit of a world."""
+    return [(plays.players, plays.known.shape) for plays in world.fits]
+
+
 def view_worlds(worlds: Sequence[PlayedWorld], oracles: Sequence[str]) -> WorldsView:
     """Summarise runs in many worlds.
 
@@ -141,23 +146,24 @@ def view_worlds(worlds: Sequence[PlayedWorld], oracles: Sequence[str]) -> Worlds
         raise ConfigError("`worlds`: expected at least one world.")
     first = worlds[0].fits[0]
     # Results of all worlds become one array, (fits, worlds, runs, attempts + 1).
-    expected = [(plays.players, plays.known.shape) for plays in worlds[0].fits]
+    expected = _shapes(worlds[0])
     for world in worlds:
-        shapes = [(plays.players, plays.known.shape) for plays in world.fits]
-        if shapes != expected:
+        if _shapes(world) != expected:
+            played = ", ".join(world.fits[0].players)
+            wanted = ", ".join(first.players)
             raise ConfigError(
-                f"`worlds`: {world.graph.name} was played by {', '.join(world.fits[0].players)}; "
-                f"expected {', '.join(first.players)}, with as many runs, attempts and fits."
+                f"`worlds`: {world.graph.name} was played by {played}; expected {wanted}, with as "
+                "many runs, attempts and fits."
             )
     attempts = first.known.shape[2] - 1
     results = tuple(_result_of(world, attempts) for world in worlds)
-    oracle_areas = [oracle_area(world.fits[0])[1] for world in worlds]
+    # One oracle for all fits and runs of a world, or its luck would change the ratio.
+    oracle_areas = np.array([oracle_area(world.fits[0])[1] for world in worlds])
     areas: dict[str, NDArray[np.float64]] = {}
     players = {}
     for name in first.players:
         known = _known_of(worlds, name)
-        # One oracle for all fits and runs of a world, or its luck would change the ratio.
-        areas[name] = curve_area(known) / np.array(oracle_areas)[None, :, None]
+        areas[name] = curve_area(known) / oracle_areas[None, :, None]
         passed = _passed_of(worlds, results, name)
         players[name] = _player(known, areas[name], passed, attempts)
     # An oracle is the measure, and no competitor.

@@ -171,10 +171,12 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     ranks = links.ranks
     trained_on = links.trained_on
     # The answer of each query is the entity in the open slot.
-    target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
+    asks_tail = ranks["side"] == "tail"
+    target = np.where(asks_tail, ranks["tail"], ranks["head"]).astype(np.int64)
     # A triple counts for both of its ends, and twice for an entity with itself.
     ends = np.concatenate([trained_on[:, 0], trained_on[:, 2]])
-    seen = np.bincount(ends, minlength=graph.num_entities)[target]
+    uses = np.bincount(ends, minlength=graph.num_entities)
+    seen = uses[target]
     layer = layers(graph)[target]
     is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
     is_self = (ranks["head"] == ranks["tail"]).to_numpy()
@@ -257,8 +259,9 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
             # Both directions are one fact: their mean stands above the diagonal, nothing below.
             both = (scores + scores.T) / 2
             scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, both)
-        known = graph.triples[graph.triples[:, 1] == relation]
-        scores[known[:, 0], known[:, 2]] = -np.inf
+        is_own = graph.triples[:, 1] == relation
+        heads, _, tails = graph.triples[is_own].T
+        scores[heads, tails] = -np.inf
         # An entity with itself: models without an idea of roles score these pairs highest.
         np.fill_diagonal(scores, -np.inf)
         scores[graph.is_half_product] = -np.inf
@@ -269,7 +272,9 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
             score = float(scores[head, tail])
             # A small graph may have fewer free pairs than rows in the list.
             if np.isfinite(score):
-                pairs.append(ScoredPair(graph.entities[head], name, graph.entities[tail], score))
+                head_label = graph.entities[head]
+                tail_label = graph.entities[tail]
+                pairs.append(ScoredPair(head_label, name, tail_label, score))
     return tuple(pairs)
 
 

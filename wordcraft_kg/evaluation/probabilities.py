@@ -143,17 +143,23 @@ def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[R
     # Bins of equal expected true triples, not of equal width or size: nearly all triples are very
     # improbable, and a bin without true triples says nothing about its share.
     order = np.argsort(predicted, kind="stable")
-    count = int(np.clip(predicted.sum() / _LEAST, 1, _BINS))
+    ascending = predicted[order]
+    expected = predicted.sum()
+    count = int(np.clip(expected / _LEAST, 1, _BINS))
     # A triple's bin is given by the expected true triples before it.
-    before = np.cumsum(predicted[order]) - predicted[order]
-    number = np.minimum((before / predicted.sum() * count).astype(np.int64), count - 1)
+    before = np.cumsum(ascending) - ascending
+    place = before / expected * count
+    # Rounding can lift the last places to the number of bins.
+    number = np.minimum(place.astype(np.int64), count - 1)
+    starts = np.flatnonzero(np.diff(number)) + 1
     rows = []
-    for group in np.split(order, np.flatnonzero(np.diff(number)) + 1):
+    for group in np.split(order, starts):
+        size = len(group)
         true = int(is_true[group].sum())
         mean = float(predicted[group].mean())
         # Wilson's interval is valid for shares near 0, where the normal one reaches below 0.
-        bounds = wilson_interval(true, len(group))
-        rows.append(ReliabilityBin(mean, true / len(group), *bounds, len(group)))
+        low, high = wilson_interval(true, size)
+        rows.append(ReliabilityBin(mean, true / size, low, high, size))
     return tuple(rows)
 
 

@@ -268,20 +268,25 @@ def agent_rows(
         evaluator = Evaluator(world.variant(num_distractors=column))
         for name, members in steps("evaluating agents", groups.items()):
             # Members differ in the seed alone, so that one stands for all.
-            if can_play(members[0], column):
-                played = [evaluator(PolicyPlayer(agent.policy)) for agent in members]
-                # Rates by task: the interval resamples seeds and groups of tasks.
-                rates = [result.success.mean(axis=1) for result in played]
-                mean = sum(float(rate.mean()) for rate in rates) / len(rates)
-                by_plan = [float(result.by_plan.mean()) for result in played]
-                own[name][column] = sum(by_plan) / len(by_plan)
-                estimates[name][column] = (mean, *rate_interval(rates, played[0].groups))
+            if not can_play(members[0], column):
+                continue
+            played = [evaluator(PolicyPlayer(agent.policy)) for agent in members]
+            # Rates by task: the interval resamples seeds and groups of tasks.
+            rates = [result.success.mean(axis=1) for result in played]
+            means = [float(rate.mean()) for rate in rates]
+            mean = sum(means) / len(means)
+            low, high = rate_interval(rates, played[0].groups)
+            estimates[name][column] = (mean, low, high)
+            by_plan = [float(result.by_plan.mean()) for result in played]
+            own[name][column] = sum(by_plan) / len(by_plan)
     rows = []
     for name, members in groups.items():
         if not estimates[name]:
+            distractors = members[0].config.tasks.distractors
+            asked = ",".join(map(str, columns))
             raise ConfigError(
-                f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} "
-                f"distractors only; add this number to --distractors {','.join(map(str, columns))}."
+                f"--external-results: '{name}' plays with {distractors} distractors only; add this "
+                f"number to --distractors {asked}."
             )
         figures = metrics_of(estimates[name], own[name])
         rows.append(_agent_row(name, members, figures, play, origin, evaluator))

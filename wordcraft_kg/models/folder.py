@@ -93,17 +93,33 @@ def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> 
 
 
 def read_history(folder: str | Path, weights: str) -> History | None:
-    """Return a model's training history without its scorer.
+    """Return a model's training history without its scorer, from few of its files.
 
-    The result is None if ``weights`` is not the hash of the model's weights.
+    Args:
+        folder: the model folder.
+        weights: expected hash of the weights, such as the hash that an agent's run recorded.
 
-    ArtefactError as :func:`open_model` does.
+    Returns:
+        The history; None if the folder has other weights than expected.
+
+    Raises:
+        ArtefactError: if the folder is unfinished or damaged, or the package that provides its
+            training command is missing.
     """
-    files = RunFiles(Path(folder), read_finished_run(Path(folder), MODEL, WEIGHTS))
-    return _history(files) if files.run.outputs[WEIGHTS] == weights else None
+    folder = Path(folder)
+    files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
+    # A model trained anew in the same folder has another history than the one that was recorded.
+    if files.run.outputs[WEIGHTS] != weights:
+        return None
+    return _history(files)
 
 
 def _history(files: RunFiles) -> History:
+    """Return the history in a model folder, by the function for its training command.
+
+    Raises:
+        ArtefactError: if the settings have changed, or no function is registered for the command.
+    """
     # Read for its check by hash: a changed file is an error, not a wrong setting.
     files.bytes(CONFIG_FILE)
     if files.run.kind not in MODELS:

@@ -488,7 +488,10 @@ def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) ->
     """
     goal = plans.to_goal[:, :slots, :slots]
     first = plans.to_candidates[:, :, :slots, :slots]
-    value = torch.maximum(goal, (first + after[:, :, None, None]).amax(1) - FURTHER)
+    by_further = first + after[:, :, None, None]
+    # Each attempt after the first has a cost.
+    further = by_further.amax(1) - FURTHER
+    value = torch.maximum(goal, further)
     rest = after
     if number == 2:
         # Only plans that use x: without it, the first attempt would be wasted.
@@ -564,24 +567,31 @@ def _after_candidates(to_goal: Tensor, to_candidates: Tensor, slots: int, number
     Returns:
         shape (B, W).
     """
+    # Slots of the table come first, then the candidates.
+    old = slice(None, slots)
     new = slice(slots, None)
-    direct = to_goal[:, :slots, :slots].flatten(1).amax(1)
+    on_table = to_goal[:, old, old]
+    direct = on_table.flatten(1).amax(1)
     # A candidate makes the goal with an entity on the table, or twice.
-    last = to_goal[:, slots:]
-    with_itself = last[:, :, new].diagonal(dim1=1, dim2=2)
-    finish = torch.maximum(last[:, :, :slots].amax(2), with_itself)
+    last = to_goal[:, new]
+    with_table = last[:, :, old].amax(2)
+    with_candidates = last[:, :, new]
+    with_itself = with_candidates.diagonal(dim1=1, dim2=2)
+    finish = torch.maximum(with_table, with_itself)
     if number == 2:
         return torch.maximum(finish, direct[:, None])
 
     # (B, x, y, S): x with an entity makes y.
     of_new = to_candidates[:, :, new].transpose(1, 2)
+    by_table = of_new[..., old].amax(3)
+    by_candidates = of_new[..., new]
     # The diagonal puts its own axis last, (B, y, x): x twice makes y.
-    twice = of_new[..., new].diagonal(dim1=1, dim2=3).transpose(1, 2)
-    steps = torch.maximum(of_new[..., :slots].amax(3), twice)
-    begin = to_candidates[:, :, :slots, :slots].flatten(2).amax(2)
+    twice = by_candidates.diagonal(dim1=1, dim2=3).transpose(1, 2)
+    steps = torch.maximum(by_table, twice)
+    begin = to_candidates[:, :, old, old].flatten(2).amax(2)
     # (B, a, x, y): candidates a and x make y.
-    pairs = of_new[..., new].permute(0, 3, 1, 2)
-    return _after(begin, finish, direct, steps, last[:, :, new], pairs, number - 1)
+    pairs = by_candidates.permute(0, 3, 1, 2)
+    return _after(begin, finish, direct, steps, with_candidates, pairs, number - 1)
 
 
 def _after(

@@ -173,15 +173,26 @@ class BestPlan(BestRecipe):
         Raises:
             ValueError: if the states have no ``attempts``.
             LeakError: if a model trained on a task's recipes could score it.
+            IndexError: for a number without a task.
         """
-        of_task = self.model_of(states.task)
-        model = torch.zeros_like(states.goal) if of_task is None else of_task
+        model = self.model_of(states.task)
+        # None: the model of all train recipes, number 0, scores all states.
+        if model is None:
+            model = torch.zeros_like(states.goal)
         return self.search.features(*self._searched(states, model))
 
     def _searched(
         self, states: States, model: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor | None]:
-        """Return the arguments of the search; arguments of :meth:`pair_scores`."""
+        """Return the arguments of the search: goal, table, model, attempts left and tried pairs.
+
+        Args:
+            states: as in :meth:`pair_scores`.
+            model: as in :meth:`pair_scores`.
+
+        Raises:
+            ValueError: if the states have no ``attempts``.
+        """
         attempts = states.attempts
         if attempts is None:
             raise ValueError(
@@ -270,13 +281,16 @@ def log_shares(features: Tensor, weights: Tensor, left: Tensor, is_empty: Tensor
     Returns:
         shape (B, A, A), symmetric, from :data:`NO_PLAN`; -inf for empty slots.
     """
-    of_states = weights[left.clamp(1, MAX_ATTEMPTS) - 1]
+    # Row 0 is for a single attempt left.
+    row = left.clamp(1, MAX_ATTEMPTS) - 1
+    of_states = weights[row]
     scores = (features * of_states[:, None, None]).sum(-1)
     has_empty = is_empty[:, :, None] | is_empty[:, None]
     scores = scores.masked_fill(has_empty, -torch.inf)
     # A pair counts once, and is written twice.
     is_lower = torch.ones_like(scores[0], dtype=torch.bool).tril(-1)
-    total = torch.logsumexp(scores.masked_fill(is_lower, -torch.inf).flatten(1), dim=1)
+    counted_once = scores.masked_fill(is_lower, -torch.inf)
+    total = torch.logsumexp(counted_once.flatten(1), dim=1)
     # A table without entities has no pair.
     shares = (scores - total[:, None, None]).clamp(min=NO_PLAN)
     return shares.masked_fill(has_empty, -torch.inf)

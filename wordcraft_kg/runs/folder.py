@@ -262,7 +262,7 @@ def new_run(
         force: whether to replace an existing ``out``.
 
     Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
+        OutputExistsError: if ``out`` exists and ``force`` is False, or a link leads nowhere.
         ArtefactError: if another process is training in ``out``.
     """
     check_new_run(out, force=force)
@@ -298,8 +298,10 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
     Raises:
         ArtefactError: if the run is done, damaged or of another kind, or another process is
             training in the folder.
+        OutputExistsError: if the folder is a device, or a link that leads nowhere.
     """
     folder = output_target(with_a_name(folder))
+    # The lock needs a folder: a missing one, or one that is no run, gets the record's error.
     kind.read_record(folder)
     with locked(folder):
         # Under the lock, the record cannot change.

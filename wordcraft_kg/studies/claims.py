@@ -338,6 +338,15 @@ def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> 
 
 
 def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple[Verdict, str]:
+    """Return the verdict on "the left side is more", by the interval of the difference.
+
+    Args:
+        low: lower end of the interval.
+        high: upper end of the interval.
+        by: claimed amount; 0 if the claim names none.
+        word: "more", or "less" for a claim whose sides are exchanged.
+        opposite: the other of the two words.
+    """
     if low > 0:
         if low < by:
             if high < by:
@@ -356,6 +365,7 @@ def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple
 
 
 def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
+    """Return the verdict on "no difference above ``by``", by the interval of the difference."""
     # Comparable is a claim of its own: an interval around 0 that is too wide does not prove it.
     if -by <= low and high <= by:
         return "reproduced", f"closer than {by:g}"
@@ -438,17 +448,23 @@ def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
         Both sides, the difference with its interval, and the numbers of seeds, tasks and groups.
     """
     left, right = claim.sides
-    interval = ""
+    # A value that the claim names has no measurement of its own beside it.
+    other = right
+    if not claim.is_value:
+        other = f"{mark}{right}{mark} {share(measured.right)}"
+    sides = f"{mark}{left}{mark} {share(measured.left)} against {other}"
+    difference = signed(measured.difference)
+    # A single seed has no interval.
     if measured.low is not None:
-        interval = f" [{signed(measured.low)}, {signed(measured.high)}]"
-    other = right if claim.is_value else f"{mark}{right}{mark} {share(measured.right)}"
+        difference += f" [{signed(measured.low)}, {signed(measured.high)}]"
     size = counted(measured.seeds, "seed")
+    # 0 tasks: the measure has one value for each training.
     if measured.tasks:
         size += f", {counted(measured.tasks, 'task')}"
+    # The number of groups says something only where a group holds several tasks.
     if measured.groups < measured.tasks:
         size += f" in {counted(measured.groups, 'group')}"
-    sides = f"{mark}{left}{mark} {share(measured.left)} against {other}"
-    return f"{_MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
+    return f"{_MEASURES[claim.measure]}{sides}: {difference} ({size})"
 
 
 def share(value: float) -> str:

@@ -284,12 +284,12 @@ class _Planner:
 
     def _agent(self, cell: StudyCell, graph: str, scorer: str | None) -> str:
         """Return the address of a cell's run."""
-        given: dict[str, Any] = {
-            name: value for name, value in cell.settings.items() if name in OF_AGENT
-        }
         # A scorer that learns from nothing leaves its agent without settings for knowledge.
-        if scorer is None and SCORER in cell.settings:
-            given = {name: value for name, value in given.items() if name not in KNOWLEDGE_SETTINGS}
+        is_without_knowledge = scorer is None and SCORER in cell.settings
+        given: dict[str, Any] = {}
+        for name, value in cell.settings.items():
+            if name in OF_AGENT and not (is_without_knowledge and name in KNOWLEDGE_SETTINGS):
+                given[name] = value
         given["seed"] = cell.seed
         # Curves of all lengths have as many points, so that their files stay small.
         if "eval_every" not in given:

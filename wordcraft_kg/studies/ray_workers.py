@@ -86,7 +86,8 @@ class RayWorkers:
                     return
                 ray.wait([*running], timeout=TICK)
                 # All that are ready now, not one by one: many may end at once.
-                for ready in ray.wait([*running], num_returns=len(running), timeout=0)[0]:
+                ended, _ = ray.wait([*running], num_returns=len(running), timeout=0)
+                for ready in ended:
                     yield _outcome(ray, ready, running.pop(ready))
                 yield None
 

@@ -39,11 +39,18 @@ def write_study_report(view: StudyView, folder: Path, *, force: bool = False) ->
 
 
 def make_study_report(view: StudyView) -> Report[StudyView]:
-    """Return a study report, ready to write."""
+    """Return a study report, ready to write.
+
+    Returns:
+        The page with its charts, and the files ``table.csv`` and ``figure.svg``.
+    """
+    # A claim has one verdict for each grid point, all in a row: the page prints its text once.
+    claims = [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))]
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
         {"panels": list(panels_of(view))},
+        # Functions too: the template formats a value where it is printed.
         shown={
             "tables": tables_of(view),
             "notes": notes(view),
@@ -51,13 +58,14 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "correlation": _correlation,
             "title": title_of,
             "words": in_words,
-            "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
+            "claims": claims,
         },
         files={"table.csv": as_csv(view), "figure.svg": study_figure(view)},
     )
 
 
 def _correlation(of: Correlation | None) -> str:
+    """Format a correlation with its interval; a dash without one."""
     return with_bounds(of.value, (of.low, of.high), ".2f") if of else "–"
 
 
@@ -85,6 +93,7 @@ def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
 
 
 def _curves(view: StudyView, point: PointMetrics) -> Markup:
+    """Draw the success of each variant over training."""
     # A variant keeps its colour at all points.
     colours: dict[str, int] = {}
     for at in view.points:
@@ -111,12 +120,19 @@ def _estimates(
 
 
 def _bars(view: StudyView, point: PointMetrics) -> Markup:
-    reference = [entry.mean for entry in point.variants if entry.variant == view.reference]
+    """Draw the final success of each variant, with its interval and a line for the reference."""
+    # A point where the reference has no runs has no line.
+    reference = None
+    rows = []
+    for entry in point.variants:
+        rows.append((entry.variant, (entry.mean, *entry.interval)))
+        if entry.variant == view.reference:
+            reference = entry.mean
     return charts.intervals(
-        [(entry.variant, (entry.mean, *entry.interval)) for entry in point.variants],
+        rows,
         "success on test tasks, 95 % over seeds and tasks",
         f"Success of each variant, {point.title}",
-        reference=reference[0] if reference else None,
+        reference=reference,
         percent=True,
     )
 
@@ -126,6 +142,7 @@ def _has_several_agents(scatter: ScorerScatter) -> bool:
 
 
 def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
+    """Draw the success of agents by the MRR of their scorers, and that of one without a scorer."""
     has_several = any(_has_several_agents(scatter) for scatter in scatters)
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for scatter in scatters:

@@ -254,16 +254,23 @@ def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
 
 
 def _lines_of_point(point: PointMetrics, metric: Metric) -> Iterator[str]:
+    facts = []
     # Without a grid, the title of the point already names the graphs.
-    graphs = point.graphs if point.values else ()
-    named = "".join(dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in graphs))
-    yield f"{point.title} ({named}{counted(point.tasks, 'test task')})"
-    width = max(len(entry.variant) for entry in point.variants)
-    shown = {entry.variant: _SHOWN[metric](entry) for entry in point.variants}
-    longest = max(map(len, shown.values()))
-    for entry in point.variants:
-        line = f"  {entry.variant:<{width}}  {shown[entry.variant]:<{longest}}  "
-        line += counted(len(entry.seeds), "seed")
+    if point.values:
+        facts = [f"{graph.name}, {graph.kind}" for graph in point.graphs]
+    # Splits of one graph and kind are named once.
+    facts = list(dict.fromkeys(facts))
+    facts.append(counted(point.tasks, "test task"))
+    yield f"{point.title} ({'; '.join(facts)})"
+    # Columns of one width for all variants.
+    names = [entry.variant for entry in point.variants]
+    values = [_SHOWN[metric](entry) for entry in point.variants]
+    width = max(map(len, names))
+    longest = max(map(len, values))
+    for entry, value in zip(point.variants, values, strict=True):
+        name = f"{entry.variant:<{width}}"
+        seeds = counted(len(entry.seeds), "seed")
+        line = f"  {name}  {value:<{longest}}  {seeds}"
         if metric == "success":
             line += _comparison(entry)
         yield line.rstrip()

@@ -116,10 +116,20 @@ def _worded(name: str, value: Value) -> str:
 
 
 def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
+    """Return the grid points with their runs by variant, in the order of the study.
+
+    Raises:
+        ConfigError: if no run is finished, or runs of a variant at a point differ in their graphs
+            or tasks.
+    """
+    missing = results.missing
     if not results.runs:
-        why = f" The first: {results.missing[0].why.rstrip('.')}." if results.missing else ""
+        why = ""
+        if missing:
+            first = missing[0].why.rstrip(".")
+            why = f" The first: {first}."
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{why} "
+            f"study '{results.name}' has no finished run, {len(missing):,} missing.{why} "
             f"Run the study first: {results.command}"
         )
     points: dict[bytes, tuple[Values, Runs]] = {}
@@ -134,15 +144,28 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     for values, runs in points.values():
         # Variants that the study does not name any more come last.
         names = sorted(runs, key=lambda name: order.get(name, len(order)))
-        cells.append((values, {name: runs[name] for name in names}))
+        in_order = {name: runs[name] for name in names}
+        cells.append((values, in_order))
     for values, runs in cells:
         where = f" with {title_of(values)}" if values else ""
         for variant, members in runs.items():
-            _check_alike(results, f"'{variant}'{where}", members)
+            cell = f"'{variant}'{where}"
+            _check_alike(results, cell, members)
     return cells
 
 
 def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
+    """Check that runs of a variant at a grid point can be averaged.
+
+    Args:
+        results: the study, which knows the graphs.
+        cell: name of variant and point, for the error.
+        members: the runs.
+
+    Raises:
+        ConfigError: if graphs, splits or numbers of tasks differ, a seed occurs twice, or no test
+            tasks were played.
+    """
     first = members[0]
     for run in members[1:]:
         one = results.graphs[first.graph]
@@ -166,10 +189,10 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
     if len(set(seeds)) < len(seeds):
         # Two runs of one seed are paired with one run of the reference, and would count twice.
         twice = next(seed for seed in seeds if seeds.count(seed) > 1)
+        runs = ", ".join(run.run for run in members if run.seed == twice)
         raise ConfigError(
-            f"{cell}: seed {twice} occurs twice (runs "
-            f"{', '.join(run.run for run in members if run.seed == twice)}); another setting than "
-            "the seed differs. Add that setting to the variants."
+            f"{cell}: seed {twice} occurs twice (runs {runs}); another setting than the seed "
+            "differs. Add that setting to the variants."
         )
     for run in members:
         # As on a graph that is too small for test tasks.

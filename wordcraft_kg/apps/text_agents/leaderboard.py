@@ -4,6 +4,7 @@ import json
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
@@ -201,23 +202,26 @@ def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
     if not ranked:
         return
     is_open_ended = ranked[0].submission.figures.by_plan is None
-    titles = ["rank", "player", "known items" if is_open_ended else "success", "by plan", "invalid"]
-    most = max(1.0, *(one.submission.figures.ci_high for one in rows))
-    at_chance = [
-        one.submission.figures.mean for one in rows if one.submission.kind in ("random", "people")
-    ]
-    lines = [100 * mean / most for mean in at_chance]
+    result = "known items" if is_open_ended else "success"
+    titles = ["rank", "player", result, "by plan", "invalid", "mark"]
+    ends = [one.submission.figures.ci_high for one in rows]
+    most = max(1.0, *ends)
+    lines = []
+    for one in rows:
+        if one.submission.kind in ("random", "people"):
+            mean = one.submission.figures.mean
+            lines.append(100 * mean / most)
+    means = [one.submission.figures.mean for one in ranked]
     table = []
-    for one in ranked:
-        mean = one.submission.figures.mean
-        better = sum(other.submission.figures.mean > mean for other in ranked)
+    for one, mean in zip(ranked, means, strict=True):
+        better = sum(other > mean for other in means)
         table.append([*_cells(one, twins, better + 1, most, lines)])
     # A column without a single entry takes room and says nothing.
-    shown = [column for column in range(len(table[0])) if any(cells[column] for cells in table)]
-    yield _row([[*titles, "mark"][column] for column in shown])
-    yield _row(["---"] * len(shown))
+    is_shown = [any(column) for column in zip(*table, strict=True)]
+    yield _row([*compress(titles, is_shown)])
+    yield _row(["---"] * sum(is_shown))
     for cells in table:
-        yield _row([cells[column] for column in shown])
+        yield _row([*compress(cells, is_shown)])
 
 
 def _cells(
@@ -239,9 +243,9 @@ def _cells(
     yield str(rank)
     player = _player(submission, twins)
     yield player if submission.knowledge == "none" else f"{player}, look-ups"
-    low, at, high = (
-        f"{100 * end / most:.1f}" for end in (figures.ci_low, figures.mean, figures.ci_high)
-    )
+    # Places on the bar, in percent of its width.
+    places = [100 * end / most for end in (figures.ci_low, figures.mean, figures.ci_high)]
+    low, at, high = (f"{place:.1f}" for place in places)
     ticks = "".join(f'<i style="--at: {line:.1f}"></i>' for line in lines)
     bar = f'<span class="bar" style="--low: {low}; --at: {at}; --high: {high}">{ticks}</span>'
     yield f"{metrics_text(figures)} {bar}"
@@ -268,16 +272,22 @@ def _details(row: _Row, twins: set[str]) -> Iterator[str]:
     yield for_markdown(submission.training_data)
     hashes = [f"{name} {digest[:_HASH]}" for name, digest in submission.weights.items()]
     yield for_markdown(", ".join(hashes))
-    yield f"{submission.prompts} {(submission.prompt_hash or '')[:_HASH]}".strip()
+    prompt_hash = submission.prompt_hash or ""
+    yield f"{submission.prompts} {prompt_hash[:_HASH]}".strip()
     if submission.knowledge == "none":
         yield ""
     else:
         yield f"{submission.look_ups:,} ({submission.knowledge})"
     yield row.answers
-    tokens = "" if submission.tokens is None else f"{sum(submission.tokens.values()):,} tokens"
-    price = "" if submission.price is None else f"${submission.price:,.2f}"
-    seconds = "" if submission.seconds is None else f"{submission.seconds:,.0f} s"
-    yield ", ".join(part for part in (tokens, seconds, price) if part)
+    costs = []
+    if submission.tokens is not None:
+        tokens = sum(submission.tokens.values())
+        costs.append(f"{tokens:,} tokens")
+    if submission.seconds is not None:
+        costs.append(f"{submission.seconds:,.0f} s")
+    if submission.price is not None:
+        costs.append(f"${submission.price:,.2f}")
+    yield ", ".join(costs)
     yield for_markdown(submission.licence)
     yield submission.date or ""
 

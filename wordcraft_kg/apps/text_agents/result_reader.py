@@ -115,7 +115,8 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
         of_worlds = msgspec.structs.replace(settings, distractor_seeds=len(played))
         return result_of(header.player, of_worlds, played)
     games = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
-    tasks = set(chosen_tasks(World(opened, games.environment), settings.tasks).tolist())
+    world = World(opened, games.environment)
+    tasks = set(chosen_tasks(world, settings.tasks).tolist())
     # Backwards: a later game of the same task is replaced by an earlier one.
     first: dict[tuple[int, int], TaskGameRecord] = {}
     for one in reversed(played):

@@ -457,7 +457,8 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     if submission.graph_hash != track.opened.graph.hash:
         raise _refused(path, "graph_hash", submission.graph_hash, track.opened.graph.hash)
     lines = read_lines(folder, track, track.play(submission.knowledge))
-    games_hash = hashlib.sha256(read_submission_file(folder, GAMES_FILE)).hexdigest()
+    games = read_submission_file(folder, GAMES_FILE)
+    games_hash = hashlib.sha256(games).hexdigest()
     totals = _totals(track, lines) | {"games_hash": games_hash}
     for name, value in totals.items():
         given = getattr(submission, name)

@@ -37,15 +37,21 @@ class MatmulComplExInteraction(ComplExInteraction):
             N, d) and the others (B, 1, d), the (B, N) scores cost one real matrix product.
         """
         if _is_all(t) and _is_one(h) and _is_one(r):
-            return real_dot((h * r).squeeze(dim=1), t.squeeze(dim=0))
+            return _grid(h * r, t)
         # Re(h r conj(t)) = Re((conj(r) t) conj(h)): the number and its conjugate have equal real
         # parts.
         if _is_all(h) and _is_one(r) and _is_one(t):
-            return real_dot((r.conj() * t).squeeze(dim=1), h.squeeze(dim=0))
+            return _grid(r.conj() * t, h)
         if _is_all(r) and _is_one(h) and _is_one(t):
-            return real_dot((h.conj() * t).squeeze(dim=1), r.squeeze(dim=0))
+            return _grid(h.conj() * t, r)
         # Two factors first again: the plain formula avoids PyKEEN's search for an einsum path.
-        return torch.real(h * r * t.conj()).sum(dim=-1)
+        products = h * r * t.conj()
+        return torch.real(products).sum(dim=-1)
+
+
+def _grid(queries: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
+    """Return ``Re<q, conj(c)>`` of queries (B, 1, d) and candidates (1, N, d), shape (B, N)."""
+    return real_dot(queries.squeeze(dim=1), candidates.squeeze(dim=0))
 
 
 def _is_all(x: torch.Tensor) -> bool:

@@ -389,14 +389,17 @@ def _loss(
     one, other = drawn.view(2, corrupted)
     stays = torch.arange(corrupted)[: corrupted // 2]
     of_recipe = stays % batch
-    one[stays] = torch.where(stays % 4 < 2, first[of_recipe], second[of_recipe])
+    keeps_first = stays % 4 < 2
+    one[stays] = torch.where(keeps_first, first[of_recipe], second[of_recipe])
     pairs = torch.cat([first, one, second, other])
     used_ids, of_pairs = pairs.unique(return_inverse=True)
     sampled = draws.results(plan.sampled, generator)
     made_ids, of_results = torch.cat([results, sampled]).unique(return_inverse=True)
     right = of_results[:batch].to(device)
-    keep_used = torch.rand(len(used_ids), 1, generator=generator) >= plan.drop_used
-    keep_made = torch.rand(len(made_ids), 1, generator=generator) >= plan.drop_made
+    drawn_used = torch.rand(len(used_ids), 1, generator=generator)
+    drawn_made = torch.rand(len(made_ids), 1, generator=generator)
+    keep_used = drawn_used >= plan.drop_used
+    keep_made = drawn_made >= plan.drop_made
     used_ids = used_ids.to(device)
     made_ids = made_ids.to(device)
 

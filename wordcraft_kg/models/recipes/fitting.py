@@ -702,12 +702,17 @@ def _link_examples(
     every = folds.triples(left_out)
     of_fold = recipe_triples(folds.recipes_of(held_out))
     seen = folds.triples([*left_out, held_out])
-    new = of_fold[(of_fold[:, 1] == relation) & ~is_in(of_fold, seen, size)]
-    chosen = new[np.sort(rng.permutation(len(new))[:queries])]
+    is_own = of_fold[:, 1] == relation
+    is_new = ~is_in(of_fold, seen, size)
+    new = of_fold[is_own & is_new]
+    drawn = rng.permutation(len(new))[:queries]
+    chosen = new[np.sort(drawn)]
     parts = []
     # combinesWith is symmetric, so head queries equal tail queries.
-    for heads in (False,) if relation == COMBINES_WITH else (False, True):
-        known, asked = (chosen[:, 2], chosen[:, 0]) if heads else (chosen[:, 0], chosen[:, 2])
+    asks_heads = (False,) if relation == COMBINES_WITH else (False, True)
+    for heads in asks_heads:
+        known = chosen[:, 2 if heads else 0]
+        asked = chosen[:, 0 if heads else 2]
         candidates = rng.integers(size, size=(len(chosen), CANDIDATES))
         # The right candidate comes first, and once.
         candidates[:, 0] = asked
@@ -716,9 +721,13 @@ def _link_examples(
         links = _triples(known[:, None], relation, candidates, heads=heads)
         is_known = is_in(links.reshape(-1, 3), every, size).reshape(candidates.shape)
         features = rows.of_relation(relation, known, candidates, heads=heads)
-        from_outside = _outside(outside, relation, _tensor(links[..., 0]), _tensor(links[..., 2]))
+        link_heads = _tensor(links[..., 0])
+        link_tails = _tensor(links[..., 2])
+        from_outside = _outside(outside, relation, link_heads, link_tails)
         features = torch.cat([features, from_outside], dim=-1)
-        parts.append(Examples(features, _tensor(~is_known | is_right), _tensor(is_right)))
+        # Other right answers do not compete with the one that is asked for.
+        competes = ~is_known | is_right
+        parts.append(Examples(features, _tensor(competes), _tensor(is_right)))
     return _together(parts)
 
 

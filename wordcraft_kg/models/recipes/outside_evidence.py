@@ -223,12 +223,14 @@ class OutsideEvidenceFinder:
                 # Ingredients of a book's recipes are sorted.
                 uses_both = (pairs == sorted((a, b))).all(1)
             # An ingredient with the result says more than both ingredients with another result.
-            strength = 2 * (uses_one & (made == result)) + uses_both
-            number = min(LIMIT, int((strength > 0).sum()))
-            best = np.argsort(-strength, kind="stable")[:number]
+            makes_result = uses_one & (made == result)
+            strength = 2 * makes_result + uses_both
+            number = int((strength > 0).sum())
+            best = np.argsort(-strength, kind="stable")[: min(LIMIT, number)]
             evidence = []
-            for one, other, entity in book.recipes[best].tolist():
-                recipe = Recipe(book.labels[one], book.labels[other], book.labels[entity])
+            for row in book.recipes[best].tolist():
+                labels = [book.labels[entity] for entity in row]
+                recipe = Recipe(*labels)
                 evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
             return evidence
 

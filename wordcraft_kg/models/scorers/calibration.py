@@ -466,20 +466,28 @@ def _results(
     row_of = np.full(len(pairs), -1)
     row_of[chosen] = np.arange(len(chosen))
     rows = row_of[of_recipe]
+    # Recipes of the chosen pairs: the row of the pair, and the result.
+    is_asked = rows >= 0
+    rows = rows[is_asked]
+    results = own[is_asked, 2]
+    asked = torch.from_numpy(pairs[chosen].copy())
     if _proposes(scorer):
         assert isinstance(scorer, RecipeScorer)
-        ids, proposed = scorer.best_results(*torch.from_numpy(pairs[chosen].copy()).T)
-        of_fold = rows >= 0
+        a, b = asked.T
+        ids, proposed = scorer.best_results(a, b)
         # A number for each row and result, also for the id E of missing proposals.
-        made = rows[of_fold] * (size + 1) + own[of_fold, 2]
-        codes = np.arange(len(chosen))[:, None] * (size + 1) + ids.cpu().numpy()
-        return proposed.cpu().numpy().astype(np.float64), np.isin(codes, made)
+        stride = size + 1
+        right_codes = rows * stride + results
+        every_row = np.arange(len(chosen))[:, None]
+        codes = every_row * stride + ids.cpu().numpy()
+        return proposed.cpu().numpy().astype(np.float64), np.isin(codes, right_codes)
     right = np.zeros((len(chosen), size), dtype=bool)
-    right[rows[rows >= 0], own[rows >= 0, 2]] = True
+    right[rows, results] = True
     # Shape (N, 1) each, against which all results broadcast.
-    a, b = torch.from_numpy(pairs[chosen].copy()).T[..., None]
+    a, b = asked.T[..., None]
+    every_result = torch.arange(size)[None]
     with torch.no_grad():
-        scores = scorer.score_recipes(a, b, torch.arange(size)[None])
+        scores = scorer.score_recipes(a, b, every_result)
     return scores.cpu().numpy().astype(np.float64), right
 
 
@@ -598,9 +606,11 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
         # Scores of an entity with many others cost little more than with one.
         entities = np.sort(rng.choice(size, _HEADS, replace=False))
         columns = rng.integers(size - 1, size=(_HEADS, MAX_CELLS // _HEADS))
-        number = distinct((entities[:, None] * (size - 1) + columns).ravel())
+        firsts = entities[:, None] * (size - 1)
+        number = distinct((firsts + columns).ravel())
     # Pair numbers count through a table without its diagonal, E - 1 columns wide.
-    heads, column = np.divmod(number, max(size - 1, 1))
+    width = max(size - 1, 1)
+    heads, column = np.divmod(number, width)
     tails = column + (column >= heads)
     heads = np.concatenate([heads, entities])
     tails = np.concatenate([tails, entities])

@@ -197,7 +197,8 @@ def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     a, b, result = recipes.T
     results = np.concatenate([result, result])
     ingredients = np.concatenate([a, b])
-    cells, place = np.unique(results * num_entities + ingredients, return_inverse=True)
+    codes = results * num_entities + ingredients
+    cells, place = np.unique(codes, return_inverse=True)
     # The first half belongs to the first ingredients, the second half to their partners.
     one, other = place.reshape(2, -1)
     count = len(cells)

@@ -122,17 +122,16 @@ class LinkEvidence:
         triples = []
         weights = []
         for side in sides:
+            # The entity of this side is replaced by others, and the opposite end stays.
             entity, end = (head, tail) if side == "head" else (tail, head)
             others = self.ends(end, relation, side)
             others = others[others != entity]
-            ends = np.full(len(others), end)
-            heads, tails = (others, ends) if side == "head" else (ends, others)
-            relations = np.full(len(others), relation)
-            triples.append(np.column_stack([heads, relations, tails]))
+            triples.append(_links(others, relation, end, side))
             units = self.roles.units[relation][side == "tail"]
-            cosines = (units[others] @ units[entity]).astype(np.float64)
+            cosines = units[others] @ units[entity]
             # Rounding can lift the cosine of equal vectors above 1.
-            weights.append(np.minimum(np.maximum(cosines, 0), 1) ** POWER)
+            shares = cosines.astype(np.float64).clip(0, 1)
+            weights.append(shares**POWER)
         return np.concatenate(triples), np.concatenate(weights)
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:
@@ -214,3 +213,19 @@ class LinkEvidence:
             for a, b, result in self.recipes[rows[:RECIPES]].tolist()
         ]
         return tuple(recipes), max(len(rows) - RECIPES, 0)
+
+
+def _links(others: Ids, relation: int, end: int, side: Side) -> Ids:
+    """Return the links between one entity and others, shape (n, 3).
+
+    Args:
+        others: ids of the entities on ``side``, shape (n,).
+        relation: relation id.
+        end: id of the entity on the opposite side.
+        side: side of the others.
+    """
+    ends = np.full(len(others), end)
+    relations = np.full(len(others), relation)
+    if side == "head":
+        return np.column_stack([others, relations, ends])
+    return np.column_stack([ends, relations, others])

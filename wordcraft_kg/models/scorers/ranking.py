@@ -114,26 +114,42 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
     """
     num_entities = len(scorer.entities)
     parts: list[pd.DataFrame] = []
-    block = min(BATCH, max(1, CELLS // num_entities))
+    # So many queries at once that their scores of all entities fit the memory.
+    affordable = max(1, CELLS // num_entities)
+    block = min(BATCH, affordable)
+    starts = range(0, len(triples), block)
+    # Columns of a triple: the entity that a query gives, and the one that it asks for.
     for side, fixed, target in (("tail", 0, 2), ("head", 2, 0)):
-        # Known answers by query (relation, fixed entity), sorted, so that binary search finds the
-        # answers of many queries at once.
-        known_keys = known[:, 1] * num_entities + known[:, fixed]
+        # Known answers by query, sorted, so that binary search finds the answers of many queries
+        # at once.
+        known_keys = _query_keys(known, fixed, num_entities)
         order = np.argsort(known_keys, kind="stable")
         known_keys = known_keys[order]
         answers = known[order, target]
-        for start in steps(f"ranking {side}s", range(0, len(triples), block)):
+        for start in steps(f"ranking {side}s", starts):
             batch = triples[start : start + block]
-            keys = batch[:, 1] * num_entities + batch[:, fixed]
+            keys = _query_keys(batch, fixed, num_entities)
             left = np.searchsorted(known_keys, keys, "left")
             right = np.searchsorted(known_keys, keys, "right")
             # Cells (row, column) of the score block that hold known answers.
-            rows = np.repeat(np.arange(len(batch)), right - left)
+            row_numbers = np.arange(len(batch))
+            rows = np.repeat(row_numbers, right - left)
             columns = answers[_ranges(left, right)]
             parts.append(_rank_batch(scorer, batch, side, rows, columns))
     if not parts:
         return pd.DataFrame(columns=["head", "relation", "tail", "side", "rank"])
     return pd.concat(parts, ignore_index=True)
+
+
+def _query_keys(triples: Ids, given: int, num_entities: int) -> Ids:
+    """Return each triple's query, its relation and one of its entities, as a number, shape (T,).
+
+    Args:
+        triples: shape (T, 3).
+        given: column of the entity in the query, 0 for the head, 2 for the tail.
+        num_entities: number of entities E.
+    """
+    return triples[:, 1] * num_entities + triples[:, given]
 
 
 def _rank_batch(

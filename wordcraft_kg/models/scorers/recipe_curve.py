@@ -138,8 +138,10 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         features = knowledge.features(goal, table, model, pairs)
         scores = knowledge.scores(features, model).cpu().numpy()
         kinds = kinds_of(knowledge, features).cpu().numpy()
-        inside = np.clip(scores, _CENTRES[0], _CENTRES[-1])
-        bins = np.rint((inside - _CENTRES[0]) / 0.05).astype(np.int64)
+        lowest = _CENTRES[0]
+        inside = np.clip(scores, lowest, _CENTRES[-1])
+        widths = (inside - lowest) / 0.05
+        bins = np.rint(widths).astype(np.int64)
         return kinds, bins
 
     def count_table(goal: Tensor, slots: Tensor, weights: _Floats) -> None:
@@ -156,7 +158,8 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         one = slots[None, first].numpy()
         other = slots[None, second].numpy()
         results = goal.numpy()[:, None]
-        is_other = ~np.isin(recipe_keys(one, other, results, num_entities=size), train_keys)
+        keys = recipe_keys(one, other, results, num_entities=size)
+        is_other = ~np.isin(keys, train_keys)
         # A result on the table is no goal, and no task teaches the ranker that a + b makes no a.
         is_other &= (one != results) & (other != results)
         of_cells = np.broadcast_to(weights, bins.shape)
@@ -172,8 +175,10 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         own = torch.from_numpy(recipes.copy())
         # A recipe is a table of two slots, and its only pair that counts is slot 0 with slot 1.
         only_pair = (torch.tensor([0]), torch.tensor([1]))
-        kinds, bins = scored(own[:, 2], own[:, :2], only_pair)
-        np.add.at(counts[:, 1], (kinds, bins), weight)
+        made = own[:, 2]
+        ingredients = own[:, :2]
+        cells = scored(made, ingredients, only_pair)
+        np.add.at(counts[:, 1], cells, weight)
 
         slots = min(_SLOTS, size)
         entities = torch.arange(size)
@@ -182,7 +187,8 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         most = SAMPLED // _FEWEST_TABLES
         if size > most:
             entities = torch.from_numpy(rng.permutation(size)[:most])
-        weights = _weights(slots, size, tables * len(entities) / size)
+        tables_per_result = tables * len(entities) / size
+        weights = _weights(slots, size, tables_per_result)
         for _ in range(tables):
             table = torch.from_numpy(rng.permutation(size)[:slots])
             count_table(entities, table, weights)
@@ -209,17 +215,26 @@ def _weights(slots: int, size: int, tables: float) -> _Floats:
 def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve:
     """Fit a curve to each fold's :func:`score_histogram`, by maximum likelihood."""
     counts = np.sum(histograms, axis=0)
+    # Shape (KINDS, bins) each.
+    others = counts[:, 0]
+    recipes = counts[:, 1]
+    pairs = counts.sum(axis=1)
 
     def loss(values: _Floats) -> tuple[float, _Floats]:
         """Return the regularised negative log-likelihood and its gradient."""
-        log_odds = values[:KINDS, None] + values[KINDS] * _CENTRES
+        intercepts = values[:KINDS, None]
+        slope = values[KINDS]
+        log_odds = intercepts + slope * _CENTRES
         # Expected minus observed recipes in each bin: the derivative by the log-odds.
-        expected = counts.sum(axis=1) * expit(log_odds)
-        error = expected - counts[:, 1]
-        of_others = counts[:, 0] * np.logaddexp(0, log_odds)
-        of_recipes = counts[:, 1] * np.logaddexp(0, -log_odds)
+        expected = pairs * expit(log_odds)
+        error = expected - recipes
+        # The negative log-probabilities of "makes nothing" and of "makes the result".
+        of_others = others * np.logaddexp(0, log_odds)
+        of_recipes = recipes * np.logaddexp(0, -log_odds)
         total = (of_others + of_recipes).sum()
-        gradient = np.append(error.sum(axis=1), (error * _CENTRES).sum())
+        by_intercept = error.sum(axis=1)
+        by_slope = (error * _CENTRES).sum()
+        gradient = np.append(by_intercept, by_slope)
         penalty = _RIDGE / 2 * values @ values
         return float(total + penalty), gradient + _RIDGE * values
 
@@ -228,12 +243,11 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     start = np.array([-12.0] * KINDS + [1.0])
     bounds = [(None, None)] * KINDS + [(0, None)]
     best = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    *intercepts, slope = best.x
+    new, made, slope = map(float, best.x)
     # The curve was fitted where a fold's recipes are unseen, seen / count of them on average. With
     # all folds, the recipes outside train are.
     seen = folds.seen()
     num_unseen = max(int((~seen).sum()), 1)
     num_seen = max(int(seen.sum()), 1)
     shift = math.log(num_unseen * folds.count / num_seen)
-    new, made = map(float, intercepts)
-    return RecipeCurve(intercepts=(new, made), slope=float(slope), shift=shift)
+    return RecipeCurve(intercepts=(new, made), slope=slope, shift=shift)

@@ -192,15 +192,18 @@ class RecipeScorer(StoredScorer):
         # Grids of queries and candidates, as rankings ask for, are whole rows.
         is_grid, is_turned = grids(heads, relations, tails)
         if is_grid or is_turned:
-            key, others = (heads[:, 0], tails[0]) if is_grid else (tails[:, 0], heads[0])
+            key = heads[:, 0] if is_grid else tails[:, 0]
+            others = tails[0] if is_grid else heads[0]
             of_key = relations.flatten().expand(len(key))
             scores = torch.zeros(len(key), len(others), device=self.device)
             for relation in of_key.unique().tolist():
                 is_own = of_key == relation
                 own = key[is_own]
-                if self._has_table(relation, len(own) * len(self.entities)):
+                wanted = len(own) * len(self.entities)
+                if self._has_table(relation, wanted):
                     table = self.table(relation)
-                    of_all = (table.T if is_turned else table)[own]
+                    by_key = table.T if is_turned else table
+                    of_all = by_key[own]
                 else:
                     of_all = self.knowledge.link_scores(relation, own, heads=is_turned)
                 scores[is_own] = of_all[:, others]

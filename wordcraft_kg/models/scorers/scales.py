@@ -300,10 +300,18 @@ def _rank_knots(
     ends = np.cumsum(counts)
     ranks = ends - (counts - 1) / 2
     of_different = ranks[group[is_different]]
-    deviation = of_different.std() if len(of_different) else 0.0
-    mean = of_different.mean() if len(of_different) else ranks.mean()
-    standard = (ranks - mean) / (deviation if deviation > 0 else 1.0)
-    steps = np.searchsorted(ends, np.linspace(1, ends[-1], KNOTS))
+    mean = ranks.mean()
+    deviation = 0.0
+    # A graph of a single entity has no pair of two.
+    if len(of_different):
+        mean = of_different.mean()
+        deviation = of_different.std()
+    # Equal ranks become 0, without a division by 0.
+    scale = deviation if deviation > 0 else 1.0
+    standard = (ranks - mean) / scale
+    # Knots at evenly spaced ranks.
+    wanted = np.linspace(1, ends[-1], KNOTS)
+    steps = np.searchsorted(ends, wanted)
     # Beside a score that many pairs share, ranks jump: its neighbours are knots as well.
     beside = np.concatenate([steps - 1, steps, steps + 1]).clip(0, len(values) - 1)
     chosen = np.unique(beside)

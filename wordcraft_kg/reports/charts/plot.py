@@ -210,7 +210,12 @@ class Plot:
             self.text(x, base_line, text, style, "middle")
 
     def titles(self, x_title: str, y_title: str = "") -> None:
-        """Write the axis titles."""
+        """Write the axis titles.
+
+        Args:
+            x_title: title of the horizontal axis, below the middle of the chart.
+            y_title: title of the vertical axis, above its upper end; empty for none.
+        """
         right_end = WIDTH - self.right
         middle = (self.left + right_end) / 2
         below = self.height - 6

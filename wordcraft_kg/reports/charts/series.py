@@ -344,10 +344,11 @@ def log_reliability(
         series: points by the series' name. A share of 0 is drawn at the lower end of the axis.
         description: text alternative for people who do not see the chart.
     """
-    positive = []
-    for point in chain.from_iterable(series.values()):
-        probability, share, *_ = point
-        positive += [value for value in (probability, share) if value > 0]
+    shown_values = []
+    for probability, share, *_ in chain.from_iterable(series.values()):
+        shown_values += [probability, share]
+    # Zeros have no logarithm.
+    positive = [value for value in shown_values if value > 0]
     least = min(positive, default=0.1)
     # The axis has a decade at least, and ends at a millionth: below, a share from some thousand
     # triples means nothing.

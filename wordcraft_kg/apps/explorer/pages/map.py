@@ -235,7 +235,8 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
     edges = [(a, b) for a, b in plain.edges if a != b]
     # The reshape gives a graph without links two columns as well.
     ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
-    is_within = group_of[ends[:, 0]] == group_of[ends[:, 1]]
+    groups_of_ends = group_of[ends]
+    is_within = groups_of_ends[:, 0] == groups_of_ends[:, 1]
     degree = np.bincount(ends.ravel(), minlength=size)
     within = np.bincount(ends[is_within].ravel(), minlength=size)
     # Number times share, within * (within / degree): the number alone would name entities that are

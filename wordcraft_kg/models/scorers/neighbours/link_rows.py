@@ -383,12 +383,16 @@ class LinkRows:
             places = slice(lists.near_starts[entity], lists.near_starts[entity + 1])
             structure[row, lists.near[places]] = lists.near_cosines[places]
         words = _products(lists.vectors, lists.vectors, entities, candidates)
-        norms = lists.norms[entities, None] * _at(lists.norms[None], candidates)
+        own_norms = lists.norms[entities, None]
+        norms = own_norms * _at(lists.norms[None], candidates)
         positive = np.maximum(words, 0)
-        kernel = (_at(structure, candidates) + np.float32(TEXT) * positive**2) / np.sqrt(norms)
+        of_words = np.float32(TEXT) * positive**2
+        kernel = (_at(structure, candidates) + of_words) / np.sqrt(norms)
         # Rounding can lift the similarity of equal profiles above 1.
         kernel = np.minimum(kernel, 1)
-        others = candidates if candidates is not None else np.arange(len(lists.norms))[None]
+        others = candidates
+        if others is None:
+            others = np.arange(len(lists.norms))[None]
         is_same = others == entities[:, None]
         # An entity resembles itself, also without words.
         words[is_same] = 1

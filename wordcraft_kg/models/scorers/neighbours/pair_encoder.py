@@ -120,9 +120,14 @@ class PairEncoder(NamedTuple):
             one, other = place.view(2, len(a))[:, block]
             h_one = used[one]
             h_other = used[other]
-            inputs = torch.cat([h_one * h_other, (h_one - h_other).abs()], dim=-1)
-            sums = of_sums[one].add_(of_sums[other]).add_(self.first_bias)
-            units[block] = torch.addmm(sums, inputs, self.first[size:]).relu_()
+            product = h_one * h_other
+            distance = (h_one - h_other).abs()
+            inputs = torch.cat([product, distance], dim=-1)
+            sums = of_sums[one]
+            sums.add_(of_sums[other])
+            sums.add_(self.first_bias)
+            of_inputs = torch.addmm(sums, inputs, self.first[size:])
+            units[block] = of_inputs.relu_()
         return units
 
     def encode(self, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:

@@ -47,12 +47,15 @@ def product(left, right, one, other):  # type: ignore[no-untyped-def]
 
 @compiled
 def similarity(structure, words, norm, other_norm):  # type: ignore[no-untyped-def]
-    """Return k of two different entities.
+    """Return the similarity k of two different entities, float32, from 0 to 1.
+
+    ``k = (structure + .2 max(0, words)²) / √(norm other_norm)``, clamped before the square, because
+    the square of a negative cosine would count as similarity.
 
     Args:
         structure: cosine of their profiles, 0 if neither is in the other's list.
         words: cosine of their word vectors.
-        norm: similarity of the first entity with itself.
+        norm: similarity of the first entity with itself: 1.2 with recipes, .2 without.
         other_norm: similarity of the second entity with itself.
     """
     positive = max(words, np.float32(0))

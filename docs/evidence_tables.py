@@ -734,6 +734,27 @@ def without_search() -> Iterator[str]:
             yield f"| {title}, nothing learned from play | {_shown(row['success'])} {interval} |"
 
 
+def deep_agents() -> Iterator[str]:
+    """Yield the table of agents without plans on the two large books."""
+    yield "| book, split | agent with u, v, w | each training | the best pair for the goal |"
+    yield "|---|---|---|---|"
+    for path in sorted((HERE / DATA).glob("depth-2-agents-*.json")):
+        view = json.loads(path.read_text(encoding="utf-8"))
+        book, _, split = path.stem.removeprefix("depth-2-agents-").rpartition("-")
+        title = {"everyday": "`everyday`", "little-alchemy-2": "Little Alchemy 2"}[book]
+        (agent,) = view["agents"].values()
+        success = agent["success"]["4"]
+        low, high = map(_shown, success["task_ci"])
+        each = " ".join(map(_shown, success["seeds"]))
+        (alone,) = (
+            row["success"]["4"]
+            for row in view["baselines"]
+            if row["name"].endswith("alone, recipe (w)")
+        )
+        cells = f"{_shown(success['mean'])} [{low}, {high}] | {each} | {_shown(alone)}"
+        yield f"| {title}, {split} | {cells} |"
+
+
 HALF_WIDTH = 1.96
 """Standard errors from the middle to an end of a 95 % interval."""
 
@@ -1066,6 +1087,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "outside agents": outside_agents,
     "presets": presets,
     "without search": without_search,
+    "deep agents": deep_agents,
     "whole recipes": whole_recipes,
     "environments": environments,
     "speed": speed,

@@ -394,6 +394,8 @@ def test_the_evidence_on_language_models_prints_the_leaderboard():
         "probabilities": "SmolLM2-135M-Instruct, probabilities",
         "probabilities and a look-up": "SmolLM2-135M-Instruct, probabilities, look-ups",
         "generation of 12 tokens": "SmolLM2-135M-Instruct, generation, 12 tokens",
+        "Qwen2.5-Coder-0.5B, constrained": "Qwen2.5-Coder-0.5B-Instruct, constrained",
+        "Qwen2.5-Coder-0.5B, by recipes": "Qwen2.5-Coder-0.5B-Instruct, by recipes",
     }
     page = (DOCS / "leaderboard.md").read_text(encoding="utf-8")
     rows = table("evidence/language-models.md", "track, way of answering")

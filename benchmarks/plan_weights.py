@@ -1,8 +1,8 @@
 """Weights of plans learned from play beside the planner, on the same tables, with an ablation.
 
-    wordcraft-kg build-graph everyday --split-seed 10 --out graphs/everyday
+    wordcraft-kg build-graph everyday --seed 10 --out graphs/everyday
     wordcraft-kg train-recipes graphs/everyday --features glove --out models/everyday
-    python benchmarks/plan_weights.py graphs/everyday models/everyday --part valid
+    python benchmarks/plan_weights.py graphs/everyday models/everyday
 
     wordcraft-kg train-agent graphs/everyday --scorer models/everyday --depth 2 --distractors 4 \\
         --use combines,component,recipe,plan --out runs/weighed

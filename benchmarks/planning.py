@@ -6,7 +6,8 @@
 
 Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the depth. *unseen*
 counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with
-other numbers of candidates, with milliseconds per decision. ``--time`` times decisions, alone and in a batch of 256.
+other numbers of candidates, with milliseconds per decision, ``--odds`` plays the planner with other log-odds for
+intermediates instead. ``--time`` times decisions, alone and in a batch of 256.
 """
 
 import argparse
@@ -33,12 +34,19 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.planning import search
 from wordcraft_kg.planning.source import BestPlan
 
 
 def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[str, Player]]:
     """Yield the players of the table."""
     scorer, graph = load_scorer(options.model), opened.graph
+    for odds in map(float, options.odds.split(",") if options.odds else ()):
+        # The search reads this constant at each call: a player plays before the next one comes.
+        search.INTERMEDIATE = odds
+        yield f"planner, log-odds {odds:g}", knowledge_player(make_sources(["plan"], scorer))
+    if options.odds:
+        return
     yield "chance", random_distinct
     for name in ("u,v", "w"):
         yield (
@@ -116,6 +124,7 @@ def main() -> None:
     parser.add_argument("--policy", default="any", help="distractor policy")
     parser.add_argument("--only", help="names of players, separated by semicolons")
     parser.add_argument("--widths", default="")
+    parser.add_argument("--odds", default="", help="log-odds added for intermediates")
     parser.add_argument("--run", type=Path, action="append", default=[])
     parser.add_argument("--time", action="store_true")
     parser.add_argument("--json", type=Path, help="file to add the figures to")

@@ -1,4 +1,4 @@
-"""Tables and caveats of the evidence pages that follow from a JSON file of measurements.
+"""Answers, tables and caveats of the evidence pages that follow from a JSON file of measurements.
 
 A page marks the place: ``<!-- table: NAME -->`` ... ``<!-- end of table -->``, with a name of TABLES.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.base.records import read_record
-from wordcraft_kg.base.statistics import split_interval, student_interval
+from wordcraft_kg.base.statistics import holm, split_interval, student_interval
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import signed
 from wordcraft_kg.studies.results import StudyResults
@@ -865,8 +865,91 @@ def _by_unseen(split: str, unseen: int) -> tuple[float, int]:
     return sum(rate * number for rate, number in each) / tasks, tasks
 
 
+def planning_answer() -> Iterator[str]:
+    """Yield the planner's success at depth 2 beside that of the best pair for the goal."""
+    planned, pairs = [], []
+    for split in ("by-recipe", "by-goal"):
+        values = {"split": split, "depth": 2, "distractors": 4}
+        rates = [row["success"] for row in _planner(**values)]
+        interval = student_interval(rates)
+        assert interval is not None
+        low, high = map(_shown, interval)
+        planned.append(f"{_shown(_mean(rates))} [{low}, {high}]")
+        pairs.append(_shown(_mean([row["success"] for row in _planner(player="w", **values)])))
+    yield (
+        f"**Answer.** Most goals of depth 2: the planner makes {planned[0]} with unseen recipes and "
+        f"{planned[1]} of unseen goals, where the best pair for the goal makes {pairs[0]} and {pairs[1]} "
+        "(Little Alchemy 2, 4 distractors)."
+    )
+
+
+def _least_and_most_tasks(source: str, book: str) -> str:
+    """Return the least and the greatest number of tasks of a split in a table by depth."""
+    tasks = [
+        row["tasks"]
+        for row in _rows(source, book=book, player="planner", distractors=4, policy="any")
+        if row["seed"] < FEW_SPLITS and row["split"] in ("by-recipe", "by-goal")
+    ]
+    return f"{min(tasks)} to {max(tasks)}"
+
+
+def planning_everyday() -> Iterator[str]:
+    """Yield the heading of the tables of `everyday`."""
+    tasks = _least_and_most_tasks("planning-agents.json", "everyday")
+    yield f"`everyday` with GloVe, {tasks} test tasks in each split (0, 1 and 2):"
+
+
+def planning_odds() -> Iterator[str]:
+    """Yield success by the log-odds added for an intermediate, on a split for choices."""
+    rows = _read("evidence/data/planning-odds.json")
+    texts = []
+    for book, name in BOOKS.items():
+        rates = {
+            row["player"].removeprefix("planner, log-odds "): row["success"]
+            for row in rows
+            if row["book"] == book
+        }
+        *first, last = map(_shown, rates.values())
+        *values, most = rates
+        texts.append(
+            f"{', '.join(values)} and {most} more give {', '.join(first)} and {last} on {name}"
+        )
+    yield (
+        f"Log-odds added for an intermediate (tasks of split {rows[0]['seed']}, by recipe, depth "
+        f"{rows[0]['depth']}, {rows[0]['distractors']} distractors, {rows[0]['tasks']} tasks, scorers of "
+        f"`train-recipes` with its defaults): {'; '.join(texts)}."
+    )
+
+
+def planning_today() -> Iterator[str]:
+    """Yield the caveat about today's planner, by lists."""
+    texts = []
+    for book, name in BOOKS.items():
+        recipes, goals = (
+            _shown(
+                _mean(
+                    [
+                        row["planner"]
+                        for row in _rows("evidence/data/plan-weights.json", book=book, split=split)
+                    ]
+                )
+            )
+            for split in ("by-recipe", "by-goal")
+        )
+        texts.append(f"{recipes} and {goals} on {name}")
+    yield (
+        "- Scorer and planner by tables, with outside knowledge. Today's, by lists and without it, make "
+        f"{' and '.join(texts)} at depth 2, by recipe and by goal ([plan weights](plan-weights.md))."
+    )
+
+
 def planning_caveats() -> Iterator[str]:
     """Yield the planner's caveats, with depth 1, unseen recipes, shortcuts and distractors."""
+    yield from planning_today()
+    yield (
+        f"- Each split has {_least_and_most_tasks('planning.json', 'little-alchemy-2')} tasks of each "
+        "depth."
+    )
     below = {}
     for split in ("by-recipe", "by-goal"):
         values = {"split": split, "depth": 1, "distractors": 4}
@@ -969,6 +1052,44 @@ def agents_with_plans() -> Iterator[str]:
     )
 
 
+def acting_answer() -> Iterator[str]:
+    """Yield whether agents with default settings differ from their own scorers or planners."""
+    rows = _read("agents-against-scorers.json")
+    corrected = holm([row["p"] for row in rows])
+    by_depth: dict[int, list[tuple[Row, bool]]] = {1: [], 2: []}
+    for row, p_value in zip(rows, corrected, strict=True):
+        if not row["variant"].endswith("no penalty"):
+            by_depth[row["depth"]].append((row, p_value < ALPHA))
+
+    def ends(depth: int) -> str:
+        values = [row["difference"] for row, _ in by_depth[depth]]
+        return f"{signed(min(values))} to {signed(max(values))}"
+
+    def significant(depth: int) -> str:
+        texts = []
+        for row, is_significant in by_depth[depth]:
+            if is_significant:
+                low, high = signed(row["low"]), signed(row["high"])
+                texts.append(f"{signed(row['difference'])} [{low}, {high}]")
+        return ", ".join([f"{len(texts) or 'none'} of {len(by_depth[depth])}", *texts])
+
+    gains = [row["difference"] for row in _read("evidence/data/plan-weights.json")]
+    above = sum(low > 0 for _, low, _ in gains)
+    means = [mean for mean, *_ in gains]
+    yield (
+        f"**Answer.** Hardly, so far: with the default penalty an agent's difference to its own scorer is "
+        f"{ends(1)} at depth 1 (significant at {100 * ALPHA:.0f} % after correction: {significant(1)}). At "
+        f"depth 2 it is {ends(2)} against the planner (significant: {significant(2)}). These agents have "
+        f"the paper's preset; with the recommended one, [weights of plans learned in play](plan-weights.md) "
+        f"add {_shown(min(means))} to {_shown(max(means))} at depth 2 ({above} of {len(gains)} intervals "
+        "above 0)."
+    )
+
+
+ALPHA = 0.05
+"""Level of significance."""
+
+
 def acting_caveats() -> Iterator[str]:
     """Yield the caveats of agents against scorers: no penalty, and scores of links alone."""
     differences = [
@@ -995,6 +1116,74 @@ def acting_caveats() -> Iterator[str]:
         f"- Learning adds to scores of links: u and v of the recipe scorer make "
         f"{_shown(_mean(alone['success']))} alone, and {_shown(agent['success'])} with an agent (Little "
         "Alchemy 2, 8 distractors, a million steps; [partial graphs](../partial-graph.md))."
+    )
+
+
+def _gain(book: str, split: str) -> str:
+    """Return what all sources add to recipes and GloVe, with Student's interval over splits."""
+    by_row = [
+        sorted(_rows("outside-knowledge.json", book=book, split=split, row=name), key=_seed)
+        for name in ("all", "and GloVe")
+    ]
+    gains = [after["8"] - before["8"] for after, before in zip(*by_row, strict=True)]
+    interval = student_interval(gains)
+    assert interval is not None
+    low, high = map(_plain, interval)
+    return f"{_shown(_mean(gains))} [{low}, {high}]"
+
+
+def outside_answer() -> Iterator[str]:
+    """Yield what all sources add to recipes and GloVe, on three kinds of splits."""
+    book = "little-alchemy-2"
+
+    def from_to(split: str, column: str = "8", of_before: str = "") -> str:
+        before, after = (
+            _shown(
+                _mean(
+                    [
+                        row[column]
+                        for row in _rows("outside-knowledge.json", book=book, split=split, row=name)
+                    ]
+                )
+            )
+            for name in ("and GloVe", "all")
+        )
+        return f"from {before}{of_before} to {after}"
+
+    yield (
+        "**Answer.** All of it, and most where no train recipe makes the goal: all sources raise success "
+        f"with unseen goals {from_to('by-goal', of_before=' (recipes and GloVe)')}, a gain of "
+        f"{_gain(book, 'by-goal')} over three splits: {from_to('by-goal', 'made 8')} on goals that "
+        f"`everyday` makes, and {from_to('by-goal', 'other 8')} on all other goals; with unseen slots "
+        f"{from_to('by-slot')}, and with unseen recipes {from_to('by-recipe')}, a gain of "
+        f"{_gain(book, 'by-recipe')} (Little Alchemy 2, 8 distractors)."
+    )
+
+
+def _share_made(book: str) -> str:
+    """Return the share of by-goal tasks whose goal the other book makes, as a mean over splits."""
+    shares = {
+        row["seed"]: row["share made"]
+        for row in _rows("outside-knowledge.json", book=book, split="by-goal")
+        if "share made" in row
+    }
+    return f"{100 * _mean([*shares.values()]):.0f} %"
+
+
+def outside_made() -> Iterator[str]:
+    """Yield the shares of tasks whose goals the other books make."""
+    yield (
+        f"- `everyday` makes the goal of {_share_made('little-alchemy-2')} of the tasks of Little Alchemy 2 "
+        f"by goal, and Little Alchemy 2 of {_share_made('everyday')} of those of `everyday`."
+    )
+
+
+def outside_small() -> Iterator[str]:
+    """Yield the heading of the table of a small book, with its gain."""
+    splits = {row["seed"] for row in _rows("outside-knowledge.json", book="my-book")}
+    yield (
+        f"`examples/my-book.csv`, {len(splits)} splits [Student's t over splits]; the gain with unseen "
+        f"recipes is {_gain('my-book', 'by-recipe')}:"
     )
 
 
@@ -1063,11 +1252,18 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
         )
         for split in ("by-recipe", "by-goal")
     },
+    "planning answer": planning_answer,
     "planning caveats": planning_caveats,
+    "planning everyday": planning_everyday,
+    "planning odds": planning_odds,
     "planning splits": planning_splits,
     "planning agents": agents_by_depth,
     "agents with plans": agents_with_plans,
+    "acting answer": acting_answer,
     "acting caveats": acting_caveats,
+    "outside answer": outside_answer,
+    "outside made": outside_made,
+    "outside small": outside_small,
     "outside caveats": outside_caveats,
     "scripted players": scripted,
     "discoverers": discoverers,

@@ -2,7 +2,7 @@
 
     python docs/make_evidence.py [--check]
 
-Tables of evidence pages come from JSON files, see evidence_tables.py. The finding is from docs/results/, the questions are the titles and answers of the evidence pages in
+Answers, caveats and tables of evidence pages come from JSON files, see evidence_tables.py. The finding is from docs/results/, the questions are the titles and answers of the evidence pages in
 the order of the website's menu. The figure of an evidence page shows columns of the page's first
 table, named in a comment: ``<!-- figure: COLUMN; COLUMN -->``, or ``Title = COLUMN`` for another
 name in the legend. Its title is the image's text. So a figure cannot differ from its table. With ``--check`` nothing is written,
@@ -159,8 +159,6 @@ def files() -> Iterator[tuple[Path, str]]:
     lines, picture = finding()
     yield readme, between(readme.read_text(encoding="utf-8"), FINDING, lines)
     yield HERE / "images" / "finding.svg", picture
-    results = HERE / "results.md"
-    yield results, between(results.read_text(encoding="utf-8"), QUESTIONS, ["", *questions()])
     for page in (HERE / "partial-graph.md", *sorted((HERE / "evidence").glob("*.md"))):
         old = page.read_text(encoding="utf-8")
         text = TABLE.sub(_filled, old)
@@ -168,6 +166,9 @@ def files() -> Iterator[tuple[Path, str]]:
             yield page, text
         if FIGURE.search(text):
             yield HERE / "images" / f"evidence-{page.stem}.svg", figure(text)
+    # The last: it quotes the answers of the pages above.
+    results = HERE / "results.md"
+    yield results, between(results.read_text(encoding="utf-8"), QUESTIONS, ["", *questions()])
 
 
 def main() -> None:

@@ -662,7 +662,7 @@ def rows_of(results: StudyResults, view: StudyView) -> dict[str, list[str]]:
     rows: dict[str, list[str]] = {}
     for number, point in enumerate(view.points):
         texts = {entry.variant: success_text(entry) for entry in point.variants}
-        texts |= {name: success for name, success, _ in without_agent(results, point)}
+        texts |= {name: success for name, success, *_ in without_agent(results, point)}
         for name, text in texts.items():
             rows.setdefault(name, [""] * len(view.points))[number] = text
     return rows
@@ -739,8 +739,14 @@ def origins_of(found: list[StudyResults]) -> str:
     return "; ".join(texts) or "not recorded"
 
 
-def without_agent(results: StudyResults, point: PointMetrics) -> Iterator[tuple[str, str, str]]:
-    """Yield name, success and success by the own recipe of players without an agent, on the tasks of a point."""
+def without_agent(
+    results: StudyResults, point: PointMetrics
+) -> Iterator[tuple[str, str, str, float]]:
+    """Yield the players without an agent on the tasks of a point.
+
+    Yields:
+        name, success as text, success by the own recipe as text, and success.
+    """
     path = HERE / "study-players.json"
     settings = {"depth": 1, "distractors": 1} | results.study.settings | point.values
     point_of = (settings["depth"], settings["distractors"], point.distractor_seeds, point.tasks)
@@ -753,7 +759,8 @@ def without_agent(results: StudyResults, point: PointMetrics) -> Iterator[tuple[
         if tuple(row[key] for key in PLAYED) in at:
             success = f"{share(row['success'])} [{share(row['low'])}, {share(row['high'])}]"
             success += OVER_TASKS if is_grouped and "groups" not in row else ""
-            yield f"*no agent: {row['player']}*", success, share(row["by_plan"])
+            name = f"*no agent: {row['player']}*"
+            yield name, success, share(row["by_plan"]), row["success"]
 
 
 def point_table(results: StudyResults, view: StudyView, point: PointMetrics) -> Iterator[str]:
@@ -778,7 +785,7 @@ def point_table(results: StudyResults, view: StudyView, point: PointMetrics) -> 
         yield (
             f"| {entry.variant} | {len(entry.seeds)} |{mrr} {success} | {more} | {own} | {train} |"
         )
-    for name, success, own in without_agent(results, point):
+    for name, success, own, _ in without_agent(results, point):
         yield f"| {name} | |{' |' * has_mrr} {success} | | {own} | |"
     yield ""
 
@@ -803,7 +810,7 @@ def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter
         )
     at = [point for point in view.points if point.values.items() >= scatter.values.items()]
     rows = dict.fromkeys(
-        (name, success) for point in at for name, success, _ in without_agent(results, point)
+        (name, success) for point in at for name, success, *_ in without_agent(results, point)
     )
     for name, success in rows:
         yield f"| {name} | | {success} | |"

@@ -165,9 +165,7 @@ def test_the_gain_by_goal_is_printed_with_its_goals():
     ]
     guide = " ".join((DOCS / "evidence/outside.md").read_text(encoding="utf-8").split())
     gain = re.search(r"unseen goals (from \.363 .*?); with unseen slots", guide)[1]
-    gain = re.sub(r", a paired gain of .*? over three splits", "", gain).replace(
-        "recipes and GloVe", ""
-    )
+    gain = re.sub(r", a gain of .*? over three splits", "", gain).replace("recipes and GloVe", "")
     numbers = [float(value) for value in re.findall(NUMBER, gain)]
     assert numbers == pytest.approx(expected, abs=CLOSE)
     share = re.search(r"makes the goal of (\d+) % of the tasks", guide)

@@ -26,10 +26,12 @@ from wordcraft_kg import (
     open_graph,
     train_agent,
 )
+from wordcraft_kg.agents.config import TABLES
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.training import _warn_of_self_pairs
+from wordcraft_kg.agents.training import AgentTraining, _warn_of_self_pairs
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError
+from wordcraft_kg.envs.world import open_world_graph
 from wordcraft_kg.models.policies.states import States
 
 
@@ -422,12 +424,28 @@ def test_the_recommended_preset_follows_the_number_of_attempts(tasks, unroll, se
     assert mlp.differing().keys() == {"graph", "policy", *without.differing()}
 
 
+def test_tables_recur_where_pairs_are_scored_and_not_in_the_papers_preset():
+    def tables(use, **trainer):
+        policy = PolicyConfig(use=use)
+        trainer = ImpalaConfig(**trainer)
+        return AgentConfig("kitchen", "models/x", policy=policy, trainer=trainer).trainer.tables
+
+    assert (tables("u,v"), tables("u,v,w"), tables("p")) == (0, TABLES, TABLES)
+    assert (tables("u,v,w", preset="paper"), tables("u,v,w", tables=0)) == (0, 0)
+    assert AgentConfig("kitchen").trainer.tables == 0
+    config = AgentConfig("kitchen", trainer=ImpalaConfig(batch_size=3, tables=7))
+    engine = AgentTraining(config, open_world_graph("kitchen")).envs.engine
+    # Three episodes in each of three environments: as few as hold seven tables.
+    assert engine._draws.repeat == 3
+
+
 def test_a_setting_that_is_given_is_kept_whatever_the_preset():
     for preset in ("recommended", "paper"):
-        trainer = ImpalaConfig(preset, unroll=5, learning_rate=0.5)
+        trainer = ImpalaConfig(preset, unroll=5, learning_rate=0.5, tables=9)
         policy = PolicyConfig(scale="standardise", sees_attempts=True, mixing="softmax")
         config = AgentConfig("kitchen", "models/x", TaskConfig(depth=2), policy, trainer)
         assert (config.trainer.unroll, config.trainer.learning_rate) == (5, 0.5)
+        assert config.trainer.tables == 9
         assert (config.policy.scale, config.policy.sees_attempts) == ("standardise", True)
         assert config.policy.mixing == "softmax"
         assert {"unroll", "learning_rate", "scale", "mixing"} <= config.differing().keys()
@@ -442,6 +460,7 @@ def test_a_setting_that_is_given_is_kept_whatever_the_preset():
         ({"mixing": "residual"}, {}, "mixing"),
         ({"sees_attempts": True}, {}, "sees_attempts"),
         ({"use": "p", "weigh_plans": True}, {}, "weigh_plans"),
+        ({}, {"tables": 9}, "tables"),
     ],
 )
 def test_a_setting_that_contradicts_the_papers_preset_is_refused(policy, trainer, name, tmp_path):

@@ -5,6 +5,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -166,13 +167,19 @@ def _hashes(parts: Sequence[Tensor]) -> NDArray[np.int64]:
     """Return two hashes of each row of all parts together, shape (B, 2)."""
     columns = [part.reshape(len(part), -1).cpu().numpy() for part in parts]
     numbers = np.concatenate(columns, axis=1, dtype=np.int64)
-    generator = np.random.default_rng(_HASH_SEED)
+    factors = _factors(numbers.shape[1])
     # Sums of products with random odd numbers, which wrap around at 64 bits. A first term keeps
     # rows of zeros from the hash of a free place.
-    first, *factors = generator.integers(-(2**63), 2**63 - 1, (1 + numbers.shape[1], 2)) | 1
-    sums = first + numbers @ np.array(factors)
+    sums = factors[0] + numbers @ factors[1:]
     # High bits depend on all bits below, and places are low bits.
     return sums ^ (sums >> 32)
+
+
+@cache
+def _factors(columns: int) -> NDArray[np.int64]:
+    """Return random odd numbers for the hashes of rows, shape (1 + columns, 2)."""
+    generator = np.random.default_rng(_HASH_SEED)
+    return generator.integers(-(2**63), 2**63 - 1, (1 + columns, 2)) | 1
 
 
 class Source(nn.Module, ABC):

@@ -878,28 +878,6 @@ def planning_everyday() -> Iterator[str]:
     yield f"`everyday` with GloVe, {tasks} test tasks in each split (0, 1 and 2):"
 
 
-def planning_odds() -> Iterator[str]:
-    """Yield success by the log-odds added for an intermediate, on a split for choices."""
-    rows = _read("evidence/data/planning-odds.json")
-    texts = []
-    for book, name in BOOKS.items():
-        rates = {
-            row["player"].removeprefix("planner, log-odds "): row["success"]
-            for row in rows
-            if row["book"] == book
-        }
-        *first, last = map(_shown, rates.values())
-        *values, most = rates
-        texts.append(
-            f"{', '.join(values)} and {most} more give {', '.join(first)} and {last} on {name}"
-        )
-    yield (
-        f"Log-odds added for an intermediate (tasks of split {rows[0]['seed']}, by recipe, depth "
-        f"{rows[0]['depth']}, {rows[0]['distractors']} distractors, {rows[0]['tasks']} tasks, scorers of "
-        f"`train-recipes` with its defaults): {'; '.join(texts)}."
-    )
-
-
 def planning_today() -> Iterator[str]:
     """Yield the caveat about today's planner, by lists."""
     texts = []
@@ -1234,7 +1212,6 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "planning answer": planning_answer,
     "planning caveats": planning_caveats,
     "planning everyday": planning_everyday,
-    "planning odds": planning_odds,
     "planning splits": planning_splits,
     "planning agents": agents_by_depth,
     "agents with plans": agents_with_plans,

@@ -100,6 +100,19 @@ DEPTHS = {
 }
 """Players in the panels by depth, and their colours."""
 COLOURS = {8: "#0072b2", 1: "#d55e00"}
+DARK = {
+    "#ffffff": "#1e2129",
+    "#1b1f24": "#e6edf3",
+    "#57606a": "#9da7b1",
+    "#d0d7de": "#444c56",
+    "#0072b2": "#6cb8f0",
+    "#d55e00": "#ffa657",
+    "#8c959f": "#9da7b1",
+    "#0969da": "#6cb8f0",
+    "#bf8700": "#e3b341",
+    "#1a7f37": "#57ab5a",
+}
+"""Colours of the picture for readers with a dark colour scheme, as in charts.py."""
 IN_SHORT = {
     "nearest words": "the two items with the nearest words, nothing learned",
     "no graph": "agent without a graph",
@@ -577,6 +590,16 @@ def mark(x: float, y: float, interval: tuple[float, float], colour: str) -> list
     ]
 
 
+def dark_style() -> str:
+    """Return the rules that change the picture's colours in a dark colour scheme."""
+    rules = [
+        f'[{part}="{light}"] {{ {part}: {dark}; }}'
+        for light, dark in DARK.items()
+        for part in ("fill", "stroke")
+    ]
+    return f"@media (prefers-color-scheme: dark) {{ {' '.join(rules)} }}"
+
+
 def depth_panel(
     rows: list[Row], split: str, x0: float, y0: float, scale: float, left: float
 ) -> list[str]:
@@ -645,6 +668,7 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width * columns} {total}" '
         'font-family="system-ui, sans-serif" font-size="12">',
         "<title>Success on test tasks with and without knowledge from a partial graph</title>",
+        f"<style>{dark_style()}</style>",
         f'<rect width="{width * columns}" height="{total}" fill="#ffffff"/>',
         '<text x="14" y="24" font-size="16" fill="#1b1f24">Success on the tasks of unseen '
         "recipes</text>",

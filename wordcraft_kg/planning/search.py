@@ -39,8 +39,8 @@ WIDTHS = (0, 0, 32, 64, 64)
 """Default number of candidates by attempts left: more change no success rate by more than .01."""
 INTERMEDIATE = 2.0
 """Log-odds added to P(x | a, b) for an intermediate x: given that the goal can be made, a result
-that leads on is more likely than any result. 2 and 2.5 give about the same success, see
-docs/evidence/planning.md."""
+that leads on is more likely than any result. 2 and 2.5 gave about the same success on split 10; to
+measure it again: ``benchmarks/planning.py --odds``."""
 FURTHER = 1e-4
 """Nats that each attempt of a plan after the first costs: just above rounding errors."""
 NEAR = 16

@@ -257,8 +257,11 @@ def main() -> None:
         f"unroll {config.unroll}, lag {config.policy_lag}, {options.threads} "
         f"thread{'s' * (options.threads > 1)} of {os.cpu_count()}"
     )
-    neighbours = NeighbourScorer(opened.graph, opened.split.partial)
-    scorer = load_scorer(options.scorer) if options.scorer else neighbours
+    scorer: TripleScorer
+    if options.scorer:
+        scorer = load_scorer(options.scorer)
+    else:
+        scorer = NeighbourScorer(opened.graph, opened.split.partial)
     rates: dict[str, list[float]] = {}
     for _ in range(options.rounds):
         unguided, guided = (

@@ -237,21 +237,6 @@ def write_atomically(
         raise
 
 
-def json_rows(rows: Iterable[str]) -> Iterator[str]:
-    """Yield the lines of a JSON array, with a comma between two of its encoded values.
-
-    Args:
-        rows: JSON text of each value.
-    """
-    before = ""
-    for row in rows:
-        yield before + row
-        before = ",\n"
-    # An empty array has no line.
-    if before:
-        yield "\n"
-
-
 def has_only_temporary(folder: Path) -> bool:
     """Return whether a folder is empty, apart from temporary files of a killed process."""
     return all(path.match(f".*{TEMPORARY}") for path in folder.iterdir())

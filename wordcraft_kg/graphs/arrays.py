@@ -33,6 +33,18 @@ def distinct(numbers: Ids) -> Ids:
     return ordered[is_new]
 
 
+def absent(ids: Ids, size: int) -> Ids:
+    """Return the ids below ``size`` that are not among the given ones, ascending.
+
+    Counting is many times faster than ``np.setdiff1d``, which hashes or sorts.
+
+    Args:
+        ids: shape (n,), ids from 0 to ``size`` - 1 in any order, perhaps repeated.
+        size: number of all ids.
+    """
+    return np.flatnonzero(np.bincount(ids, minlength=size) == 0)
+
+
 def are_among(numbers: Ids, known: Ids) -> NDArray[np.bool_]:
     """Return which numbers are among the known ones, with the shape of ``numbers``.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Hash, Record
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.planner import layers, rounds
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -305,7 +305,7 @@ def split_summary(split: Split) -> SplitSummary:
     # Triples of test recipes that train or validation recipes give, too, are not evaluated.
     evaluated = split.held_out("test")
     of_test = split.triples_of("test")
-    goals = np.unique(split.graph.recipes[split.is_in("test") & kept, 2])
+    goals = distinct(split.graph.recipes[split.is_in("test") & kept, 2])
     is_train_goal = np.isin(goals, split.recipes("train")[:, 2])
     return SplitSummary(
         **asdict(split.config),

@@ -33,7 +33,7 @@ from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook, label_fault
+from wordcraft_kg.graphs.recipes import RecipeBook, RecipeRows, label_fault
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
@@ -216,9 +216,8 @@ def write_graph_folder(
         if book.reading is not None:
             source["reading"] = as_values(book.reading)
         # Labels of the graph's recipes, in id order, so that equal graphs give equal files.
-        of_graph = RecipeBook(
-            graph.name, tuple(graph.recipe_labels()), graph.base, book.idle, kinds=book.kinds
-        )
+        recipes = RecipeRows(graph.entities, graph.recipes)
+        of_graph = RecipeBook(graph.name, recipes, graph.base, book.idle, kinds=book.kinds)
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
         (folder / "triples").mkdir()

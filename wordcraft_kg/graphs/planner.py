@@ -9,7 +9,7 @@ import numpy as np
 
 from wordcraft_kg.base.errors import GraphError
 from wordcraft_kg.base.wording import approximate, counted, quoted
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
@@ -41,7 +41,7 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
         is_known = layer >= 0
         is_possible = is_known[a[recipes]] & is_known[b[recipes]]
         made = result[recipes[is_possible]]
-        frontier = np.unique(made[layer[made] < 0])
+        frontier = distinct(made[layer[made] < 0])
     return layer
 
 

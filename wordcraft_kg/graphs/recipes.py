@@ -3,20 +3,24 @@
 Labels are matched exactly: "Fire" and "fire" are two entities, which ``book_check`` reports.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
-from typing import Any, NamedTuple
+from itertools import chain, count
+from operator import eq
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.spelling import case_key, grouped, spelling_key
+from wordcraft_kg.graphs.arrays import Ids, frozen, sorted_unique
 from wordcraft_kg.graphs.reading import Reading
 
 MAX_LABEL_LENGTH = 1_000
 """Most characters in a label; a longer label suggests another kind of file."""
+_PIECE = 2**14  # recipes that are made at once from ids
 
 
 class Recipe(NamedTuple):
@@ -59,13 +63,104 @@ class Recipe(NamedTuple):
         return self.result in (self.ingredient_a, self.ingredient_b)
 
 
+class RecipeRows(Sequence[Recipe]):
+    """Recipes as ids of labels: a sequence that makes each recipe when it is asked for.
+
+    It equals the tuple of its recipes. A book of millions of recipes is read and written by columns
+    of ids, without an object for each recipe.
+
+    Attributes:
+        labels: the label of each id, unique; recipes need not mention all of them.
+        ids: shape (num_recipes, 3), int64, rows (ingredient, ingredient, result).
+
+    Example:
+        >>> rows = RecipeRows(("earth", "mud", "water"), np.array([[0, 2, 1]]))
+        >>> print(rows[0], rows == (Recipe("earth", "water", "mud"),))
+        earth + water -> mud True
+    """
+
+    def __init__(self, labels: Iterable[str], ids: Ids):
+        self.labels = tuple(labels)
+        self.ids: Ids = frozen(ids)
+
+    @classmethod
+    def of(cls, recipes: Iterable[Recipe]) -> "RecipeRows":
+        """Number the labels of recipes, in the order in which they are met.
+
+        Args:
+            recipes: recipes in any order, which stays; rows with ids are returned as they are.
+        """
+        if isinstance(recipes, RecipeRows):
+            return recipes
+        number_of: defaultdict[str, int] = defaultdict(count().__next__)
+        # One stream of ids, without a list for each of perhaps a million recipes.
+        ids = map(number_of.__getitem__, chain.from_iterable(recipes))
+        numbered = np.fromiter(ids, np.int64).reshape(-1, 3)
+        return cls(number_of, numbered)
+
+    def in_order(self) -> "RecipeRows":
+        """Return the same rows with ids by sorted label, and ascending ingredients in each row."""
+        order = sorted(range(len(self.labels)), key=self.labels.__getitem__)
+        place = np.empty(len(order), dtype=np.int64)
+        place[order] = np.arange(len(order))
+        a, b, result = place[self.ids].T
+        rows = np.column_stack([np.minimum(a, b), np.maximum(a, b), result])
+        return RecipeRows(map(self.labels.__getitem__, order), rows)
+
+    @cached_property
+    def mentioned(self) -> tuple[str, ...]:
+        """Labels that the recipes mention, in id order."""
+        uses = np.bincount(self.ids.ravel(), minlength=len(self.labels))
+        if uses.all():
+            return self.labels
+        return tuple(map(self.labels.__getitem__, np.flatnonzero(uses).tolist()))
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @overload
+    def __getitem__(self, index: int) -> Recipe: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Recipe, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Recipe | tuple[Recipe, ...]:
+        if isinstance(index, slice):
+            return self._made(self.ids[index])
+        return self._made(self.ids[index][None])[0]
+
+    def __iter__(self) -> Iterator[Recipe]:
+        # In pieces: a reader of the first few recipes does not wait for millions.
+        for start in range(0, len(self.ids), _PIECE):
+            yield from self._made(self.ids[start : start + _PIECE])
+
+    def _made(self, rows: Ids) -> tuple[Recipe, ...]:
+        a, b, results = rows.T.tolist()
+        label = self.labels.__getitem__
+        return tuple(map(Recipe, map(label, a), map(label, b), map(label, results)))
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, RecipeRows) and self.labels == other.labels:
+            return np.array_equal(self.ids, other.ids)
+        if isinstance(other, RecipeRows | tuple):
+            return len(self) == len(other) and all(map(eq, self, other))
+        return NotImplemented
+
+    def __hash__(self) -> int:
+        # That of the tuple, which is equal.
+        return hash(tuple(self))
+
+    def __repr__(self) -> str:
+        return repr(tuple(self))
+
+
 @dataclass(frozen=True)
 class RecipeBook:
     """A validated list of recipes, from a file or from memory.
 
     Attributes:
         name: name in reports; not part of the content.
-        recipes: sorted, without duplicates.
+        recipes: sorted, without duplicates: a tuple, or :class:`RecipeRows`, which equal the tuple.
         base: declared base entities (known at the start), sorted; None if the book declares none.
         idle: entities that the book lists but no recipe in ``recipes`` mentions, sorted.
         dropped_self_results: number of omitted rows whose result is among their ingredients.
@@ -76,7 +171,7 @@ class RecipeBook:
     """
 
     name: str
-    recipes: tuple[Recipe, ...]
+    recipes: Sequence[Recipe]
     base: tuple[str, ...] | None = None
     idle: tuple[str, ...] = ()
     dropped_self_results: int = 0
@@ -101,48 +196,41 @@ class RecipeBook:
 
         Args:
             name: name in reports.
-            rows: rows (ingredient, ingredient, result) of valid labels, in any order.
+            rows: rows (ingredient, ingredient, result) of valid labels, in any order; or numbered
+                rows, in which ingredients may be in any order, too.
             base: base entities; None if the book declares none.
             listed: further entities, which recipes need not mention.
             keep_self_results: keep rows whose result is among their ingredients. By default they
                 are left out: they make nothing new, and give a task away in a triple.
             sha256: hash of the file's bytes; None without a file.
         """
-        kept: set[Recipe] = set()
-        # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
-        dropped_labels: set[str] = set()
-        dropped = merged = 0
-        for row in rows:
-            recipe = row if isinstance(row, Recipe) else Recipe.of(*row)
-            if recipe.is_self_result and not keep_self_results:
-                dropped += 1
-                dropped_labels.update(recipe)
-            elif recipe in kept:
-                merged += 1
-            else:
-                kept.add(recipe)
-        mentioned = set(chain.from_iterable(kept))
+        numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(map(_recipe_of, rows))
+        ordered = numbered.in_order()
+        a, b, result = ordered.ids.T
+        is_self_result = (result == a) | (result == b)
+        num_dropped = 0 if keep_self_results else int(np.sum(is_self_result))
+        kept = ordered.ids[~is_self_result] if num_dropped else ordered.ids
+        # By id, which is by label here: texts are compared once, when their ids are given.
+        recipes = RecipeRows(ordered.labels, sorted_unique(kept, (0, 1, 2)))
+        num_merged = len(kept) - len(recipes)
         declared = None if base is None else tuple(sorted(set(base)))
-        idle = tuple(sorted(dropped_labels.union(listed, declared or ()) - mentioned))
-        recipes = _sorted(kept, mentioned)
-        return cls(name, recipes, declared, idle, dropped, merged, sha256)
+        # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
+        idle = set(ordered.labels if num_dropped else ()).union(listed, declared or ())
+        idle.difference_update(recipes.mentioned)
+        return cls(name, recipes, declared, tuple(sorted(idle)), num_dropped, num_merged, sha256)
 
     @cached_property
     def entities(self) -> tuple[str, ...]:
         """Labels of all entities in the book, sorted."""
-        return tuple(sorted(set(chain.from_iterable(self.recipes)).union(self.idle)))
+        mentioned = RecipeRows.of(self.recipes).mentioned
+        others = set(self.idle).difference(mentioned)
+        # Fast for labels that are in order already, as those of a book that was read are.
+        return tuple(sorted([*mentioned, *others]))
 
 
-def _sorted(recipes: Collection[Recipe], labels: Iterable[str]) -> tuple[Recipe, ...]:
-    """Return recipes in ascending order; ``labels`` are all of theirs."""
-    # By the places of their labels: a million tuples of texts take three times as long to compare.
-    place = {label: index for index, label in enumerate(sorted(labels))}
-    every = list(recipes)
-    places = np.fromiter(map(place.__getitem__, chain.from_iterable(every)), np.int64)
-    one, other, result = places.reshape(-1, 3).T
-    # lexsort takes the most important key last.
-    order = np.lexsort((result, other, one))
-    return tuple(map(every.__getitem__, order.tolist()))
+def _recipe_of(row: Sequence[str]) -> Recipe:
+    """Return the recipe of a row (ingredient, ingredient, result)."""
+    return row if isinstance(row, Recipe) else Recipe.of(*row)
 
 
 def label_fault(label: Any) -> str | None:

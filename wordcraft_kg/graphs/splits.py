@@ -18,14 +18,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.artefacts import json_rows
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of, require, whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.arrays import Ids, frozen, recipe_keys
+from wordcraft_kg.graphs.arrays import Ids, absent, frozen, recipe_keys
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.row_text import json_recipes
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 
 _SPLIT_FORMAT = "wordcraft-kg split 1"
@@ -234,7 +234,7 @@ class Split:
     @cached_property
     def uncovered(self) -> Ids:
         """Ids of all entities without a train recipe."""
-        return frozen(np.setdiff1d(np.arange(self.graph.num_entities), self.recipes("train")))
+        return frozen(absent(self.recipes("train").ravel(), self.graph.num_entities))
 
     @cached_property
     def train_uses(self) -> Ids:
@@ -288,12 +288,8 @@ class Split:
         for key, value in head.items():
             yield f"{dump(key)}: {dump(value)},\n"
         for index, part in enumerate(get_args(Part)):
-            columns = self.recipes(part).T.tolist()
-            rows = (
-                f"[{texts[a]}, {texts[b]}, {texts[c]}]" for a, b, c in zip(*columns, strict=True)
-            )
             yield f"{dump(part)}: [\n"
-            yield from json_rows(rows)
+            yield from json_recipes(self.recipes(part), texts)
             yield "]\n" if index == len(PARTS) - 1 else "],\n"
         yield "}\n"
 

@@ -2,13 +2,13 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.graphs.arrays import Ids, are_among, sorted_unique
+from wordcraft_kg.graphs.row_text import row_text
 
 COMBINES_WITH = 0
 """Id of the relation ``combinesWith``: head and tail are the ingredients of a recipe; symmetric."""
@@ -82,18 +82,15 @@ def is_in(
 
 
 def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
-    """Yield the lines ``head<TAB>relation<TAB>tail`` of triples, with labels.
+    """Yield the lines ``head<TAB>relation<TAB>tail`` of triples, with labels, in pieces.
 
-    Consecutive triples with one head and one relation come in one piece.
+    Args:
+        triples: shape (T, 3).
+        entities: labels by id.
     """
-    if not len(triples):
-        return
-    changes = np.any(np.diff(triples[:, :2], axis=0) != 0, axis=1)
-    starts = [0, *(np.flatnonzero(changes) + 1).tolist(), len(triples)]
-    heads, relations = triples[starts[:-1], :2].T.tolist()
-    tails = [entities[tail] for tail in triples[:, 2].tolist()]
-    pieces = zip(heads, relations, pairwise(starts), strict=True)
-    for head, relation, (start, end) in pieces:
-        beginning = f"{entities[head]}\t{RELATIONS[relation]}\t"
-        # One call for all tails: a line each would take several times as long.
-        yield beginning + f"\n{beginning}".join(tails[start:end]) + "\n"
+    # The cells before the tail: each head with one relation, then each head with the other.
+    beginnings = [f"{label}\t{relation}\t" for relation in RELATIONS for label in entities]
+    ends = [f"{label}\n" for label in entities]
+    head, relation, tail = triples.T
+    rows = np.column_stack([relation * len(entities) + head, tail])
+    yield from row_text(rows, (beginnings, ends))

@@ -20,7 +20,7 @@ from wordcraft_kg.graphs.book_files.options import BookOptions
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, Place, alternatives
 from wordcraft_kg.graphs.chains import HALF, MOST_INGREDIENTS, chain, is_half_product, is_step
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import Recipe, label_fault
+from wordcraft_kg.graphs.recipes import Recipe, RecipeRows, label_fault
 
 _TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]?", re.IGNORECASE)
 """A row of totals at the end of a table, which is no recipe of one ingredient."""
@@ -79,7 +79,7 @@ class BookRows:
 
         A chain is several recipes; its first ones make half-products.
         """
-        fold = self.options.case == "fold" or self.options.ingredients == "chain"
+        fold = self._changes_pairs
         kind_of = self.file.source.kind_of
         pairs = 0
         for entry in self._entries():
@@ -102,6 +102,23 @@ class BookRows:
         if pairs:
             self.rows += pairs
             self.arities[2] += pairs
+
+    def all_at_once(self) -> RecipeRows | None:
+        """Return the recipes of all rows, if the file is nothing but plain pairs; None to iterate.
+
+        Rows are counted as by an iteration.
+        """
+        source = self.file.source
+        rows = source.all_rows() if source.is_exact and not self._changes_pairs else None
+        if rows is not None and len(rows):
+            self.rows += len(rows)
+            self.arities[2] += len(rows)
+        return rows
+
+    @property
+    def _changes_pairs(self) -> bool:
+        """Whether an option may change the labels or the number of recipes of a pair."""
+        return self.options.case == "fold" or self.options.ingredients == "chain"
 
     def _entries(self) -> Iterator[Entry]:
         """Yield the file's entries; the first ones tell whether cells hold numbers of pieces."""

@@ -56,9 +56,10 @@ def read_book(
     with naming_the_guide(path):
         file = open_source(path, chosen)
     rows = BookRows(file, chosen)
+    at_once = rows.all_at_once()
     book = RecipeBook.of(
         name or book_name(path),
-        _without_faults(path, rows),
+        _without_faults(path, rows) if at_once is None else at_once,
         listed=rows.listed,
         keep_self_results=keep_self_results,
         sha256=file.sha256,

@@ -5,6 +5,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from wordcraft_kg.graphs.recipes import RecipeRows
+
 Place = int | str
 """Line number from 1, or a path in a JSON file or archive, such as ``recipes[3]``."""
 Row = tuple[Place, Sequence[str]]
@@ -118,6 +120,13 @@ class RowSource(ABC):
         self.counts_dropped = 0
         self.several_outputs = 0
         self.notes: list[str] = []
+
+    def all_rows(self) -> RecipeRows | None:
+        """Return all entries at once, if each is a plain recipe of valid labels; None to iterate.
+
+        A recipe of this kind has two ingredients, and counts for nothing but itself.
+        """
+        return None
 
     @abstractmethod
     def __iter__(self) -> Iterator[Entry]:

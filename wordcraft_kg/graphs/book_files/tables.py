@@ -37,6 +37,7 @@ from wordcraft_kg.graphs.book_files.dialects import (
 from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.places import result_place
+from wordcraft_kg.graphs.book_files.plain_rows import number_plain_rows
 from wordcraft_kg.graphs.book_files.rows import (
     FROM_NOTHING,
     NOTHING,
@@ -50,7 +51,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     is_missing,
 )
 from wordcraft_kg.graphs.chains import is_half_product
-from wordcraft_kg.graphs.recipes import label_fault
+from wordcraft_kg.graphs.recipes import RecipeRows, label_fault
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 ENDINGS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
@@ -104,7 +105,8 @@ class Table(RowSource):
         super().__init__()
         self._path = path
         self._text = text
-        self._lines = enumerate(io.StringIO(text, newline=""), start=1)
+        self._file = io.StringIO(text, newline="")
+        self._lines = enumerate(self._file, start=1)
         self._faults: list[Fault] = []
         self._comments: list[tuple[int, str]] = []
         self._first: tuple[int, str] | None = None
@@ -487,6 +489,20 @@ class Table(RowSource):
         self.ignored = tuple(name for i, name in enumerate(unnamed) if i not in roles.used)
 
     # --- the rows ---------------------------------------------------------------------------------
+
+    def all_rows(self) -> RecipeRows | None:
+        """Return the rows of our own tables, the usual ones of a large book, if all are plain."""
+        if not self._is_plain or not self._is_own or self._names is None or self._faults:
+            return None
+
+        def is_odd(label: str) -> bool:
+            # Such a label may be of a header that is repeated in the middle.
+            return label in CSV_HEADER or self._label_fault(label) is not None
+
+        dialect = self._dialect
+        # Behind the header; a file remembers how far it was read.
+        start = self._file.tell()
+        return number_plain_rows(self._text, start, dialect.delimiter, dialect.quote, is_odd)
 
     def __iter__(self) -> Iterator[Entry]:
         """Yield recipes, invalid rows and rows left out, in file order."""

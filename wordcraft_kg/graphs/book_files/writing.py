@@ -8,12 +8,13 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.base.artefacts import json_rows, output_target, write_atomically
+from wordcraft_kg.base.artefacts import output_target, write_atomically
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.columns import KIND
 from wordcraft_kg.graphs.book_files.tables import CSV_HEADER
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
+from wordcraft_kg.graphs.row_text import json_recipes, row_text
 
 _JSON_FORMAT = "wordcraft-kg recipe book 1"
 
@@ -58,16 +59,23 @@ def recipe_table(
         kinds: kind of reasoning by recipe; None or empty for a table without this column.
     """
     yield delimiter.join((*CSV_HEADER, KIND) if kinds else CSV_HEADER) + "\n"
+    rows = RecipeRows.of(recipes)
+    has_quotes = any(_needs_quotes(label, delimiter) for label in rows.labels)
+    if not kinds and not has_quotes:
+        cells = [label + delimiter for label in rows.labels]
+        last_cells = [label + "\n" for label in rows.labels]
+        yield from row_text(rows.ids, (cells, cells, last_cells))
+        return
     # A label is looked at once, not in each of its recipes.
     needs_quotes = cache(partial(_needs_quotes, delimiter=delimiter))
-    for recipe in recipes:
-        cells: tuple[str, ...] = recipe
+    for recipe in rows:
+        row: tuple[str, ...] = recipe
         if kinds:
-            cells = (*recipe, kinds.get(recipe, ""))
-        if any(map(needs_quotes, cells)):
-            yield _csv_line(cells, delimiter)
+            row = (*recipe, kinds.get(recipe, ""))
+        if any(map(needs_quotes, row)):
+            yield _csv_line(row, delimiter)
         else:
-            yield delimiter.join(cells) + "\n"
+            yield delimiter.join(row) + "\n"
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
@@ -79,9 +87,9 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n"entities": {dump(book.entities)},\n"recipes": [\n'
+    rows = RecipeRows.of(book.recipes)
     # Each label is encoded once, not in each of its recipes.
-    texts = {label: dump(label) for label in book.entities}
-    yield from json_rows(f"[{texts[a]}, {texts[b]}, {texts[c]}]" for a, b, c in book.recipes)
+    yield from json_recipes(rows.ids, list(map(dump, rows.labels)))
     yield "]\n}\n"
 
 

@@ -211,6 +211,15 @@ def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_pa
     assert run("tasks", "kitchen", "--config", config).code == 0
 
 
+def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, tmp_path):
+    """The application is kept between command lines; the last file's options must not stay."""
+    config = tmp_path / "odd.toml"
+    config.write_text("[tasks]\nseed = 1.5\n")
+    refused("tasks", "kitchen", "--config", config, says="unable to convert", code=2)
+    _, bound, _ = make_app().parse_args(["tasks", "kitchen"], exit_on_error=False)
+    assert "seed" not in bound.arguments
+
+
 @pytest.mark.parametrize(
     "name", ["train-complex", "evaluate-text", "mcp", "describe", "build-graph", "people serve"]
 )

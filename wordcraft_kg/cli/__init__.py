@@ -316,7 +316,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if name and manual and hasattr(manual.module, "FILE_ONLY"):
             configs.append(_refuse_on_command_line(name, manual.module.FILE_ONLY))
         app.config = configs
-        command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
+        try:
+            command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
+        finally:
+            # The application is kept, and this file's options are for this command line alone.
+            app.config = ()
         output = bound.arguments.get("output", output)
         _check_working_folder()
         with output.session():

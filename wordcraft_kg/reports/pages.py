@@ -19,7 +19,7 @@ from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
 from wordcraft_kg.reports.charts import plot
-from wordcraft_kg.reports.charts.standalone import resolved
+from wordcraft_kg.reports.charts.standalone import with_dark_page
 from wordcraft_kg.reports.glossary import Term, find_term
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import RUN_FILE
@@ -89,8 +89,11 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
 
 
 def chart_style() -> str:
-    """Return the CSS rules that charts need in separate SVG files, outside an HTML page."""
-    return resolved(_environment("").get_template("chart.css.j2").render())
+    """Return the CSS rules that charts need in separate SVG files, outside an HTML page.
+
+    A browser shows such a file in the reader's colour scheme; other programs show it on white.
+    """
+    return with_dark_page(_environment("").get_template("chart.css.j2").render())
 
 
 def make_environment(*packages: str) -> jinja2.Environment:

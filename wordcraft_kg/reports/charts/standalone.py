@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
+from wordcraft_kg.reports.charts.plot import DARK, LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 from wordcraft_kg.reports.charts.svg import element
 
@@ -16,6 +16,14 @@ _INK = {
     "other": "#8c959f",
     "page": "#ffffff",
 }
+_INK_ON_DARK = {
+    "ink": "#e6edf3",
+    "soft": "#9da7b1",
+    "line": "#3d444d",
+    "other": "#6e7681",
+    "page": "#0d1117",
+}
+"""The colours of reports (``style.css.j2``) on a white and on a dark page."""
 _FONTS = Markup("Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif")
 _PANEL = 460
 MARGIN = 16
@@ -36,7 +44,7 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
     Args:
         title: title of the file, also its text alternative.
         panels: caption (or empty) and SVG of each chart.
-        style: CSS rules that SVG renderers know, see :func:`resolved`.
+        style: CSS rules that SVG renderers know, see :func:`with_dark_page`.
     """
     columns = min(len(panels), 2) or 1
     width = MARGIN + columns * (_PANEL + MARGIN)
@@ -67,7 +75,8 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
         # The highest chart of a row makes its height.
         highest = max(_height(chart) for _, chart in row)
         top += _CAPTION + highest + MARGIN
-    page = element("rect", width=width, height=top, fill=_INK["page"])
+    # The attribute serves renderers without CSS; the rule of the class follows the colour scheme.
+    page = element("rect", width=width, height=top, fill=_INK["page"], class_="page")
     lines = [
         element("title", title),
         f"<style>\n{style}</style>",
@@ -95,13 +104,24 @@ def _height(chart: str) -> int:
     return int(match[1]) if match else 0
 
 
-def resolved(style: str) -> str:
-    """Replace ``var()`` and ``color-mix()`` in CSS rules by colours for a white page.
+def with_dark_page(style: str) -> str:
+    """Return CSS rules for a white page, then their colours for screens with a dark page.
+
+    Args:
+        style: rules, one a line, with the colours of reports as ``var()`` and ``color-mix()``.
+    """
+    colours = "".join(f"{rule}\n" for rule in style.splitlines() if "var(" in rule)
+    dark = resolved(colours, on_dark=True)
+    return f"{resolved(style)}@media screen and (prefers-color-scheme: dark) {{\n{dark}}}\n"
+
+
+def resolved(style: str, *, on_dark: bool = False) -> str:
+    """Replace ``var()`` and ``color-mix()`` in CSS rules by colours for a white or a dark page.
 
     Renderers of SVG files do not know these functions.
     """
-    values = dict(_INK)
-    for number, colour in enumerate(LIGHT):
+    values = dict(_INK_ON_DARK if on_dark else _INK)
+    for number, colour in enumerate(DARK if on_dark else LIGHT):
         values[f"s{number}"] = colour
     plain = _VARIABLE.sub(lambda match: values[match[1]], style)
     return _MIX.sub(_mixed, plain)

@@ -28,8 +28,14 @@ PROMPTS = {
         "There is no goal item. You start with a few known items, and every item you make becomes "
         "known. Discover as many different items as you can before you run out of attempts."
     ),
+    # An example in place of a pattern, since small language models copy the words of a pattern: on
+    # 30 train tasks of everyday, Qwen2.5-Coder-0.5B-Instruct gave a legal first answer in 8 games
+    # with the first wording, "Answer with the two items in this format: first + second.", and in 22
+    # with this one (greedy, at most 16 tokens).
     "answer": (
-        "Answer with the two items in this format: first + second. "
+        "Choose two of the listed items, by name or number, and write them with a plus sign "
+        'between them. For example, "water + earth" combines water with earth. '
+        "Only listed items can be combined. "
         "You may reason first, but only the last line of your answer counts."
     ),
     "look_up": (

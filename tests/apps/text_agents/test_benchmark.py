@@ -43,6 +43,7 @@ from wordcraft_kg.apps.text_agents.benchmark_players import (
 from wordcraft_kg.apps.text_agents.commands.bench_leaderboard import bench_leaderboard
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
+from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import (
     SCHEMA,
@@ -132,9 +133,11 @@ def test_the_manifest_and_the_schema_are_those_that_the_script_makes(monkeypatch
     )
 
 
-def test_prompts_and_schema_are_those_of_the_manifest():
-    # Other prompts are another experiment, and need another version of the benchmark.
-    assert read_manifest()[0].prompts["text"] == prompt_hash()
+def test_present_prompts_are_standard_and_the_schema_is_the_written_one():
+    """Another wording is another experiment: its hash has to be added to the standard ones."""
+    standard = read_manifest()[0].standard_prompts
+    assert {prompt_hash(), tools_hash()} < {*standard}
+    assert len(standard) == len({*standard})
     assert json.loads(SCHEMA.read_text()) == submission_schema()
     assert (
         read_manifest()[0].canary

@@ -24,8 +24,8 @@ What lies where:
   (write and verify), ``second_reading``, ``leaderboard``;
 * ``commands``: the commands, by entry points in ``pyproject.toml``.
 
-Change freely: kinds of players, wording of errors, tables, commands. Change only with a new
-version: prompts (their hash is in every result and submission), the answer grammar, ``data/`` and
-the fields of ``Submission`` and ``GameLine``, because published submissions are compared byte by
-byte.
+Change freely: kinds of players, wording of errors, tables, commands. A changed prompt makes another
+experiment: its hash is in every result and submission, and ``benchmark`` lists all standard ones.
+Change only with a new version: the answer grammar, ``data/`` and the fields of ``Submission`` and
+``GameLine``, because published submissions are compared byte by byte.
 """

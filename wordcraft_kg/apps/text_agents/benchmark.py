@@ -42,6 +42,16 @@ LITE_ATTEMPTS = 100
 # the scores of new submissions over those of old ones.
 _GRAMMAR_OF_SCORING = {1: 1}
 """Version of the answer grammar by version of the scoring."""
+_LATER_PROMPTS = {
+    "text": "a865f37a71efe9aa1c05b5fa3e3a7292273f47f2f515f63fce5b609247278f6f",
+    "mcp": "574c23e7e7fd6cc941d819507a7093223def356885dbb3422c131dc261ba6f3a",
+}
+"""Hash of the present standard prompts by interface.
+
+The manifest has those of the first day, and stays as it was published. Games of both wordings are
+rows of the same track, since its tasks and its scoring are the same; each row names its wording. A
+new wording is added here.
+"""
 # The first group is lazy: both endings belong to the name's form, not to the track's own name.
 _NAME = re.compile(r"(.+?)(-lite)?(-made-up)?")
 
@@ -104,7 +114,7 @@ class Manifest(Record, frozen=True, kw_only=True):
         scoring: version of the rules of scoring.
         licence: licence of the tasks.
         canary: a unique text, by which training data that contains the benchmark can be recognised.
-        prompts: hash of the standard prompts by interface.
+        prompts: hash of the first standard prompts by interface; :attr:`standard_prompts` has all.
         books: the book of the tracks and the same book with made-up words, in this order.
         tracks: tracks by name, without the endings of shorter tracks and of made-up words.
     """
@@ -118,6 +128,11 @@ class Manifest(Record, frozen=True, kw_only=True):
     prompts: dict[str, Hash]
     books: dict[str, FrozenBook]
     tracks: dict[str, FrozenTrack]
+
+    @property
+    def standard_prompts(self) -> tuple[str, ...]:
+        """Hashes of all wordings of the standard prompts, the first ones first."""
+        return (*self.prompts.values(), *_LATER_PROMPTS.values())
 
     @property
     def names(self) -> list[str]:

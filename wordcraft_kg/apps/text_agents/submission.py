@@ -535,7 +535,7 @@ def _check_versions(path: Path, submission: Submission) -> None:
             datetime.date.fromisoformat(submission.date)
         except ValueError:
             raise _refused(path, "date", submission.date, "a day such as 2026-11-23") from None
-    standard = manifest.prompts.values()
+    standard = manifest.standard_prompts
     given = submission.prompt_hash
     if submission.prompts == "standard" and given not in standard:
         raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")

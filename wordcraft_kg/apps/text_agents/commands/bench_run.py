@@ -233,7 +233,7 @@ def _prompts(entrant: "Entrant", own: str | None) -> dict[str, Any]:
     from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 
     read = entrant.prompt_hash
-    standard = read_manifest()[0].prompts.values()
+    standard = read_manifest()[0].standard_prompts
     if own is not None or (read is not None and read not in standard):
         kind = "custom"
     elif read is None:

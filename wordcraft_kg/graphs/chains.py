@@ -90,8 +90,15 @@ def makes_nothing(recipes: Iterable[Recipe]) -> bool:
 def unchained(recipes: Iterable[Recipe]) -> list[tuple[tuple[str, ...], str]]:
     """Return recipes as they were before :func:`chain`: ingredients, sorted, and the result.
 
+    A half-product is taken apart until only ingredients are left. Its label holds those of its
+    ingredients, so no chain leads back to itself (:func:`is_step`).
+
     Args:
         recipes: all recipes of a book or graph. Recipes without half-products stay as they are.
+
+    Returns:
+        A pair (ingredients, result) for each recipe whose result is no half-product, in the given
+        order.
 
     Example:
         >>> unchained(chain(["stick", "coal", "rope"], "torch"))
@@ -106,6 +113,7 @@ def unchained(recipes: Iterable[Recipe]) -> list[tuple[tuple[str, ...], str]]:
 
     def expanded(label: str) -> list[str]:
         parts = []
+        # A stack, not recursion: a chain of a thousand ingredients would reach Python's limit.
         stack = [label]
         while stack:
             current = stack.pop()

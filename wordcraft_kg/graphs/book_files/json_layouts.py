@@ -15,7 +15,21 @@ from wordcraft_kg.graphs.recipes import shown
 
 
 def our_layout(part: JsonPart) -> FoundShape | None:
-    """Our own layout: lists of entities and of recipes by label."""
+    """Return the recipes of our own layout: lists of entities and of recipes by label.
+
+    Recipes are made as they are read: a wrong row is a fault in its place, so that a check of the
+    book lists all of them.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes; None for another layout.
+
+    Raises:
+        RecipeFileError: if ``base`` is no list, or ``kinds`` no list with a kind for each recipe:
+            the recipes cannot be read as they are meant without them.
+    """
     value = part.value
     if not isinstance(value, dict) or not isinstance(value.get("recipes"), list):
         return None
@@ -48,7 +62,15 @@ def our_layout(part: JsonPart) -> FoundShape | None:
 
 
 def official_layout(part: JsonPart) -> FoundShape | None:
-    """The layout released with the paper's code: an object of entities with lists of pairs."""
+    """Return the recipes of the layout that the paper's code reads: pairs below each entity.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read, with a fault for each wrong entry; None for another
+        layout.
+    """
     value = part.value
     entities = value.get("entities") if isinstance(value, dict) else None
     if not isinstance(entities, dict):
@@ -78,7 +100,17 @@ def _listed_pairs(pairs: Sequence[Any], place: str, result: Any) -> Raws:
 
 
 def hypergraph(part: JsonPart) -> FoundShape | None:
-    """A directed hypergraph in HIF, as `export --format hif` writes."""
+    """Return the recipes of a directed hypergraph in HIF, as `export --format hif` writes it.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes; None for another layout.
+
+    Raises:
+        RecipeFileError: for a hypergraph that holds no recipes, with the edge and the reason.
+    """
     if not is_hif(part.value):
         return None
     found = recipes_of_hif(part.value, str(part.path))
@@ -101,7 +133,18 @@ def hypergraph(part: JsonPart) -> FoundShape | None:
 
 
 def save_or_dump(part: JsonPart) -> FoundShape | None:
-    """A save of Infinite Craft (``.ic``), or a dump with recipes by index."""
+    """Return the recipes of a save of Infinite Craft (``.ic``), or of a dump with rows of indices.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read, with a fault for each wrong entry; None for another
+        layout.
+
+    Raises:
+        RecipeFileError: if an item's ``text`` is no text, or two items have one id.
+    """
     value = part.value
     if not isinstance(value, dict) or not isinstance(value.get("items"), list):
         return None

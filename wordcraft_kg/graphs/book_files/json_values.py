@@ -152,10 +152,17 @@ def _is_counted(value: Any) -> bool:
 
 
 def made_by(value: Any) -> list[Any] | None:
-    """Return the results that a value stands for; None if it stands for none.
+    """Return the results that a value stands for.
 
     A result is a label, an object with a name, or an object with a key such as ``result``; a list
     holds several.
+
+    Args:
+        value: a value of JSON.
+
+    Returns:
+        The results. An empty list for an empty value (null, false or an empty text), which says
+        that nothing is made; None for a value that is no result, such as a list in a list.
     """
     if isinstance(value, list):
         return _made_by_list(value)

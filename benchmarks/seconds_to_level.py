@@ -2,9 +2,12 @@
 
     python benchmarks/seconds_to_level.py everyday
     python benchmarks/seconds_to_level.py everyday --scorer models/everyday-recipes --every 20000
+    python benchmarks/seconds_to_level.py graphs/kitchen --scorer models/kitchen --use u,v,w --preset recommended \\
+        --depth 2 --distractors 4 --steps 50000 --ppo-steps 50000 --every 50000 --seeds 3 --json ppo.json
 
 Both train the same network, with or without a scorer, on the same train tasks and with one thread; the same Evaluator
-plays the test tasks. The clock counts training only: not the evaluation, and not building environments and learner. The
+plays the test tasks, with as many attempts as the depth. MaskablePPO reads the environment's observations, which lack the
+number of attempts left. The clock counts training only: not the evaluation, and not building environments and learner. The
 level is 95 % of what our trainer ends with, for each seed. MaskablePPO has a small grid of learning rates and rollout
 lengths on 64 environments, with 4 epochs and batches of 512; other settings are defaults. Needs the extra interop.
 """
@@ -12,7 +15,9 @@ lengths on 64 environments, with 4 epochs and batches of 512; other settings are
 import argparse
 import time
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
 
 import gymnasium as gym
 import torch
@@ -20,10 +25,11 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, Preset, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.sb3 import MaskableSB3Policy
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World, open_world_graph
@@ -81,8 +87,15 @@ class Look(BaseCallback):
             self.clock.look(network, self.num_timesteps)
 
 
-def ours(policy: Policy, train: World, clock: Clock, seed: int, steps: int, every: int) -> None:
-    config = ImpalaConfig("paper", steps=steps, seed=seed)
+def ours(
+    policy: Policy,
+    train: World,
+    clock: Clock,
+    seed: int,
+    every: int,
+    settings: ImpalaConfig,
+) -> None:
+    config = replace(settings, seed=seed)
     learner = Impala(policy, BatchEngine(train, config.batch_size).reset(seed), config)
     clock.since = time.process_time()
     clock.look(policy, 0)
@@ -126,7 +139,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("book")
+    parser.add_argument("--depth", type=int, default=1)
     parser.add_argument("--distractors", type=int, default=8)
+    parser.add_argument("--preset", choices=get_args(Preset), default="paper", help="ours")
     parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--ppo-steps", type=int, default=500_000)
     parser.add_argument("--every", type=int, default=50_000)
@@ -135,39 +150,70 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--scorer", help="a model folder")
     parser.add_argument("--use", default="u,v", help="the scorer's scores in the policy")
+    parser.add_argument(
+        "--json", type=Path, help="file to write, with the success of each training"
+    )
     options = parser.parse_args()
     torch.set_num_threads(1)
     opened = open_world_graph(options.book)
     train, test = (
-        World(opened, WordCraftConfig(part, num_distractors=options.distractors))
+        World(opened, WordCraftConfig(part, options.depth, options.distractors))
         for part in ("train", "test")
     )
 
-    settings = PolicyConfig(use=options.use)
+    config = AgentConfig(
+        options.book,
+        options.scorer,
+        TaskConfig(depth=options.depth, distractors=options.distractors),
+        PolicyConfig(use=options.use) if options.scorer else PolicyConfig(),
+        ImpalaConfig(options.preset, steps=options.steps),
+    )
+    plain = replace(config.policy, sees_attempts=False)
     guide: dict[str, Any] = {}
     if options.scorer:
         model = open_model(options.scorer)
         guide = {"scorer": model.scorer, "observed": model.triples, "tasks": train.tasks}
 
-    def run(trainer: Callable[..., None], seed: int, *arguments: Any) -> Clock:
+    rows = []
+
+    def run(
+        trainer: Callable[..., None],
+        settings: PolicyConfig,
+        seed: int,
+        *arguments: Any,
+    ) -> Clock:
         policy, _ = make_policy(settings, opened.graph, train.num_slots, seed=seed, **guide)
         clock = Clock(Evaluator(test))
         trainer(policy, train, clock, seed, *arguments)
+        used, steps, success = clock.curve[-1]
+        rows.append(
+            {
+                "trainer": trainer.__name__,
+                "settings": [value for value in arguments if isinstance(value, int | float)],
+                "seed": seed,
+                "steps": steps,
+                "cpu_seconds": round(used, 1),
+                "success": round(success, 4),
+            }
+        )
         return clock
 
     for seed in range(options.seeds):
-        clock = run(ours, seed, options.steps, options.every)
+        clock = run(ours, config.policy, seed, options.every, config.trainer)
         level = SHARE * clock.curve[-1][2]
         start = f"untrained {clock.curve[0][2]:.3f}, level {level:.3f}"
         print(f"{opened.graph.name}, {options.distractors} distractors, seed {seed}: {start}")
         print(f"ours: {clock.in_words(level)}", flush=True)
         for rate in map(float, options.rates.split(",")):
             for length in map(int, options.lengths.split(",")):
-                clock = run(ppo, seed, options.ppo_steps, options.every, rate, length)
+                clock = run(ppo, plain, seed, options.ppo_steps, options.every, rate, length)
                 print(
                     f"MaskablePPO, rate {rate:g}, {length} steps: {clock.in_words(level)}",
                     flush=True,
                 )
+
+    if options.json:
+        write_atomically(options.json, dump_json(rows))
 
 
 if __name__ == "__main__":

@@ -328,6 +328,30 @@ def plan_weights() -> Iterator[str]:
         yield f"| {title} | {planner} | **{weighed}** | {' | '.join(of_splits)} | {tasks:,} |"
 
 
+def plan_agents() -> Iterator[str]:
+    """Yield the table of trained agents with plans: gains over the planner and over its weights."""
+    rows: dict[tuple[str, str], list[Row]] = {}
+    for row in _read("evidence/data/plan-agents.json"):
+        rows.setdefault((row["split"], row["book"]), []).append(row)
+    seeds = [row["seed"] for row in next(iter(rows.values()))]
+    gains = [f"minus planner, training {seed}" for seed in seeds]
+    yield f"| book, split 0 | planner | agents | {' | '.join(gains)} | minus weights from play | tasks |"
+    yield f"|---|{'---|' * (len(seeds) + 4)}"
+    for (split, book), each in rows.items():
+        assert [row["seed"] for row in each] == seeds
+        agents = _shown(_mean([row["agent"] for row in each]))
+        of_trainings = []
+        for row in each:
+            gain, low, high = (signed(value) for value in row["against_planner"])
+            of_trainings.append(f"{gain} [{low}, {high}]")
+        over_weights = [row["against_weighed"][0] for row in each]
+        ends = f"{_signed(min(over_weights))} to {_signed(max(over_weights))}"
+        title = f"{BOOKS[book]}, {split.replace('-', ' ')}"
+        planner = _shown(each[0]["planner"])
+        tasks = f"{each[0]['tasks']:,}"
+        yield f"| {title} | {planner} | **{agents}** | {' | '.join(of_trainings)} | {ends} | {tasks} |"
+
+
 def finetuned() -> Iterator[str]:
     """Yield the table of the fine-tuned language model beside other players, in falling order.
 
@@ -710,6 +734,13 @@ def presets() -> Iterator[str]:
             difference = f"{signed(compared.difference)} [{ends}]"
         title = "**recommended**" if entry.variant == "recommended" else entry.variant
         yield f"| {title} | {_shown(entry.mean)} [{low}, {high}] | {each} | {difference} |"
+    rows = _read("evidence/data/maskable-ppo.json")
+    titles = {"ours": "recommended, another script", "ppo": "MaskablePPO (sb3-contrib), tuned"}
+    for trainer, title in titles.items():
+        rates = [row["success"] for row in rows if row["trainer"] == trainer]
+        low, high = map(_shown, student_interval(rates))
+        each = " ".join(map(_shown, rates))
+        yield f"| {title} | {_shown(_mean(rates))} [{low}, {high}] | {each} | |"
 
 
 def without_search() -> Iterator[str]:
@@ -1218,6 +1249,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     },
     "finetuned": finetuned,
     "plan weights": plan_weights,
+    "plan agents": plan_agents,
     **{
         f"planning {split}": partial(
             depths, "planning.json", "little-alchemy-2", split, tuple(PLAYERS)

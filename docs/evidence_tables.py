@@ -738,7 +738,9 @@ def presets() -> Iterator[str]:
     titles = {"ours": "recommended, another script", "ppo": "MaskablePPO (sb3-contrib), tuned"}
     for trainer, title in titles.items():
         rates = [row["success"] for row in rows if row["trainer"] == trainer]
-        low, high = map(_shown, student_interval(rates))
+        interval = student_interval(rates)
+        assert interval is not None
+        low, high = map(_shown, interval)
         each = " ".join(map(_shown, rates))
         yield f"| {title} | {_shown(_mean(rates))} [{low}, {high}] | {each} | |"
 

@@ -34,7 +34,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.worlds import cut_world, with_wrong_recipes
 from wordcraft_kg.reports.discovery_report import worlds_page
 
-SECRET_SHA256 = "8eb452138162d9a3d449b58b09d3a0dd5c320815e569cea3b92878c685dab707"
+SECRET_SHA256 = "41d8f1f427b75d39e4539abcb3101430ca07e85e8559f143f938f6e74071d546"
 """Of the secret, without blanks around it."""
 SCRIPTED = ("random-no-repeat", "nearest-words", *ORACLES)
 LEARNER = "recipe-learner"

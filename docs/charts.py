@@ -75,7 +75,7 @@ def chart(
         for number, name in enumerate(series):
             parts.append(f'<text x="{x}" y="{y}" class="s{number}">{escape(name)}</text>')
             x += 9 * len(name) + 16
-        y += LINE
+        y += LINE + 6
     for label, row in rows:
         for line in wrapped(label):
             parts.append(f'<text x="{left}" y="{y + 4}">{escape(line)}</text>')

@@ -697,7 +697,8 @@ def details(results: StudyResults, view: StudyView) -> Iterator[str]:
     study = current(results)
     yield from claims_table(view_claims(results, study.claims))
     yield ""
-    yield f"![{study.title} ({shown_book(results).strip('`')})](../images/results-{anchor(results)}.svg)"
+    image = f"../images/results-{anchor(results)}.svg"
+    yield f"[![{study.title} ({shown_book(results).strip('`')})]({image})]({image})"
     yield ""
     if view.scatters:
         for scatter in view.scatters:

@@ -4,8 +4,9 @@
     wordcraft-kg train-recipes graphs/la2 --out models/la2
     python benchmarks/planning.py graphs/la2 models/la2 --depths 1,2,3,4 --distractors 0,4,8 --json figures.json
 
-Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the depth. *unseen*
-counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with
+Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the depth, or as many
+as ``--attempts``: then *within* is the share of the tasks that were solved within n attempts, and shows who uses failures.
+*unseen* counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with
 other numbers of candidates, with milliseconds per decision, ``--odds`` plays the planner with other log-odds for
 intermediates instead. ``--time`` times decisions, alone and in a batch of 256.
 """
@@ -81,12 +82,18 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
         ]
     )
     figures = result.metrics()
+    # An attempt has two actions. A solved task ends its episode, so that its length tells when.
+    solved_after = np.where(result.success, result.actions // 2, np.inf)
+    within = {
+        number: float((solved_after <= number).mean()) for number in range(1, world.config.attempts + 1)
+    }
     return {
         "success": figures.mean,
+        "within": within,
         "interval": list(task_bootstrap(result.success, result.groups)),
         "by_plan": figures.by_plan,
         "tasks": len(result.tasks),
-        "attempts": float(decisions / len(result.tasks)),
+        "used_attempts": float(decisions / len(result.tasks)),
         "ms": 1000 * (time.process_time() - began) / float(decisions),
         "unseen": {
             int(number): [
@@ -119,6 +126,7 @@ def main() -> None:
     parser.add_argument("model", type=Path)
     parser.add_argument("--depths", default="1,2,3,4")
     parser.add_argument("--distractors", default="0,4,8")
+    parser.add_argument("--attempts", type=int, help="attempts in an episode; default: the depth")
     parser.add_argument("--part", default="test")
     parser.add_argument("--tasks", type=int, default=500)
     parser.add_argument("--policy", default="any", help="distractor policy")
@@ -136,7 +144,11 @@ def main() -> None:
         for depth in map(int, options.depths.split(",")):
             for distractors in map(int, options.distractors.split(",")):
                 config = WordCraftConfig(
-                    options.part, depth, distractors, distractor_policy=options.policy
+                    options.part,
+                    depth,
+                    distractors,
+                    distractor_policy=options.policy,
+                    max_attempts=options.attempts,
                 )
                 world = World(opened, config)
                 if options.time:
@@ -161,6 +173,7 @@ def main() -> None:
                     about |= {
                         "depth": depth,
                         "distractors": distractors,
+                        "attempts": world.config.attempts,
                         "policy": options.policy,
                         "player": name,
                     }
@@ -169,10 +182,12 @@ def main() -> None:
                         f"{key}: {share:.3f} of {n}"
                         for key, (share, n) in figures["unseen"].items()
                     )
+                    within = ", ".join(f"{share:.3f}" for share in figures["within"].values())
                     print(
                         f"depth {depth}, {distractors} distractors, {name}: "
                         f"{figures['success']:.3f} (own plan {figures['by_plan']:.3f}), "
-                        f"{figures['ms']:.2f} ms; unseen {unseen}",
+                        f"{figures['ms']:.2f} ms; unseen {unseen}; "
+                        f"within 1, 2, ... attempts {within}",
                         flush=True,
                     )
                     if options.json:

@@ -525,6 +525,24 @@ def test_a_scatter_has_whiskers_and_apart_labels():
     )
 
 
+def test_labels_of_points_cover_no_point():
+    """A label goes below where a point is above, and is left out where points are on both sides."""
+    alone = (None, None)
+    points = [
+        ("free", (0.1, *alone), (0.5, *alone)),
+        ("below", (0.5, *alone), (0.5, *alone)),
+        ("at the left", (0.48, *alone), (0.55, *alone)),
+        ("nowhere", (0.9, *alone), (0.5, *alone)),
+        ("above it", (0.89, *alone), (0.55, *alone)),
+        ("below it", (0.91, *alone), (0.45, *alone)),
+    ]
+    root = parse(charts.scatter({"a": points}, "", "", ""))
+    labels = {child.text: float(child.get("y", "")) for child in root if child.text}
+    assert {"free", "below"} < labels.keys()
+    assert "nowhere" not in labels
+    assert labels["below"] > labels["free"]
+
+
 def luminance(colour):
     channels = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
     linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)

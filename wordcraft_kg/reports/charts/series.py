@@ -39,6 +39,8 @@ _FIFTHS = [i / 5 for i in range(6)]
 """Ticks of an axis for shares, from 0 to 1."""
 _LABEL_HEIGHT = 10.05
 """Line height of small labels beside points, in pixels."""
+_MARKER = 4.0
+"""Half of a marker's width and height, in pixels."""
 
 
 def curves(
@@ -230,10 +232,13 @@ def scatter(
         ends.append((right, level_share, level_name, ""))
     taken = Labels(_LABEL_HEIGHT)
     named: set[str] = set()
+    # Whiskers first, below the markers of all series.
+    for number, name in enumerate(series):
+        for _, x, y in drawn.get(name, []):
+            plot.whiskers(x, y, number)
+    everywhere = [_space_of(plot, x, y) for _, x, y in everything]
     for number, name in enumerate(series):
         points = drawn.get(name, [])
-        for _, x, y in points:
-            plot.whiskers(x, y, number)
         # Labels of every second series lie below the points, so that those of two series overlap
         # less.
         is_below = number % 2 == 1
@@ -242,7 +247,10 @@ def scatter(
             up = estimate(y, True)
             title = f"{name}, {label}: {up} at {across}"
             plot.marker(x[0], y[0], number, title)
-            _label_point(plot, taken, named, label, x[0], y, below=is_below)
+            if label not in named and _label_point(
+                plot, taken, everywhere, label, x[0], y, below=is_below
+            ):
+                named.add(label)
         if points:
             _, x, y = points[-1]
             ends.append((x[0], y[0], name, style_of(number)))
@@ -261,23 +269,65 @@ def _values(estimates: Iterable[Sequence[float | None]]) -> list[float]:
     return [value for value in chain.from_iterable(estimates) if value is not None]
 
 
-def _label_point(
-    plot: Plot, taken: Labels, named: set[str], label: str, x: float, y: Estimate, *, below: bool
-) -> None:
-    """Write a point's label above or below its whiskers.
+Box = tuple[float, float, float, float]
+"""Left, right, top and bottom of a space, in pixels."""
 
-    A label that has been written, and a label without space, are left out.
-    """
-    if label in named:
-        return
+
+def _space_of(plot: Plot, x: Estimate, y: Estimate) -> list[Box]:
+    """Return the spaces of a point's marker, of its whiskers up and down, and of those across."""
+    middle = plot.x(x[0])
+    height = plot.y(y[0])
     # Heights are counted downwards: the lower end of the whiskers has the greatest.
     heights = [plot.y(value) for value in _values([y])]
-    base_line = max(heights) + 12 if below else min(heights) - 5
+    places = [plot.x(value) for value in _values([x])]
+    return [
+        (middle - _MARKER, middle + _MARKER, height - _MARKER, height + _MARKER),
+        (middle, middle, min(heights), max(heights)),
+        (min(places), max(places), height, height),
+    ]
+
+
+def _label_point(
+    plot: Plot,
+    taken: Labels,
+    points: Iterable[Sequence[Box]],
+    label: str,
+    x: float,
+    y: Estimate,
+    *,
+    below: bool,
+) -> bool:
+    """Write a point's label above or below its whiskers, where it covers no point and no label.
+
+    Args:
+        plot: the chart.
+        taken: spaces of the labels so far.
+        points: spaces of all points.
+        label: the label.
+        x: the point's place.
+        y: its height, with the ends of its whiskers.
+        below: try below first, otherwise above.
+
+    Returns:
+        Whether there was space; otherwise the label is left out, and stands in the tooltip alone.
+    """
+    heights = [plot.y(value) for value in _values([y])]
+    base_lines = [min(heights) - 5, max(heights) + 12]
     middle = plot.x(x)
     half = SMALL_LETTER * len(label) / 2
-    if taken.take(middle - half, middle + half, base_line):
-        named.add(label)
-        plot.text(middle, base_line, label, "small", "middle")
+    left, right = middle - half, middle + half
+    for base_line in reversed(base_lines) if below else base_lines:
+        # Small letters are some seven pixels high, above their base line.
+        top = base_line - 7
+        covers_point = any(
+            left < end and right > start and top < bottom and base_line > upper
+            for boxes in points
+            for start, end, upper, bottom in boxes
+        )
+        if not covers_point and taken.take(left, right, base_line):
+            plot.text(middle, base_line, label, "small", "middle")
+            return True
+    return False
 
 
 def intervals(

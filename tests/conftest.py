@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from graph_folders import write_graph
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.cli import main
@@ -106,8 +107,11 @@ def one_core():
     import torch
 
     torch.set_num_threads(1)
-    with pytest.MonkeyPatch.context() as patch:
-        for name in (CORES_VARIABLE, *THREADS_VARIABLES):  # of the processes that tests start
+    # SciPy's optimiser calls BLAS for vectors of four numbers: with a second thread of OpenBLAS,
+    # which waits in a loop, a fit took 28 times the CPU time.
+    with threadpool_limits(1, user_api="blas"), pytest.MonkeyPatch.context() as patch:
+        # Of libraries that are loaded later, and of processes that tests start.
+        for name in (CORES_VARIABLE, *THREADS_VARIABLES):
             patch.setenv(name, "1")
         yield
 

@@ -539,6 +539,7 @@ BY_TRACK = {
     ),
     "`craft-8-lite`, probabilities": ("craft-8-lite", "smollm2-probabilities"),
     "`craft-8-lite`, generation of 12 tokens": ("craft-8-lite", "smollm2-generation"),
+    "`craft-8-lite`, Qwen2.5-Coder-0.5B, generation": ("craft-8-lite", "qwen05-generation"),
     "`goal-8-lite`, probabilities": ("goal-8-lite", "smollm2-probabilities"),
     "`depth-2-lite`, probabilities": ("depth-2-lite", "smollm2-probabilities"),
     "`craft-1-lite`, Qwen2.5-Coder-0.5B, generation": ("craft-1-lite", "qwen05-generation"),

@@ -52,6 +52,34 @@ def shown(request, address):
     return request.getfixturevalue("agents" if address in OF_AGENTS else "explored")
 
 
+@pytest.fixture(scope="module")
+def rendered():
+    """Render a state, once for all tests of this file that read the same page: `rendered(shown,
+    state)`."""
+    pages = {}
+
+    def rendered(shown, state):
+        key = (id(shown), state)
+        if key not in pages:
+            pages[key] = look(shown, state)
+        return pages[key]
+
+    return rendered
+
+
+@pytest.fixture(scope="module")
+def viewed():
+    """Make sure that a state has a view: `viewed(shown, state)`; many pages link to the same ones."""
+    known = set()
+
+    def viewed(shown, state):
+        if (id(shown), state) not in known:
+            view_of(shown, state)
+            known.add((id(shown), state))
+
+    return viewed
+
+
 def state_at(address):
     return state_of(address)[1]
 
@@ -61,8 +89,8 @@ def filters_of(page):
 
 
 @pytest.mark.parametrize("address", [*OF_MODELS, *OF_AGENTS, *OF_GRAPHS])
-def test_a_page_is_plain_accessible_and_small(shown, address):
-    page = look(shown, state_at(address))
+def test_a_page_is_plain_accessible_and_small(shown, rendered, address):
+    page = rendered(shown, state_at(address))
     assert len(page.page.encode()) < LARGEST
     headings = [int(tag[1]) for tag, _ in page.tags if tag in ("h1", "h2", "h3")]
     assert (headings[0], headings.count(1)) == (1, 1)
@@ -81,22 +109,22 @@ def test_a_page_is_plain_accessible_and_small(shown, address):
 
 
 @pytest.mark.parametrize("address", [*OF_MODELS, *OF_AGENTS])
-def test_the_view_of_a_page_is_sound_and_its_links_lead_to_pages(shown, address):
+def test_the_view_of_a_page_is_sound_and_its_links_lead_to_pages(shown, rendered, viewed, address):
     assert checked_values(view_of(shown, state_at(address)))
-    page = look(shown, state_at(address))
+    page = rendered(shown, state_at(address))
     own = [link for link in page.links if link.startswith("/") and not link.startswith("/files")]
     assert len(own) > 5
     for link, (where, target) in zip(own, page.own, strict=True):
         assert PAGES[where].address(target) == link
     targets = [target for where, target in page.own if where in ("tasks", "episode", "runs", "run")]
     for target in dict.fromkeys(targets[:12] + targets[-6:]):
-        view_of(shown, target)
+        viewed(shown, target)
 
 
 @pytest.mark.parametrize("address", OF_MODELS)
-def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored, address):
+def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored, rendered, address):
     state = state_at(address)
-    (form,) = filters_of(look(explored, state))
+    (form,) = filters_of(rendered(explored, state))
     where, _, subject = (form.attributes["action"] or "").removeprefix("/").partition("/")
     assert "?" not in where + subject, "a form replaces the query of its action"
     sent = PAGES[where].read(unquote(subject), form.fields)

@@ -81,7 +81,7 @@ def test_a_plan_by_each_kind_of_action_earns_the_reward():
                 begun = seen(ask("reset", {"split": "train", "index": index}))
                 assert begun["reward"] is None
                 assert begun["observation"]["task_id"] == game.name
-                assert "Answer with the two items" in begun["observation"]["text"]
+                assert "Choose two of the listed items" in begun["observation"]["text"]
                 rewards = []
                 for pair in solution(game.play, game.task):
                     last = seen(ask("step", act(pair)))

@@ -352,6 +352,16 @@ def plan_agents() -> Iterator[str]:
         yield f"| {title} | {planner} | **{agents}** | {' | '.join(of_trainings)} | {ends} | {tasks} |"
 
 
+def attempts() -> Iterator[str]:
+    """Yield the table of players with more attempts than the depth: solved within n of them."""
+    rows = _read("evidence/data/attempts.json")
+    numbers = list(rows[0]["within"])
+    yield f"| player | {' | '.join(numbers)} |"
+    yield f"|---|{'---|' * len(numbers)}"
+    for row in rows:
+        yield f"| {row['player']} | {' | '.join(map(_shown, row['within'].values()))} |"
+
+
 def finetuned() -> Iterator[str]:
     """Yield the table of the fine-tuned language model beside other players, in falling order.
 
@@ -1260,6 +1270,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "finetuned": finetuned,
     "plan weights": plan_weights,
     "plan agents": plan_agents,
+    "attempts": attempts,
     **{
         f"planning {split}": partial(
             depths, "planning.json", "little-alchemy-2", split, tuple(PLAYERS)

@@ -359,7 +359,9 @@ def attempts() -> Iterator[str]:
     yield f"| player | {' | '.join(numbers)} |"
     yield f"|---|{'---|' * len(numbers)}"
     for row in rows:
-        yield f"| {row['player']} | {' | '.join(map(_shown, row['within'].values()))} |"
+        shares = " | ".join(map(_shown, row["within"].values()))
+        low, high = map(_shown, row["interval"])
+        yield f"| {row['player']} | {shares} [{low}, {high}] |"
 
 
 def finetuned() -> Iterator[str]:

@@ -85,7 +85,8 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
     # An attempt has two actions. A solved task ends its episode, so that its length tells when.
     solved_after = np.where(result.success, result.actions // 2, np.inf)
     within = {
-        number: float((solved_after <= number).mean()) for number in range(1, world.config.attempts + 1)
+        number: float((solved_after <= number).mean())
+        for number in range(1, world.config.attempts + 1)
     }
     return {
         "success": figures.mean,

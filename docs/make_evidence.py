@@ -106,7 +106,7 @@ def finding() -> tuple[list[str], str]:
         "**The finding.** On Little Alchemy 2, with 8 *distractors* (further items), the paper's own agent "
         f"makes {before.text} of the goals with unseen recipes, "
         f"hardly more than an agent without a graph ({rows['no graph'].text}): its scorer has memorised "
-        "the recipes that the agent practises. With scores from one that "
+        "the recipes that the agent practises. With a scorer that "
         f"has *not* seen these recipes, the agent makes **{after.text}**: "
         f"{gain}, 95 % interval [{low}, {high}] ({measured.seeds} trainings each, "
         f"{measured.tasks} tasks; [evidence](docs/evidence/knowledge.md), "

@@ -94,7 +94,7 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
         "interval": list(task_bootstrap(result.success, result.groups)),
         "by_plan": figures.by_plan,
         "tasks": len(result.tasks),
-        "used_attempts": float(decisions / len(result.tasks)),
+        "attempts": float(decisions / len(result.tasks)),
         "ms": 1000 * (time.process_time() - began) / float(decisions),
         "unseen": {
             int(number): [
@@ -174,7 +174,7 @@ def main() -> None:
                     about |= {
                         "depth": depth,
                         "distractors": distractors,
-                        "attempts": world.config.attempts,
+                        "max_attempts": world.config.attempts,
                         "policy": options.policy,
                         "player": name,
                     }

@@ -305,24 +305,32 @@ def _plain(value: float) -> str:
     return _signed(value).removeprefix("+")
 
 
+def _by_split(name: str) -> tuple[dict[tuple[str, str], list[Row]], list[int]]:
+    """Return a file's rows by split and book, and the seeds, which all of them have in this order."""
+    rows: dict[tuple[str, str], list[Row]] = {}
+    for row in _read(f"evidence/data/{name}"):
+        rows.setdefault((row["split"], row["book"]), []).append(row)
+    (seeds,) = {tuple(row["seed"] for row in each) for each in rows.values()}
+    return rows, list(seeds)
+
+
+def _with_ends(difference: Sequence[float]) -> str:
+    """Return a difference with the ends of its interval."""
+    gain, low, high = map(signed, difference)
+    return f"{gain} [{low}, {high}]"
+
+
 def plan_weights() -> Iterator[str]:
     """Yield the table of weights of plans: means over splits, and each split's gain."""
-    rows: dict[tuple[str, str], list[Row]] = {}
-    for row in _read("evidence/data/plan-weights.json"):
-        rows.setdefault((row["split"], row["book"]), []).append(row)
-    seeds = [row["seed"] for row in next(iter(rows.values()))]
+    rows, seeds = _by_split("plan-weights.json")
     gains = [f"gain, split {seed}" for seed in seeds]
     yield f"| book, split | planner | weights from play | {' | '.join(gains)} | tasks |"
     yield f"|---|{'---|' * (len(seeds) + 3)}"
     for (split, book), each in rows.items():
-        assert [row["seed"] for row in each] == seeds
         planner, weighed = (
             _shown(_mean([row[key] for row in each])) for key in ("planner", "weighed")
         )
-        of_splits = []
-        for row in each:
-            gain, low, high = (signed(value) for value in row["difference"])
-            of_splits.append(f"{gain} [{low}, {high}]")
+        of_splits = [_with_ends(row["difference"]) for row in each]
         tasks = sum(row["tasks"] for row in each)
         title = f"{BOOKS[book]}, {split.replace('-', ' ')}"
         yield f"| {title} | {planner} | **{weighed}** | {' | '.join(of_splits)} | {tasks:,} |"
@@ -330,20 +338,13 @@ def plan_weights() -> Iterator[str]:
 
 def plan_agents() -> Iterator[str]:
     """Yield the table of trained agents with plans: gains over the planner and over its weights."""
-    rows: dict[tuple[str, str], list[Row]] = {}
-    for row in _read("evidence/data/plan-agents.json"):
-        rows.setdefault((row["split"], row["book"]), []).append(row)
-    seeds = [row["seed"] for row in next(iter(rows.values()))]
+    rows, seeds = _by_split("plan-agents.json")
     gains = [f"minus planner, training {seed}" for seed in seeds]
     yield f"| book, split 0 | planner | agents | {' | '.join(gains)} | minus weights from play | tasks |"
     yield f"|---|{'---|' * (len(seeds) + 4)}"
     for (split, book), each in rows.items():
-        assert [row["seed"] for row in each] == seeds
         agents = _shown(_mean([row["agent"] for row in each]))
-        of_trainings = []
-        for row in each:
-            gain, low, high = (signed(value) for value in row["against_planner"])
-            of_trainings.append(f"{gain} [{low}, {high}]")
+        of_trainings = [_with_ends(row["against_planner"]) for row in each]
         over_weights = [row["against_weighed"][0] for row in each]
         ends = f"{_signed(min(over_weights))} to {_signed(max(over_weights))}"
         title = f"{BOOKS[book]}, {split.replace('-', ' ')}"

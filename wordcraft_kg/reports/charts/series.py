@@ -290,7 +290,7 @@ def _space_of(plot: Plot, x: Estimate, y: Estimate) -> list[Box]:
 def _label_point(
     plot: Plot,
     taken: Labels,
-    points: Iterable[Sequence[Box]],
+    points: Sequence[Sequence[Box]],
     label: str,
     x: float,
     y: Estimate,

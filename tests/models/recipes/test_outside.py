@@ -359,8 +359,14 @@ def test_test_recipes_stay_out_of_training_in_any_spelling(opened, tmp_path):
             RecipesConfig(opened.source, replace(SMALL, kg="full", without=(everything,))),
             tmp_path / "none",
         )
+    # Another book does not bring them back: of the explored book's recipes, none is left.
     settings = replace(config.settings, with_=books[:1])
-    with pytest.raises(ConfigError, match="has recipes of explored, which `without` leaves out"):
+    with pytest.raises(ConfigError, match="of the graph, or of a book in `without`"):
         train_recipes(RecipesConfig(opened.source, settings), tmp_path / "both")
+    mixed = write_book(tmp_path / "mixed.csv", [*others, ("moss", "shell", "reef")])
+    (source,) = open_outside(
+        [mixed], opened, "one-hot", without=[open_graph(books[0]).graph]
+    ).sources
+    assert (source.recipes, source.left_out, source.left_out_without) == (1, 0, 2)
     with pytest.raises(ConfigError, match="kg"):
         replace(SMALL, without=books)

@@ -69,6 +69,8 @@ class OutsideSource(Record, frozen=True, kw_only=True):
         recipes: recipes of another book that are used.
         left_out: recipes of another book that are also recipes of this graph, and not used.
         left_out_test: those among them that are test or validation recipes of this split.
+        left_out_without: further recipes of another book that are left out because a book in
+            ``without`` has them.
         reworded: used recipes that reword a test or validation recipe by near-synonyms.
         makes: labels of the graph's entities that a used recipe of another book makes; None for
             other sources, and in folders from before this field.
@@ -81,6 +83,7 @@ class OutsideSource(Record, frozen=True, kw_only=True):
     recipes: Count = 0
     left_out: Count = 0
     left_out_test: Count = 0
+    left_out_without: Count = 0
     reworded: Count = 0
     makes: tuple[str, ...] | None = None
 
@@ -120,6 +123,7 @@ def open_outside(
     features: str,
     *,
     allow_missing: bool = False,
+    without: Sequence[RecipeGraph] = (),
 ) -> OutsideKnowledge:
     """Open sources of outside knowledge for a graph's entities.
 
@@ -128,6 +132,7 @@ def open_outside(
         opened: the graph; its split says which shared recipes are counted as test recipes.
         features: word vectors by which another book's recipes are compared.
         allow_missing: use zeros for labels without a vector.
+        without: books whose recipes are left out of the books in ``specs``.
 
     Returns:
         features in the order of the sources, those of knowledge folders last.
@@ -147,7 +152,8 @@ def open_outside(
             sources.append(_of_folder(spec, opened, folders))
             continue
         if is_book(spec):
-            tables, book = _of_book(spec, opened, features, allow_missing)
+            other = open_other_book(spec, opened, without=without)
+            tables, book = _of_book(other, opened, features, allow_missing)
             books.append(book)
             source = book.source
         else:
@@ -246,6 +252,8 @@ def describe_source(source: OutsideSource) -> str:
             f"({source.left_out_test:,} of them test or validation recipes), "
             f"{source.reworded:,} used recipes reword a test or validation recipe"
         )
+        if source.left_out_without:
+            text += f"; {source.left_out_without:,} recipes of books in `without` left out"
     return text
 
 
@@ -253,15 +261,14 @@ def describe_source(source: OutsideSource) -> str:
 
 
 def _of_book(
-    spec: str,
+    other: OtherBook,
     opened: OpenedGraph,
     features: str,
     allow_missing: bool,
 ) -> tuple[LinkTables, OtherBook]:
     """Return another book's link features for the graph's entities, and the book."""
     size = opened.graph.num_entities
-    book = open_other_book(spec, opened)
-    book, vectors = with_words_of(book, opened, features, allow_missing=allow_missing)
+    book, vectors = with_words_of(other, opened, features, allow_missing=allow_missing)
     # The book's lists are made with all entities; the tables are of the graph's entities alone.
     rows = LinkRows(Words.of(vectors).lists(book.recipes))
     pairs: list[Tensor] = []
@@ -282,7 +289,13 @@ def _by_feature(features: Tensor) -> tuple[Tensor, ...]:
     return features.permute(2, 0, 1).contiguous().unbind()
 
 
-def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False) -> OtherBook:
+def open_other_book(
+    spec: str,
+    opened: OpenedGraph,
+    *,
+    keep_train: bool = False,
+    without: Sequence[RecipeGraph] = (),
+) -> OtherBook:
     """Open another book's recipes without the recipes that both books share.
 
     Labels that differ in case, article or plural are one entity. Rewordings are not counted yet,
@@ -292,6 +305,7 @@ def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False)
         spec: a book or a graph folder.
         opened: the graph; its split says which shared recipes are test recipes.
         keep_train: keep shared recipes of the train part.
+        without: further books whose recipes are left out.
 
     Raises:
         ConfigError: if the source is no book, is the graph itself, has no other recipes, or memory
@@ -315,12 +329,14 @@ def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False)
     new = {label: graph.num_entities + row for row, label in enumerate(rest)}
     places = [new[label] if entity is None else entity for label, entity in own.items()]
     ids = np.array(places, dtype=np.int64)
-    rows = ids[other.recipes]
-    # Labels that are one entity here may make two recipes equal.
-    rows[:, :2].sort(axis=1)
-    rows = np.unique(rows, axis=0)
+    rows = _distinct(ids[other.recipes])
     held_out = graph.recipes[~opened.split.is_in("train")]
     shared = is_in(rows, held_out if keep_train else graph.recipes, len(labels))
+    left_out = int(shared.sum())
+    # A recipe that equals a left-out one once labels are compared is left out, too.
+    for book in without:
+        theirs = ids[other.recipes[shared_recipes(other, book)]]
+        shared |= is_in(rows, _distinct(theirs), len(labels))
     made = np.unique(rows[~shared, 2])
     covered = {entity for entity in own.values() if entity is not None}
     source = OutsideSource(
@@ -329,16 +345,28 @@ def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False)
         sha256=other.hash,
         coverage=len(covered) / max(graph.num_entities, 1),
         recipes=int((~shared).sum()),
-        left_out=int(shared.sum()),
+        left_out=left_out,
         left_out_test=int(is_in(rows, held_out, len(labels)).sum()),
+        left_out_without=int(shared.sum()) - left_out,
         makes=tuple(graph.labels(made[made < graph.num_entities])),
     )
     if not source.recipes:
         raise ConfigError(
-            f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph. Give another "
-            "book."
+            f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph, or of a book in "
+            "`without`. Give another book."
         )
     return OtherBook(labels, rows[~shared], source)
+
+
+def _distinct(recipes: Ids) -> Ids:
+    """Return different recipes, shape (n, 3), the smaller ingredient first.
+
+    Books may share recipes, and labels of a book that are one entity in another make two recipes
+    equal.
+    """
+    rows = recipes.copy()
+    rows[:, :2].sort(axis=1)
+    return np.unique(rows, axis=0)
 
 
 def with_words_of(
@@ -409,10 +437,7 @@ def recipes_together(books: Sequence[OtherBook], labels: Iterable[str]) -> Ids:
     for book in books:
         ids = np.array([place[label] for label in book.labels])
         rows.append(ids[book.recipes])
-    recipes = np.concatenate(rows)
-    # Ingredients have no order: sorted, a recipe that several books share is one row.
-    recipes[:, :2].sort(axis=1)
-    return np.unique(recipes, axis=0)
+    return _distinct(np.concatenate(rows))
 
 
 def encoder_of_books(

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
@@ -210,7 +210,8 @@ class OutsideEvidenceFinder:
     def _of_book(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.
         keep_train = self._settings.kg == "none"
-        book = open_other_book(spec, self._opened, keep_train=keep_train)
+        without = [open_graph(other).graph for other in self._settings.without]
+        book = open_other_book(spec, self._opened, keep_train=keep_train, without=without)
         self._check(book.source.sha256)
 
         def find(slots: _Slots) -> list[OutsideEvidence]:

@@ -4,7 +4,6 @@ One is fitted on all train recipes, and for cross-fitting one without each fold 
 parallel if there are enough CPU cores. A resumed run makes only fits that were not finished.
 """
 
-import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -164,7 +163,7 @@ def _sample_without(
     """Return a graph's recipes that no book in ``without`` has.
 
     Raises:
-        ConfigError: if there are none, or another book in ``with`` brings left-out recipes back.
+        ConfigError: if there are none.
     """
     is_shared = [shared_recipes(graph, book) for book in without]
     is_kept = ~np.any(is_shared, axis=0)
@@ -172,14 +171,6 @@ def _sample_without(
         raise ConfigError(
             f"`without` {', '.join(settings.without)} leaves no recipe of {graph.name}."
         )
-    for spec, book in itertools.product(filter(is_book, settings.with_), without):
-        other = open_graph(spec).graph
-        # Recipes that the graph has too are left out of the other book anyway.
-        of_other_alone = ~shared_recipes(other, graph)
-        if (shared_recipes(other, book) & of_other_alone).any():
-            raise ConfigError(
-                f"`with` '{spec}' has recipes of {book.name}, which `without` leaves out. Omit one."
-            )
     return TrainSample.of(graph, is_kept)
 
 
@@ -256,7 +247,11 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 opened, self.own, self.folds, self.outside = joint
             else:
                 self.folds = _folds(opened, settings, self.without)
-                self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
+                self.outside = open_outside(
+                    *sources,
+                    allow_missing=settings.allow_missing,
+                    without=self.without,
+                )
         graph = opened.graph
         self.words = named(settings.features, graph.entities)
         missing = settings.allow_missing

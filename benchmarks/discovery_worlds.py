@@ -9,12 +9,13 @@ Plays the worlds ``world-0:BOOK`` to ``world-19:BOOK``. Settings are chosen on t
 ``everyday``. The worlds of ``--secret`` are for measuring: their seeds follow from a secret that
 is outside the repository, and whose hash is below, so that nobody can have chosen settings on them.
 ``--scorer NAME=FOLDER,FOLDER`` adds ``recipe-learner NAME`` with one or more fits of a knowledge;
-repeat it for other knowledge. ``--wrong 30`` plays worlds in which 30 % of the book's recipes make
+repeat it for other knowledge. ``--worlds whole`` plays the book itself. ``--wrong 30`` plays worlds in which 30 % of the book's recipes make
 something else: a player that knows the book, or another with the same recipes, is wrong there.
 """
 
 import argparse
 import time
+from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from wordcraft_kg.evaluation.discovery_worlds import PlayedWorld, WorldsView, vi
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.worlds import cut_world, with_wrong_recipes
 from wordcraft_kg.reports.discovery_report import worlds_page
 
@@ -56,6 +58,21 @@ def seeds(secret: Path | None, numbers: range) -> list[int]:
     # The number's remainder chooses the way, so that the ways take turns as in public worlds.
     drawn = [int(sha256(f"{text}/{number}".encode()).hexdigest()[:12], 16) for number in numbers]
     return [3 * seed + number % 3 for seed, number in zip(drawn, numbers, strict=True)]
+
+
+def cut_worlds(options: argparse.Namespace, source: RecipeBook) -> Iterator[RecipeGraph]:
+    """Yield the worlds to play: those of the numbers, or the whole book."""
+    if options.worlds == "whole":
+        yield RecipeGraph.from_book(source)
+        return
+    first, _, last = options.worlds.partition("-")
+    numbers = range(int(first), int(last or first) + 1)
+    for number, seed in zip(numbers, seeds(options.secret, numbers), strict=True):
+        graph = RecipeGraph.from_book(cut_world(source, seed))
+        if options.secret is not None:
+            # The name would tell the seed.
+            graph.name = f"secret-{number}-{source.name}"
+        yield graph
 
 
 def merged(plays: list[Plays]) -> Plays:
@@ -113,7 +130,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("source", help="the book to cut worlds out of")
-    parser.add_argument("--worlds", default="0-19", help="numbers of worlds, first-last")
+    parser.add_argument("--worlds", default="0-19", help="numbers of worlds, first-last, or whole")
     parser.add_argument("--secret", type=Path, help="file with the secret")
     parser.add_argument("--wrong", type=int, help="per cent of the recipes with another result")
     parser.add_argument("--scorer", action="append", default=[], help="NAME=FOLDER[,FOLDER]")
@@ -131,19 +148,13 @@ def main() -> None:
     for given in options.scorer:
         name, _, folders = given.partition("=")
         options.scorers[f"{LEARNER} {name}"] = [Path(folder) for folder in folders.split(",")]
-    first, _, last = options.worlds.partition("-")
-    numbers = range(int(first), int(last or first) + 1)
     source = open_book(options.source)
     if options.wrong:
         source = with_wrong_recipes(source, options.wrong)
     book = None if options.book is None else open_graph(options.book).graph
     worlds = []
-    for number, seed in zip(numbers, seeds(options.secret, numbers), strict=True):
+    for graph in cut_worlds(options, source):
         began = time.process_time()
-        graph = RecipeGraph.from_book(cut_world(source, seed))
-        if options.secret is not None:
-            # The name would tell the seed.
-            graph.name = f"secret-{number}-{source.name}"
         worlds.append(played(graph, options, book))
         print(f"{graph.name}: {time.process_time() - began:.0f} s", flush=True)
     view = view_worlds(worlds, ORACLES)

@@ -394,6 +394,7 @@ def test_the_evidence_on_language_models_prints_the_leaderboard():
         "generation of 12 tokens": "SmolLM2-135M-Instruct, generation, 12 tokens",
         "Qwen2.5-Coder-0.5B, generation": "Qwen2.5-Coder-0.5B-Instruct, generation, 16 tokens",
         "Qwen2.5-Coder-0.5B, constrained": "Qwen2.5-Coder-0.5B-Instruct, constrained",
+        "Qwen2.5-Coder-1.5B, constrained": "Qwen2.5-Coder-1.5B-Instruct, constrained",
         "Qwen2.5-Coder-0.5B, by recipes": "Qwen2.5-Coder-0.5B-Instruct, by recipes",
     }
     page = (DOCS / "leaderboard.md").read_text(encoding="utf-8")

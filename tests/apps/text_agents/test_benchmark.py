@@ -650,8 +650,11 @@ def test_the_leaderboard_shows_hashes_of_weights_and_prompts_tokens_and_seconds(
     edit(folder, weights={"model": OTHER}, tokens={"input": 1_000, "output": 9}, seconds=12.3)
     bench_leaderboard(tmp_path / "copy", out=tmp_path / "page.md")
     prompts = verify(folder).prompt_hash[:8]
-    row = f"| model {OTHER[:8]} | standard {prompts} |  | .* | 1,009 tokens, 12 s |"
-    assert re.search(row.replace("|", r"\|"), (tmp_path / "page.md").read_text())
+    lines = (tmp_path / "page.md").read_text().splitlines()
+    assert f"    - weights: model {OTHER[:8]}" in lines
+    assert f"    - prompts: standard {prompts}" in lines
+    assert "    - cost: 1,009 tokens, 12 s" in lines
+    assert not [line for line in lines if "look-ups:" in line], "a fact that the player lacks"
 
 
 HOSTILE = {
@@ -669,13 +672,16 @@ def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
     bench_leaderboard(tmp_path / "copy", out=tmp_path / "page.md")
     markdown = MarkdownIt("gfm-like")
     html = markdown.render((tmp_path / "page.md").read_text())
-    tables = re.findall("<table>.*?</table>", html, re.DOTALL)
-    for text in HOSTILE.values():
-        assert f"<td>{markdown.utils.escapeHtml(text)}</td>" in tables[1]
-    assert f"<td>{markdown.utils.escapeHtml(HOSTILE['player'])}</td>" in tables[0]
-    for table, columns in zip(tables, (5, 9), strict=True):
-        assert table.count("<td>") == table.count("<th>") == columns
-        assert not [mark for mark in ("<a", "<img", "<strong", "<em", "<s>") if mark in table]
+    (table,) = re.findall("<table>.*?</table>", html, re.DOTALL)
+    (details,) = re.findall(r"<ul>\s*<li>!.*?</ul>", html, re.DOTALL)
+    shown = {name: markdown.utils.escapeHtml(text) for name, text in HOSTILE.items()}
+    assert f"<td>{shown['player']}</td>" in table
+    assert shown["player"] in details
+    assert f"<li>training data: {shown['training_data']}</li>" in details
+    assert f"<li>licence: {shown['licence']}</li>" in details
+    assert table.count("<td>") == table.count("<th>") == 5
+    for part in (table, details):
+        assert not [mark for mark in ("<a", "<img", "<strong", "<em", "<s>") if mark in part]
 
 
 def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, tmp_path):

@@ -22,17 +22,6 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.evaluation.reference import literature
 
-_DETAILS = (
-    "player",
-    "training data",
-    "weights",
-    "prompts",
-    "look-ups",
-    "answers",
-    "cost",
-    "licence",
-    "date",
-)
 REFERENCES = {"oracle": "oracle", "people": "people", "random": "chance"}
 """Kinds of players that are lines of reference, without a rank, and their names above a table."""
 _SMALL = "-lite"
@@ -150,8 +139,8 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
             yield from ("", f"## {whole}")
             heading = whole
         table = [*_references(rows, twins), *_table(rows, twins)]
-        details = [_row(_DETAILS), _row(["---"] * len(_DETAILS))]
-        details += [_row(_details(one, twins)) for one in rows]
+        # A list, since a table of so many columns would scroll sideways on a phone.
+        details = [line for one in rows for line in _details(one, twins)]
         if is_small:
             # One fold for all: a small track takes one line of the page.
             yield from ("", *_folded(_summary(track, rows), [*table, "", *details]))
@@ -266,19 +255,16 @@ def _player(submission: Submission, twins: set[str]) -> str:
 
 
 def _details(row: _Row, twins: set[str]) -> Iterator[str]:
-    """Yield the cells of a row with the declared facts."""
+    """Yield a player and its declared facts as a list in a list; facts that it lacks are left out.
+
+    Each fact has a line of its own, or a declared text could go on as another fact.
+    """
     submission = row.submission
-    yield _player(submission, twins)
-    yield for_markdown(submission.training_data)
     hashes = [f"{name} {digest[:_HASH]}" for name, digest in submission.weights.items()]
-    yield for_markdown(", ".join(hashes))
     prompt_hash = submission.prompt_hash or ""
-    yield f"{submission.prompts} {prompt_hash[:_HASH]}".strip()
-    if submission.knowledge == "none":
-        yield ""
-    else:
-        yield f"{submission.look_ups:,} ({submission.knowledge})"
-    yield row.answers
+    look_ups = ""
+    if submission.knowledge != "none":
+        look_ups = f"{submission.look_ups:,} ({submission.knowledge})"
     costs = []
     if submission.tokens is not None:
         tokens = sum(submission.tokens.values())
@@ -287,9 +273,20 @@ def _details(row: _Row, twins: set[str]) -> Iterator[str]:
         costs.append(f"{submission.seconds:,.0f} s")
     if submission.price is not None:
         costs.append(f"${submission.price:,.2f}")
-    yield ", ".join(costs)
-    yield for_markdown(submission.licence)
-    yield submission.date or ""
+    facts = {
+        "training data": for_markdown(submission.training_data),
+        "weights": for_markdown(", ".join(hashes)),
+        "prompts": f"{submission.prompts} {prompt_hash[:_HASH]}".strip(),
+        "look-ups": look_ups,
+        "answers": row.answers,
+        "cost": ", ".join(costs),
+        "licence": for_markdown(submission.licence),
+        "date": submission.date or "",
+    }
+    yield f"- {_player(submission, twins)}"
+    for name, value in facts.items():
+        if value:
+            yield f"    - {name}: {value}"
 
 
 def _row(cells: Iterator[str] | Sequence[str]) -> str:

@@ -234,6 +234,15 @@ def discoverers() -> Iterator[str]:
 
 def penalty() -> Iterator[str]:
     """Yield the table of agents with the default penalty against their scorers."""
+    yield from _against_scorers(_read("agents.json"))
+
+
+def penalty_today() -> Iterator[str]:
+    """Yield the same table with the scorer by neighbour lists and the recommended preset."""
+    yield from _against_scorers(_read(f"{DATA}/agents-recommended.json"))
+
+
+def _against_scorers(rows: Sequence[Row]) -> Iterator[str]:
     yield "| book, split | distractors | agent | gain | each split | lowest end | other decisions |"
     yield "|---|---|---|---|---|---|---|"
     for book, title in BOOKS.items():
@@ -242,7 +251,7 @@ def penalty() -> Iterator[str]:
                 at = book, split, number, DEFAULT_PENALTY
                 runs = [
                     row
-                    for row in _read("agents.json")
+                    for row in rows
                     if (row["book"], row["split"], row["distractors"], row["scorer_cost"]) == at
                     and row["split_seed"] < TEST_SPLITS
                 ]
@@ -480,7 +489,8 @@ def lists() -> Iterator[str]:
 
 
 EXPLORERS = {
-    "`recipe-learner`": ("discovery-learner", "recipe-learner"),
+    "`recipe-learner`": ("discovery-fits", "recipe-learner everyday"),
+    "... with own parts, not the default": ("discovery-fits", "recipe-learner everyday, own parts"),
     "`nearest-words`": ("discovery-plain", "nearest-words"),
     "`random-no-repeat`": ("discovery-plain", "random-no-repeat"),
 }
@@ -495,10 +505,12 @@ def explorers() -> Iterator[str]:
     yield f"|---|{'---|' * len(after)}"
     files = {
         name: json.loads((HERE / f"evidence/data/{name}.json").read_text(encoding="utf-8"))
-        for name in ("discovery-learner", "discovery-plain")
+        for name in ("discovery-fits", "discovery-plain")
     }
     for title, (file, player) in EXPLORERS.items():
-        curve = files[file]["players"][player]
+        of_player = files[file]["players"][player]
+        # A file of many fits keeps the curve beside other results.
+        curve = of_player.get("curve", of_player)
         cells = []
         for n in after:
             text = f"{curve[n]['mean']:.1f}"
@@ -1301,6 +1313,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "scripted players": scripted,
     "discoverers": discoverers,
     "penalty": penalty,
+    "penalty today": penalty_today,
     "new entities": new_entities,
     "words": words,
     "small books": small_books,

@@ -43,6 +43,8 @@ READ = {
         "number + necklace = abacus",
         "A doctor is a person, so I take number + necklace",
         "1. number + necklace",
+        "1 number + 1 necklace",  # one of each, though necklace is the ninth item
+        "I take 1 number + 1 necklace now.",
         "sand + child was wrong.\nnumber + necklace",
         "x " * 2_000 + "Final answer: number + necklace",
     )

@@ -13,7 +13,8 @@ write, and refuses a message that could mean several pairs. The first rule that 
     negation or alternative.
 
 In all rules of grammar 2 an item may be written with its number, as prompts print it (``2 orchard +
-3 doctor``), and a label that is a number has priority over the place with this number.
+3 doctor``), or with a 1 that counts it (``1 orchard + 1 doctor``), and a label that is a number has
+priority over the place with this number.
 """
 
 import json

@@ -65,9 +65,10 @@ def read_label(
 
     The first matching rule decides: exact label; number from 1; case-insensitive label; label
     without article, quotes and punctuation; singular or plural; number and label as printed (``2
-    orchard``); label prefix. A number is never the spelling or the prefix of another label, and
-    signs belong to a name: ``C-`` is not ``C``. In grammar 1 the number comes before the exact
-    label, signs make no difference, and the number with a label is not read.
+    orchard``), or a 1 that counts the item (``1 orchard``); label prefix. A number is never the
+    spelling or the prefix of another label, and signs belong to a name: ``C-`` is not ``C``. In
+    grammar 1 the number comes before the exact label, signs make no difference, and the number with
+    a label is not read.
 
     Args:
         written: text that names a label.
@@ -347,7 +348,11 @@ def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
 
 
 def _printed(text: str, index: LabelIndex) -> list[int]:
-    """Return the place of an item that is written with its number; empty if the two disagree."""
+    """Return the place of an item that is written with its number; empty if the two disagree.
+
+    A 1 before another item counts it: small language models write ``1 noise + 1 clock`` for one of
+    each, and a whole name says more than this number.
+    """
     match = _PRINTED.fullmatch(text)
     if match is None:
         return []
@@ -355,10 +360,11 @@ def _printed(text: str, index: LabelIndex) -> list[int]:
     place = int(number) - 1
     label = match["first"] or match["last"]
     if _NUMBER.fullmatch(label):
-        agrees = index.place_of(label) == place
-    else:
-        agrees = place in index.places(label, by_beginning=True)
-    return [place] if agrees else []
+        return [place] if index.place_of(label) == place else []
+    if place in index.places(label, by_beginning=True):
+        return [place]
+    is_count = match["before"] == "1"
+    return index.places(label) if is_count else []
 
 
 def _pairs_in(

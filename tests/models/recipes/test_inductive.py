@@ -77,6 +77,29 @@ def test_new_entities_leave_the_scores_of_the_others_as_they_are(folder, scorer)
     torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-2 * float(before.std()))
 
 
+def test_links_by_outside_knowledge_are_means_over_the_nearest_words(
+    opened_kitchen, vectors, tmp_path
+):
+    book = tmp_path / "other.csv"
+    book.write_text("a,b,result\nbread,tomato,bruschetta\nflour,butter,shortbread\n")
+    settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors), with_=(str(book),))
+    config = RecipesConfig(opened_kitchen.source, settings)
+    folder = train_recipes(config, tmp_path / "model").folder
+    known = load_scorer(folder)
+    more = with_words(folder, known, NEW)
+    size = len(known.entities)
+    words = make_features(str(vectors), more.entities, allow_missing=True).unit_vectors
+    shares = np.eye(size + len(NEW), size)
+    for new in range(size, size + len(NEW)):
+        alike = np.maximum(words[new] @ words[:size].T, 0)
+        alike[np.argsort(-alike)[8:]] = 0
+        shares[new] = alike**4 / (alike**4).sum()
+    for relation in ("combinesWith", "componentOf"):
+        expected = shares @ known.table(relation).double().numpy() @ shares.T
+        assert np.ptp(expected[size:]) > 0
+        np.testing.assert_allclose(more.table(relation).numpy(), expected, rtol=0.01, atol=0.01)
+
+
 def test_the_order_of_new_entities_does_not_matter(folder, scorer):
     one, other = wider(folder, scorer, NEW), wider(folder, scorer, NEW[::-1])
     for label in NEW:

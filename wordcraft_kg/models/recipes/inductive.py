@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.feature_spec import FeatureSpec
@@ -22,6 +23,7 @@ from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
+from wordcraft_kg.models.scorers.neighbours.knowledge import LINK_TABLES
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -30,9 +32,9 @@ from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_finished_run
 
 _NEAREST = 8
-"""Labels whose sentence vectors stand for that of a new label."""
+"""Labels whose sentence vectors, or links by outside knowledge, stand for those of a new label."""
 _POWER = 4
-"""Power of their GloVe cosines: the nearest ones count."""
+"""Power of their cosines: the nearest ones count."""
 
 
 def extended(
@@ -77,6 +79,11 @@ def extended(
         of_words = every[size:].float().to(encoder.bias.device)
         named = encoder.with_entities(of_words).named()
         changed |= {name: tensor[None] for name, tensor in named.items()}
+    shares = _shares_of_old(every.float(), size)
+    for name in LINK_TABLES:
+        table = constants[name]
+        if table.numel():
+            changed[name] = _wider_tables(table, shares.to(table.device))
     return RecipeScorer(
         constants | changed,
         entities,
@@ -84,6 +91,33 @@ def extended(
         device=whole.device,
         name=scorer.name,
     )
+
+
+def _shares_of_old(vectors: Tensor, size: int) -> Tensor:
+    """Return of which old entities each entity is a mean, shape (T, size), by words.
+
+    An old entity is itself. A new one is a mean of the most similar old ones, as outside knowledge
+    says nothing about it; without any, all of its shares are 0.
+
+    Args:
+        vectors: unit word vectors of old and new entities, shape (T, D).
+        size: number of old entities, which come first.
+    """
+    alike = (vectors[size:] @ vectors[:size].T).clamp(min=0)
+    best, places = alike.topk(min(_NEAREST, size), dim=1)
+    weights = torch.zeros(len(alike), size).scatter(1, places, best**_POWER)
+    # The smallest positive number keeps rows of zeros: 0 / 0 is undefined.
+    weights /= weights.sum(1, keepdim=True).clamp(min=torch.finfo(weights.dtype).tiny)
+    return torch.cat([torch.eye(size), weights])
+
+
+def _wider_tables(tables: Tensor, shares: Tensor) -> Tensor:
+    """Return link scores of M models, (M, size, size), for all T entities, (M, T, T), half.
+
+    A new entity has the mean scores of the old ones in ``shares``, shape (T, size).
+    """
+    wider = [(shares @ table.float() @ shares.T).half() for table in tables]
+    return torch.stack(wider)
 
 
 def _with_labels(scorer: RecipeScorer, labels: Sequence[str]) -> tuple[str, ...]:
@@ -199,10 +233,10 @@ def with_words(
     # Reading the file compares its hash with the record.
     RunFiles(folder, run).bytes(CONFIG_FILE)
     settings = RecipesConfig.read(folder).settings
-    if settings.with_:
+    if settings.kg == "none":
         raise unknown(
             labels[0],
-            "A model with outside knowledge (`with`) scores only the graph's entities.",
+            "A model without the graph's recipes (`kg` none) scores only the graph's entities.",
         )
     size = len(scorer.entities)
     words = named(settings.features, scorer.entities)

@@ -371,6 +371,7 @@ def test_a_plan_may_make_an_entity_that_no_known_recipe_makes():
     assert found[2] == 7
 
 
+@pytest.mark.slow
 @compares_fits
 def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path):
     settings = RecipeScorerConfig(kg="full", folds=2, features="glove")

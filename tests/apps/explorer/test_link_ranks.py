@@ -145,7 +145,9 @@ def test_queries_are_sorted_as_asked(ranked, order, key):
     assert keys == sorted(keys)
 
 
-@pytest.mark.parametrize(("order", "first"), [("worst", max), ("best", min)])
+@pytest.mark.parametrize(
+    ("order", "first"), [pytest.param("worst", max, marks=pytest.mark.slow), ("best", min)]
+)
 def test_each_link_is_listed_once_by_its_first_query(ranked, everything, order, first):
     listed = pages(ranked, RankFilter(known="all"), order=order)
     ranks = {}

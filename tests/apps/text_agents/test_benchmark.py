@@ -256,11 +256,16 @@ def test_declared_weights_are_hashed_and_compared(tmp_path, capsys):
     "values",
     [
         {"player": "A language model"},
-        {"training_data": "no recipe of this book"},
-        {"licence": "MIT"},
-        {"prompts": "standard", "prompt_hash": prompt_hash()},
         {"prompts": "custom", "prompt_hash": OTHER},
-        {"tokens": {"input": 1}},
+        *(
+            pytest.param(values, marks=pytest.mark.slow)
+            for values in (
+                {"training_data": "no recipe of this book"},
+                {"licence": "MIT"},
+                {"prompts": "standard", "prompt_hash": prompt_hash()},
+                {"tokens": {"input": 1}},
+            )
+        ),
     ],
 )
 def test_other_facts_are_replayed_but_not_reproduced(copied, values):

@@ -281,6 +281,7 @@ def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     assert not (tmp_path / "model").exists()
 
 
+@pytest.mark.slow
 def test_w_is_restored_from_its_constants(recipes_folder):
     """W is restored from its constants and a kept table is not mistaken for another."""
     from wordcraft_kg.models.policies.sources.registry import source_class

@@ -103,8 +103,8 @@ COMBINED = list(
         ("", "2-10"),
     )
 )
-# 28 of 192: every seventh has all pairs of values of any two filters.
-FILTERS = [RankFilter(*values) for values in COMBINED[::7]]
+# 18 of 192, which have all pairs of values of any two filters, and no filter at all.
+FILTERS = [RankFilter(*values) for values in (COMBINED[0], *COMBINED[2::11])]
 
 
 @pytest.mark.parametrize("chosen", FILTERS, ids=str)

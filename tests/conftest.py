@@ -8,6 +8,7 @@ import signal
 import uuid
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
-from wordcraft_kg.graphs import RecipeGraph, open_book, open_graph
+from wordcraft_kg.graphs import RecipeGraph, library, open_book, open_graph, read_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 from wordcraft_kg.runs.parallel import THREADS_VARIABLES
 
@@ -122,6 +123,22 @@ def no_power_failure():
     plug. A wrong descriptor is still an error."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", os.fstat)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def everyday_is_read_once():
+    """Read the largest built-in book once in each process: many tests open it by name, and reading
+    takes a quarter of a second. Tests of reading read other books."""
+    file = Path(library.__file__).parent / "books" / "everyday.csv"
+    read_once = cache(read_book)
+
+    def read(path, **options):
+        is_plain = options.keys() == {"keep_self_results", "name"}
+        return (read_once if path == file and is_plain else read_book)(path, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(library, "read_book", read)
         yield
 
 

@@ -179,7 +179,7 @@ def test_a_batch_is_evaluated_like_single_episodes(opened, depth, attempts):
 )
 def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind, guided):
     config = WordCraftConfig(part="test", depth=2, num_distractors=3)
-    evaluator = Evaluator(World(opened, config), distractor_seeds=2, limit=60)
+    evaluator = Evaluator(World(opened, config), distractor_seeds=2, limit=30)
     scorer = FrequencyScorer(opened.graph, opened.split.partial) if guided else None
     policy = policy_for(opened, evaluator.engine.num_slots, scorer, policy=kind)
 

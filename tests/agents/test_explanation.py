@@ -40,6 +40,14 @@ SMALL = {
     "self_edges": "keep",
 }
 KINDS = ("no scorer", "mlp", "links", "cross-fitted links", "recipes", "scorer alone", "in sample")
+QUICK = (
+    ("train", 1, None, "no scorer"),
+    ("train", 1, None, "cross-fitted links"),
+    ("train", 1, None, "recipes"),
+    ("test", 1, 3, "mlp"),
+    ("test", 1, 3, "in sample"),
+)
+"""Each kind of model, in and out of sample; `make slow` has all plays of all kinds."""
 
 
 @pytest.fixture(scope="module")
@@ -102,10 +110,13 @@ def made_up(rows, base, **settings):
     return Explainer(random_policy(graph, world.num_slots), world)
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
-    ("part", "depth", "attempts"),
-    [("train", 1, None), ("test", 1, 3), pytest.param("test", 2, 3, marks=pytest.mark.slow)],
+    ("part", "depth", "attempts", "kind"),
+    [
+        pytest.param(*play, kind, marks=[] if (*play, kind) in QUICK else pytest.mark.slow)
+        for play in (("train", 1, None), ("test", 1, 3), ("test", 2, 3))
+        for kind in KINDS
+    ],
 )
 def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part, depth, attempts):
     world, policy = made(kind, part, depth=depth, max_attempts=attempts)
@@ -261,10 +272,10 @@ def test_a_pair_makes_what_the_rules_of_the_world_say(ambiguity):
 
 
 def test_at_most_max_actions_of_an_episode_are_explained(made):
-    world, policy = made("no scorer", max_attempts=10)
+    world, policy = made("no scorer", max_attempts=4)
     whole, cut = (cache(Explainer(policy, world, max_actions=most).episode) for most in (None, 5))
     tasks = range(len(world.tasks))
-    long = next(task for task in tasks if len(whole(task).steps) == 20)
+    long = next(task for task in tasks if len(whole(task).steps) == 8)
     assert cut(long).steps == whole(long).steps[:5]
     assert (cut(long).outcome, whole(long).outcome) == ("in_progress", "out_of_attempts")
     short = next(task for task in tasks if len(whole(task).steps) <= 4)
@@ -424,7 +435,9 @@ def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once,
     assert told >= {("train", False), *([("train", True)] if in_sample else [])}
 
 
-@pytest.mark.parametrize("kind", ["by-goal", "none", "by-slot"])
+@pytest.mark.parametrize(
+    "kind", ["by-goal", "none", pytest.param("by-slot", marks=pytest.mark.slow)]
+)
 def test_tables_are_explained_whatever_the_split(opened, kind):
     graph = opened.graph
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind)), "kitchen")

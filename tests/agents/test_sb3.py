@@ -107,7 +107,7 @@ def test_training_changes_the_parameters_of_a_copy_and_no_scores(algorithm):
     network = make_network()
     before = copy.deepcopy(network.state_dict())
     model = make_model(algorithm, network)
-    model.learn(256)
+    model.learn(64)
     after = model.policy.network.state_dict()
     constants = {name for name, _ in network.named_buffers()} & set(after)
     assert constants == {"vectors.vectors", "sources.u.scores", "sources.v.scores"}
@@ -208,7 +208,7 @@ def test_a_deterministic_prediction_is_the_best_slot(algorithm):
 def test_a_saved_model_predicts_the_same_and_trains_on(algorithm, tmp_path):
     model, seen = make_model(algorithm), states()
     untrained, _ = outputs_of(model.policy.network, seen)
-    model.learn(128)
+    model.learn(64)
     expected, values = outputs_of(model.policy.network, seen)
     assert not torch.allclose(expected, untrained)
     model.save(tmp_path / "model.zip")

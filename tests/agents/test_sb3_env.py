@@ -137,7 +137,7 @@ def test_algorithms_train_on_it(world, policy, algorithm, kind):
         env = VecMonitor(SB3VecEnv(SIZE, world), info_keywords=("is_success",))
         settings = {"n_steps": 16, "batch_size": 32, "n_epochs": 1, "seed": 0}
         model = algorithm(kind, env, policy_kwargs={"network": policy}, **settings)
-        model.learn(3 * 16 * SIZE)
+        model.learn(16 * SIZE)
         assert model.ep_success_buffer
         return model.policy.network.state_dict()
 

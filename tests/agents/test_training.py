@@ -213,7 +213,8 @@ def test_training_leaves_global_generators_and_thread_counts_as_they_were(config
 
 def test_without_held_out_recipes_only_train_tasks_are_evaluated(config, tmp_path):
     graph = str(write_graph(tmp_path / "graph", kind="none"))
-    trained = train_agent(replace(config, graph=graph), tmp_path / "run")
+    short = replace(config.trainer, steps=160, eval_every=160)
+    trained = train_agent(replace(config, graph=graph, trainer=short), tmp_path / "run")
     assert list(trained.summary.success) == ["train"]
 
 

@@ -242,10 +242,16 @@ COVERAGE = {
         0.8,
     ),
 }
+QUICK_COVERAGE = ("two seeds, Student", "tasks", "three seeds and goals", "tasks, naively")
+"""One case of each kind of interval, and one that must fail; `make slow` has all."""
 
 
 @pytest.mark.parametrize(
-    ("times", "truth", "bounds_of", "low", "high"), COVERAGE.values(), ids=COVERAGE
+    ("times", "truth", "bounds_of", "low", "high"),
+    [
+        pytest.param(*case, id=name, marks=[] if name in QUICK_COVERAGE else pytest.mark.slow)
+        for name, case in COVERAGE.items()
+    ],
 )
 def test_intervals_of_fresh_scores_hold_the_truth_as_often_as_they_say(
     times, truth, bounds_of, low, high

@@ -61,7 +61,7 @@ def test_train_agent_prints_what_the_documentation_promises(printed, world, tmp_
     assert Path(values["report"]).is_file()
 
 
-@pytest.mark.parametrize("part", ["train", "test"])
+@pytest.mark.parametrize("part", [pytest.param("train", marks=pytest.mark.slow), "test"])
 def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, part):
     recorded = json.loads((world / "guided/evaluation.json").read_text())
     values = printed("evaluate-agent", world / "guided", "--part", part)
@@ -246,7 +246,10 @@ def test_an_mlp_is_judged_with_the_tables_it_was_made_for(refused, run, train, t
         ),
         "--features learned --embedding-size 8 --distractor-policy no_shortcut --config {settings}",
         pytest.param("--features shuffled:glove --task-weighting goal", marks=pytest.mark.slow),
-        "--scorer {scorer} --kg-only --use v --scale ranks --mixing softmax",
+        pytest.param(
+            "--scorer {scorer} --kg-only --use v --scale ranks --mixing softmax",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             "--scorer {scorer} --use u --scale log-softmax --self-edges drop",
             marks=pytest.mark.slow,
@@ -350,7 +353,12 @@ def test_tasks_are_printed_with_their_table_and_plans(run, home):
 
 @pytest.mark.parametrize(
     ("part", "depth"),
-    [("all", 1), ("train", 2), ("test", 2), pytest.param("test", 3, marks=pytest.mark.slow)],
+    [
+        ("all", 1),
+        pytest.param("train", 2, marks=pytest.mark.slow),
+        ("test", 2),
+        pytest.param("test", 3, marks=pytest.mark.slow),
+    ],
 )
 def test_what_is_shown_are_tasks_as_an_agent_sees_them(shown, kitchen, part, depth):
     values = shown("kitchen", "--depth", depth, "--distractors", 4, "--part", part, "--limit", 30)

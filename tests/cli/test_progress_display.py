@@ -65,7 +65,16 @@ def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
 
     monkeypatch.setattr(Progress, "__call__", press)
     outcome = run(
-        "train-complex", "kitchen", "--dim", "8", "--epochs", "6", "--out", home / "model"
+        "train-complex",
+        "kitchen",
+        "--n3",
+        "0.1",
+        "--dim",
+        "8",
+        "--epochs",
+        "6",
+        "--out",
+        home / "model",
     )
     assert outcome.code == 130
     bar, message = terminal(outcome.err)[-2:]

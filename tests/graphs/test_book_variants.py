@@ -92,7 +92,7 @@ def outcome(folder, data, **options):
 
 
 @pytest.mark.parametrize(
-    "number", [40, pytest.param(500, marks=pytest.mark.slow)], ids=["few", "all"]
+    "number", [24, pytest.param(500, marks=pytest.mark.slow)], ids=["few", "all"]
 )
 def test_variants_of_one_book_give_its_graph_or_a_refusal(tmp_path, number):
     accents = {"bread": "crème brûlée", "water": "eau", "cheese": "gruyère"}
@@ -138,7 +138,7 @@ def spoilt(rows, rng):
 
 
 @pytest.mark.parametrize(
-    "number", [300, pytest.param(10_000, marks=pytest.mark.slow)], ids=["few", "all"]
+    "number", [120, pytest.param(10_000, marks=pytest.mark.slow)], ids=["few", "all"]
 )
 def test_spoilt_tables_end_in_no_traceback_and_lose_no_row_in_silence(tmp_path, number):
     recipes = open_book("kitchen").recipes

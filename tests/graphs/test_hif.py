@@ -63,7 +63,9 @@ def test_any_graph_comes_back_whole(book):
     assert again.recipe_labels() == graph.recipe_labels()
 
 
-@pytest.mark.parametrize("name", ["kitchen", "everyday", "paper-examples"])
+@pytest.mark.parametrize(
+    "name", ["kitchen", pytest.param("everyday", marks=pytest.mark.slow), "paper-examples"]
+)
 def test_built_in_books_come_back_with_their_kinds(name):
     graph = RecipeGraph.from_book(open_book(name))
     again = back(graph)

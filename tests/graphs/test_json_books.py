@@ -398,7 +398,7 @@ def test_columns_choose_what_a_key_with_two_labels_is(put, content):
     assert {tuple(recipe) for recipe in as_ingredient.recipes} == {("lamp", "oil", "wick")}
 
 
-@pytest.mark.parametrize("name", ["everyday", "kitchen"])
+@pytest.mark.parametrize("name", [pytest.param("everyday", marks=pytest.mark.slow), "kitchen"])
 def test_pairs_of_whole_books_are_read_by_result(put, name):
     recipes = open_book(name).recipes
     for some in (recipes[::10], recipes):

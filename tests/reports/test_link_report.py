@@ -268,7 +268,10 @@ def test_the_first_line_compares_with_the_best_baseline(opened, make, verdict, b
     assert f"{best.difference:+.3f} [{best.ci[0]:.3f}, {best.ci[1]:.3f}]" in text
 
 
-@pytest.mark.parametrize(("ratio", "seed", "is_few"), [(0.8, 2, False), (0.85, 0, True)])
+@pytest.mark.parametrize(
+    ("ratio", "seed", "is_few"),
+    [pytest.param(0.8, 2, False, marks=pytest.mark.slow), (0.85, 0, True)],
+)
 def test_the_head_gives_the_split_and_marks_few_recipes(graph, ratio, seed, is_few):
     """The head gives the split as it is and a verdict on few recipes says so."""
     split = make_split(graph, SplitConfig("by-goal", train_ratio=ratio, seed=seed))

@@ -363,7 +363,10 @@ def test_what_a_killed_run_was_to_replace_comes_back(killed, act, error, result)
     assert [path.name for path in killed.parent.iterdir()] == ["run"]
 
 
-BEGINNINGS = ["before the first file", "while the first file is written"]
+BEGINNINGS = [
+    pytest.param("before the first file", marks=pytest.mark.slow),
+    "while the first file is written",
+]
 
 
 @agent_slow

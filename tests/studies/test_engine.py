@@ -517,7 +517,26 @@ FORGERIES = {
 }
 
 
-@pytest.mark.parametrize(("forge", "message"), FORGERIES.values(), ids=FORGERIES)
+LIKE_OTHERS = (
+    "success above",
+    "no digits",
+    "no tasks",
+    "a number",
+    "more than all",
+    "no tables",
+    "curve above",
+    "a speed",
+)
+"""Forgeries that fail by the same check as another one."""
+
+
+@pytest.mark.parametrize(
+    ("forge", "message"),
+    [
+        pytest.param(*case, id=name, marks=pytest.mark.slow if name in LIKE_OTHERS else [])
+        for name, case in FORGERIES.items()
+    ],
+)
 def test_a_cell_whose_figures_contradict_each_other_is_refused_by_name(
     tmp_path, store, caplog, forge, message
 ):

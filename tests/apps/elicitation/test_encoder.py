@@ -103,7 +103,7 @@ def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, mon
     assert not (home / "other").exists()
 
 
-@pytest.mark.parametrize("damage", [False, True])
+@pytest.mark.parametrize("damage", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_an_interrupted_encoding_continues_to_the_same_bits(
     encoder_folder, kitchen, tmp_path, monkeypatch, damage
 ):

@@ -44,6 +44,19 @@ OF_AGENTS = (
 )
 OF_GRAPHS = ("/map?entity=bread", "/path/bread")
 LARGEST = 300 * 1024
+SLOW = (
+    "/tasks?depth=3&goal=bread",
+    "/episode?depth=2&task=3&distractors=2&other=plain&other=mlp",
+)
+"""Further tasks of a greater depth: finding them takes a second."""
+
+
+def of_test(addresses):
+    """Return addresses as cases of a test."""
+    return [
+        pytest.param(address, marks=pytest.mark.slow if address in SLOW else [])
+        for address in addresses
+    ]
 
 
 @pytest.fixture
@@ -88,7 +101,7 @@ def filters_of(page):
     return [form for form in page.forms if form.attributes.get("class") == "filters"]
 
 
-@pytest.mark.parametrize("address", [*OF_MODELS, *OF_AGENTS, *OF_GRAPHS])
+@pytest.mark.parametrize("address", of_test([*OF_MODELS, *OF_AGENTS, *OF_GRAPHS]))
 def test_a_page_is_plain_accessible_and_small(shown, rendered, address):
     page = rendered(shown, state_at(address))
     assert len(page.page.encode()) < LARGEST
@@ -108,7 +121,7 @@ def test_a_page_is_plain_accessible_and_small(shown, rendered, address):
             assert attributes["id"] in labelled
 
 
-@pytest.mark.parametrize("address", [*OF_MODELS, *OF_AGENTS])
+@pytest.mark.parametrize("address", of_test([*OF_MODELS, *OF_AGENTS]))
 def test_the_view_of_a_page_is_sound_and_its_links_lead_to_pages(shown, rendered, viewed, address):
     assert checked_values(view_of(shown, state_at(address)))
     page = rendered(shown, state_at(address))
@@ -137,16 +150,27 @@ def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored, rendered, 
 LINK = {"tail": HOSTILE[0]}
 
 
-@pytest.mark.parametrize("label", HOSTILE)
+PAGES_OF_LABEL = {
+    "entity": (("entity", "entity", {"learned": True}), ("recipes", "entity", {})),
+    "predictions": (("predictions", "entity", {"known": "all"}), ("pair", "a", {"b": HOSTILE[0]})),
+    "link": (("link", "head", LINK), ("link", "head", {**LINK, "relation": "componentOf"})),
+    "map": (("map", "entity", {}), ("path", "entity", {})),
+}
+
+
 @pytest.mark.parametrize(
-    "pages",
+    ("pages", "label"),
     [
-        (("entity", "entity", {"learned": True}), ("recipes", "entity", {})),
-        (("predictions", "entity", {"known": "all"}), ("pair", "a", {"b": HOSTILE[0]})),
-        (("link", "head", LINK), ("link", "head", {**LINK, "relation": "componentOf"})),
-        (("map", "entity", {}), ("path", "entity", {})),
+        # Ranks of a label take a quarter of a second: three labels have marks of all kinds.
+        pytest.param(
+            pages,
+            label,
+            marks=[] if name != "predictions" or label in HOSTILE[:3] else pytest.mark.slow,
+            id=f"{name}-{label[:30]}",
+        )
+        for name, pages in PAGES_OF_LABEL.items()
+        for label in HOSTILE
     ],
-    ids=["entity", "predictions", "link", "map"],
 )
 def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor, label, pages):
     explored = explored_by(hostile_predictor)

@@ -201,8 +201,8 @@ def test_a_file_that_is_none_of_ours_is_never_pulled(push_and_change, parted_fol
     ("folder", "name"),
     [
         ("parted_folder", "policy.safetensors"),
-        ("parted_folder", "run.json"),
-        ("recipes_folder", "metrics.jsonl"),
+        pytest.param("parted_folder", "run.json", marks=pytest.mark.slow),
+        pytest.param("recipes_folder", "metrics.jsonl", marks=pytest.mark.slow),
     ],
 )
 def test_a_file_of_another_kind_of_folder_is_never_pulled(push_and_change, request, folder, name):
@@ -245,9 +245,14 @@ def without_last_line(text):
     ("name", "change"),
     [
         ("recipes.csv", without_last_line),
-        ("entities.tsv", without_last_line),
-        ("triples/full.tsv", without_last_line),
-        ("triples/partial.tsv", lambda text: text + text.splitlines(keepends=True)[-1]),
+        *(
+            pytest.param(name, change, marks=pytest.mark.slow)
+            for name, change in (
+                ("entities.tsv", without_last_line),
+                ("triples/full.tsv", without_last_line),
+                ("triples/partial.tsv", lambda text: text + text.splitlines(keepends=True)[-1]),
+            )
+        ),
         ("triples/unseen.tsv", lambda text: b""),
         ("audit.json", lambda text: text.replace(b'"entities": 80', b'"entities": 81')),
     ],

@@ -146,7 +146,9 @@ def test_present_prompts_are_standard_and_the_schema_is_the_written_one():
 
 
 @pytest.mark.parametrize("name", ["craft-8", pytest.param("goal-8", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("player", ["nearest-words", "oracle"])
+@pytest.mark.parametrize(
+    "player", ["nearest-words", pytest.param("oracle", marks=pytest.mark.slow)]
+)
 def test_a_scripted_player_has_the_success_of_the_evaluation(submitted, name, player):
     track = open_track(name)
     config = WordCraftConfig("test", track.frozen.depth, track.frozen.distractors)
@@ -254,11 +256,16 @@ def test_declared_weights_are_hashed_and_compared(tmp_path, capsys):
     "values",
     [
         {"player": "A language model"},
-        {"training_data": "no recipe of this book"},
-        {"licence": "MIT"},
-        {"prompts": "standard", "prompt_hash": prompt_hash()},
         {"prompts": "custom", "prompt_hash": OTHER},
-        {"tokens": {"input": 1}},
+        *(
+            pytest.param(values, marks=pytest.mark.slow)
+            for values in (
+                {"training_data": "no recipe of this book"},
+                {"licence": "MIT"},
+                {"prompts": "standard", "prompt_hash": prompt_hash()},
+                {"tokens": {"input": 1}},
+            )
+        ),
     ],
 )
 def test_other_facts_are_replayed_but_not_reproduced(copied, values):

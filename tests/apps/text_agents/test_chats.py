@@ -92,7 +92,7 @@ def test_text_conversations_are_those_of_players_by_text():
 def test_no_conversation_shows_a_held_out_recipe():
     """A player by chance makes some by accident; these games are left out, and counted."""
     rows, counts = rows_of(
-        kitchen_plays(2, attempts=6), random_distinct, kept="all", tables=4, tasks=400
+        kitchen_plays(2, attempts=6), random_distinct, kept="all", tables=2, tasks=200
     )
     assert counts.revealing > 0
     assert isinstance(kitchen_plays(2)[0].games, TaskGames)
@@ -152,7 +152,7 @@ def test_other_parts_are_refused(part):
 
 @pytest.mark.parametrize(
     "player",
-    [*PLAYERS[2:], *(pytest.param(player, marks=pytest.mark.slow) for player in PLAYERS[:2])],
+    [*PLAYERS[4:], *(pytest.param(player, marks=pytest.mark.slow) for player in PLAYERS[:4])],
 )
 def test_the_command_writes_conversations_of_any_player_with_a_card(run, tmp_path, player):
     out = tmp_path / "new" / "sft.jsonl"
@@ -195,7 +195,7 @@ def test_the_same_command_writes_the_same_bytes_and_another_seed_others(run, tmp
     files = []
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         out = tmp_path / name / "sft.jsonl"
-        options = ["--player", "random", "--keep", "all", "--tasks", "50", "--seed", seed]
+        options = ["--player", "random", "--keep", "all", "--tasks", "20", "--seed", seed]
         assert run("chats", "kitchen", *options, "--out", out).code == 0
         files.append((out.read_bytes(), out.with_name("sft.README.md").read_bytes()))
     assert files[0] == files[1]

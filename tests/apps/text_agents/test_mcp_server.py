@@ -121,7 +121,7 @@ def served(host):
         listening.close()
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", [pytest.param("legacy", marks=pytest.mark.slow), "auto"])
 def test_a_scripted_player_by_tools_has_its_evaluation(world, mode):
     """A scripted player that plays by tools has its evaluation to the last digit."""
     slots = picks_of(random_distinct, world, 1)

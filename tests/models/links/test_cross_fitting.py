@@ -225,11 +225,8 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     assert not (trained.folder / "checkpoints").exists()
 
 
-@pytest.mark.parametrize(
-    "is_damaged",
-    [pytest.param(True, marks=pytest.mark.slow), False],
-    ids=["damaged", "of other epochs"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "of other epochs"])
 def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(
     folded, opened_kitchen, tmp_path, caplog, is_damaged
 ):

@@ -146,11 +146,11 @@ ROTATE = RESUMED["rotate by negatives, with validation"]
 @pytest.mark.parametrize(
     ("config", "end"),
     [
-        (SHORT, "done"),
         (ROTATE, "interrupted"),
         *(
             pytest.param(config, end, marks=pytest.mark.slow)
             for config, end in (
+                (SHORT, "done"),
                 (SHORT, "interrupted"),
                 (SHORT, "failed"),
                 (ROTATE, "done"),

@@ -67,9 +67,9 @@ def test_with_a_generator_slots_are_drawn_by_their_probabilities():
         policy.attention.query.weight.mul_(30)  # far from uniform
     expected = torch.tensor(probabilities(policy, 0, 1, [2, 3, 4, 5]))
     assert expected.max() > 2 * expected.min()
-    slots = [policy.act(GOAL, TABLE, HELD, generator=draw).slot for _ in range(2_000)]
+    slots = [policy.act(GOAL, TABLE, HELD, generator=draw).slot for _ in range(600)]
     drawn = torch.bincount(torch.tensor(slots), minlength=4)
-    assert (drawn / 2_000 - expected).abs().max() < 0.05
+    assert (drawn / 600 - expected).abs().max() < 0.07
 
 
 def test_the_same_generator_gives_the_same_picks(policy):

@@ -94,7 +94,7 @@ def test_train_tasks_have_w_and_evidence_out_of_sample(cross_fitted, opened):
     )
     found = source(state)
     seen = set()
-    for row in range(0, len(world.tasks), 4):
+    for row in range(0, len(world.tasks), 8):
         folds = {
             int(cross_fitted.of_recipe[step]) for plan in world.tasks.plans[row] for step in plan
         } - {OUTSIDE}

@@ -206,8 +206,17 @@ def test_a_source_is_restored_from_its_constants(name, scale, by_factors, monkey
     assert torch.equal(empty(States(*states())), full(States(*states())))
 
 
-@pytest.mark.parametrize("scale", ["standardise", "ranks", "none"])
-@pytest.mark.parametrize("name", ["u", "v"])
+@pytest.mark.parametrize(
+    ("name", "scale"),
+    [
+        ("u", "standardise"),
+        ("v", "none"),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("u", "ranks"), ("u", "none"), ("v", "ranks"), ("v", "standardise"))
+        ),
+    ],
+)
 def test_a_source_of_lists_comes_back_with_its_knowledge(
     cross_fitted, opened_kitchen, name, scale, no_tables
 ):
@@ -353,7 +362,11 @@ def third(request, monkeypatch, tmp_path):
 def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path):
     opened = open_graph("kitchen")
     config = AgentConfig(
-        "kitchen", folder, TaskConfig(), PolicyConfig(use="third,u"), ImpalaConfig(steps=2_000)
+        "kitchen",
+        folder,
+        TaskConfig(),
+        PolicyConfig(use="third,u"),
+        ImpalaConfig(steps=512, log_every=256),
     )
     trained = train_agent(config, tmp_path / "run")
     policy = load_policy(trained.folder)

@@ -270,9 +270,8 @@ def test_fits_without_the_encoder_that_is_asked_for_are_no_beginning(
         resume(folder)
 
 
-@pytest.mark.parametrize(
-    ("enough", "setting"), [pytest.param(1_000, "auto", marks=pytest.mark.slow), (1, "off")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("enough", "setting"), [(1_000, "auto"), (1, "off")])
 def test_no_encoder_of_other_books_where_it_is_off_or_they_are_small(
     book, other_book, tmp_path, monkeypatch, enough, setting
 ):
@@ -341,6 +340,7 @@ def test_results_of_a_pair_have_probabilities(trained, book):
     assert probabilities == sorted(probabilities, reverse=True)
 
 
+@pytest.mark.slow
 def test_entities_outside_the_graph_are_scored_by_words(book, trained, tmp_path):
     vectors = np.random.default_rng(0).normal(size=(12, 5)).astype(np.float32)
     np.save(tmp_path / "words.npy", vectors)

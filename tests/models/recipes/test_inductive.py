@@ -212,7 +212,9 @@ def test_a_link_predictor_knows_the_entities_of_its_graph_only(complex_folder):
         extended(load_scorer(complex_folder), ["naan"], np.zeros((1, DIMENSIONS)))
 
 
-@pytest.mark.parametrize("features", ["one-hot", "shuffled:glove"])
+@pytest.mark.parametrize(
+    "features", ["one-hot", pytest.param("shuffled:glove", marks=pytest.mark.slow)]
+)
 def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen, tmp_path, features):
     settings = RecipeScorerConfig(kg="full", folds=2, features=features)
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "model")

@@ -281,6 +281,7 @@ def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     assert not (tmp_path / "model").exists()
 
 
+@pytest.mark.slow
 def test_w_is_restored_from_its_constants(recipes_folder):
     """W is restored from its constants and a kept table is not mistaken for another."""
     from wordcraft_kg.models.policies.sources.registry import source_class
@@ -371,6 +372,7 @@ def test_a_plan_may_make_an_entity_that_no_known_recipe_makes():
     assert found[2] == 7
 
 
+@pytest.mark.slow
 @compares_fits
 def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path):
     settings = RecipeScorerConfig(kg="full", folds=2, features="glove")

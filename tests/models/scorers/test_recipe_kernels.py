@@ -188,5 +188,6 @@ def test_the_kernel_beats_neighbours_on_everyday_1():
     assert found == pytest.approx((0.247, 0.163), abs=0.003)
 
 
+@pytest.mark.slow
 def test_the_kernel_predicts_unseen_links_of_little_alchemy(alchemy):
     assert validation_mrrs(alchemy, seed=11) == pytest.approx((0.349, 0.216), abs=0.003)

@@ -594,6 +594,17 @@ def language_models_caveats() -> Iterator[str]:
         "copies the prompt's example, names the goal as an ingredient, or lists three items, and repeats "
         "that answer when it is refused."
     )
+    read = json.loads((HERE / DATA / "qwen15-generation.json").read_text(encoding="utf-8"))
+    now, before = read["with a 1 that counts"], read["without a 1 that counts"]
+    success = now["success"]
+    ends = f"[{_shown(success['ci_low'])}, {_shown(success['ci_high'])}]"
+    yield (
+        f"- By generation Qwen2.5-Coder-1.5B makes {_shown(success['mean'])} {ends} of {now['games']} test tasks with one "
+        "distractor (`evaluate-text`, no frozen track). Many of its answers were like `1 noise + 1 clock`: "
+        f"{before['invalid_actions']} answers were invalid and success was {_shown(before['success']['mean'])} "
+        f"until the answer grammar read this 1 as a count; then {now['invalid_actions']} were. The frozen "
+        "tracks keep the first grammar."
+    )
     track = "discover-500-lite"
     plain, look_ups = (
         _played(track, archive, 1)

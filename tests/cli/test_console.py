@@ -12,7 +12,6 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from cyclopts import App
 from graph_folders import write_graph
 
 from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
@@ -177,16 +176,6 @@ def test_options_of_the_file_are_refused_on_the_command_line(run, refused, tmp_p
 
 
 EXAMPLES = [(name, example) for name in ALL for example in manual_of(name).module.EXAMPLES]
-
-
-def test_a_signature_is_read_once_and_a_command_line_leaves_nothing_to_the_next(monkeypatch):
-    def parsed(line):
-        return make_app().parse_args(line.split(), exit_on_error=False, print_error=False)[1]
-
-    before = parsed("describe kitchen")
-    monkeypatch.delattr(App, "assemble_argument_collection")
-    assert parsed("describe kitchen --entity water --json").arguments["entity"] == "water"
-    assert parsed("describe kitchen").arguments == before.arguments
 
 
 @pytest.mark.parametrize(("name", "example"), EXAMPLES)

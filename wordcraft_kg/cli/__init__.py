@@ -21,7 +21,6 @@ fields of JSON output and exit codes are used by scripts: keep them, or say in t
 changed.
 """
 
-import copy
 import gc
 import os
 import re
@@ -36,7 +35,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args
 
-from cyclopts import App, ArgumentCollection, CoercionError, Group, Parameter
+from cyclopts import App, ArgumentCollection, CoercionError, Group
 from cyclopts.config import Dict
 from cyclopts.help import DefaultFormatter, InlineText
 
@@ -82,39 +81,13 @@ CONFIGURED = (
 )
 
 
-class _App(App):
-    """An application that reads a command's signature once, not for each command line.
-
-    Reading takes most of the time of parsing: 30 of 37 ms for a command with 60 options.
-    """
-
-    _read: ArgumentCollection | None = None
-    """The command's options, without words of a command line."""
-
-    def assemble_argument_collection(
-        self, *, default_parameter: Parameter | None = None, parse_docstring: bool = False
-    ) -> ArgumentCollection:
-        """Return the options for one command line, which parsing fills."""
-        if default_parameter is not None or parse_docstring:
-            return super().assemble_argument_collection(
-                default_parameter=default_parameter, parse_docstring=parse_docstring
-            )
-        if self._read is None:
-            self._read = super().assemble_argument_collection()
-        empty = {id(argument): copy.copy(argument) for argument in self._read}
-        for argument in empty.values():
-            argument.tokens = []
-            argument.children = ArgumentCollection(empty[id(one)] for one in argument.children)
-        return ArgumentCollection(empty.values())
-
-
 @cache
 def make_app() -> App:
     """Build the command-line application with the commands of the package and the apps.
 
     A program that runs several command lines builds it once.
     """
-    app = _App(
+    app = App(
         name=PROGRAM,
         help=ABOUT,
         help_epilogue=CONFIGURED,
@@ -162,7 +135,7 @@ def _subject(app: App, words: list[str], group: Group) -> App:
         modules = [manual_of(name).module for name in ALL if name.startswith(f"{word} ")]
         about = next(module.SUBJECT for module in modules if hasattr(module, "SUBJECT"))
         app.command(
-            _App(
+            App(
                 name=word,
                 help=about,
                 help_epilogue=_examples(*modules),

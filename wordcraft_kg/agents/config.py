@@ -235,6 +235,9 @@ class ImpalaConfig:
         """Return the settings with unrolls as long as episodes with so many actions, if open.
 
         In a shorter unroll, actions before the last attempt learn from the value alone.
+
+        Raises:
+            ConfigError: if ``unroll`` is open and ``actions`` is out of range.
         """
         return replace(self, unroll=actions) if self.unroll is None else self
 
@@ -274,7 +277,11 @@ class ImpalaConfig:
 
     @property
     def updates(self) -> int:
-        """Number of updates in the whole training."""
+        """Number of updates in the whole training.
+
+        Raises:
+            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
+        """
         # Rounded up, by whole numbers, which are exact at any size.
         return (self.steps + self.steps_per_update - 1) // self.steps_per_update
 

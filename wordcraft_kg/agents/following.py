@@ -92,6 +92,7 @@ class FollowedRun:
 
         Raises:
             LeakError: if a task would be scored by a model trained on the task's recipes.
+            GraphMismatchError: if the graph or split differs from training.
         """
         with self._lock:
             agent = self.agent()

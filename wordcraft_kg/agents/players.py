@@ -317,6 +317,8 @@ def scorer_players(
 
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
+        ConfigError: if the graph is too large for score tables, and the scorer needs them.
+        LeakError: if a model has seen all recipes of a task's plan.
     """
     check_scorer(scorer, graph)
 
@@ -391,6 +393,12 @@ def play_all(
 
     Returns:
         For each number of distractors and player a record of all tasks, then one of each group.
+
+    Raises:
+        ConfigError: for a seed out of range, or too few entities in the graph for so many
+            distractors.
+        ActionError: if a player chooses a number that is not a slot.
+        LeakError: if a player would score a task by a model trained on the task's recipes.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)

@@ -160,6 +160,7 @@ class SB3VecEnv(VecEnv):
 
         Raises:
             AttributeError: if there is no such attribute.
+            IndexError: for a number without an environment.
         """
         return [getattr(self.env, attr_name)] * len(self._chosen(indices))
 
@@ -195,6 +196,7 @@ class SB3VecEnv(VecEnv):
 
         Raises:
             AttributeError: for another method.
+            IndexError: for a number without an environment.
         """
         if method_name != "action_masks" or method_args or method_kwargs:
             raise AttributeError(
@@ -205,7 +207,11 @@ class SB3VecEnv(VecEnv):
         return [masks[place] for place in self._chosen(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:
-        """Return False for each chosen environment: none is wrapped."""
+        """Return False for each chosen environment: none is wrapped.
+
+        Raises:
+            IndexError: for a number without an environment.
+        """
         return [False] * len(self._chosen(indices))
 
     def _chosen(self, indices: Indices) -> list[int]:

@@ -252,7 +252,9 @@ def view_agents(
 
     Raises:
         GraphMismatchError: if the agents were trained on different graphs or splits.
-        ConfigError: if their task settings differ, or if no agent can play with these distractors.
+        ConfigError: if their task settings differ, no agent can play with these distractors, or the
+            graph has too few entities for them.
+        TaskError: if the part has no tasks of the agents' depth.
     """
     everyone = list(chain.from_iterable(groups.values()))
     first = everyone[0]

@@ -128,6 +128,11 @@ def view_evaluation(
 
     Returns:
         Success and outcomes by distractor count.
+
+    Raises:
+        ConfigError: if ``agent`` is kg-only and the run has no scorer, a value is out of range, or
+            the graph has too few entities for so many distractors.
+        TaskError: if the part has no tasks of the agent's depth.
     """
     player = player_of(trained.policy, agent)
     tasks = trained.config.tasks
@@ -211,6 +216,12 @@ def view_explanation(
 
     Returns:
         The episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`.
+
+    Raises:
+        UnknownEntityError: if the goal does not exist.
+        TaskError: if the part has no tasks, or none with the goal.
+        ConfigError: if the task does not exist, the graph has too few entities for so many
+            distractors, or the policy has other slots.
     """
     # Without a number, tables are as in training.
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
@@ -275,6 +286,13 @@ def view_baselines(
 
     Returns:
         A row for each player and distractor count.
+
+    Raises:
+        TaskError: if there is no task for these settings.
+        ConfigError: if the graph has too few entities for so many distractors, or the model needs
+            score tables that would be too large.
+        GraphMismatchError: if the model belongs to another graph.
+        LeakError: if a cross-fitted model has seen all recipes of a task's plan.
     """
     players = knowledge_players(opened.split)
     world = World(opened, config)

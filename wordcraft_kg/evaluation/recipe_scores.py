@@ -180,6 +180,9 @@ class RecipeScoring:
         """Return a query's recipes as ids, shape (n, 3).
 
         That is one recipe, or a recipe for each entity in the open slot.
+
+        Raises:
+            ValueError: for a label that the scorer does not know.
         """
         # Half-products of chains are no things of the game, and no answers.
         everything = np.flatnonzero(~mark_half_products(self.scorer.entities))
@@ -298,7 +301,11 @@ class RecipeScoring:
 
 
 def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
-    """Score a recipe, and rank each entity in its slot."""
+    """Score a recipe, and rank each entity in its slot.
+
+    Raises:
+        ValueError: for a label that the scorer does not know.
+    """
     row = scoring.rows(query)
     own = scoring.scores(row)
     (recipe,) = scoring.recipes(row, own.tolist())

@@ -273,7 +273,11 @@ def read_pack(path: Path) -> ReferencePack:
 
 
 def read_packs(folder: Path = PACK) -> tuple[ReferencePack, ...]:
-    """Read all reference files in a folder with :func:`read_pack`, in the order of the names."""
+    """Read all reference files in a folder with :func:`read_pack`, in the order of the names.
+
+    Raises:
+        ArtefactError: if a file is damaged, or a row contradicts itself.
+    """
     return tuple(read_pack(path) for path in sorted(folder.glob("*.json")))
 
 

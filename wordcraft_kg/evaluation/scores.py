@@ -230,6 +230,9 @@ class ScoringModel:
 
         Returns:
             The entities, best first; equal scores in id order.
+
+        Raises:
+            UnknownEntityError: for an entity that the scorer does not know.
         """
         everything = torch.arange(len(self.scorer.entities))
         head = everything if query.head is None else query.head
@@ -266,7 +269,11 @@ def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
 
 
 def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
-    """Score a triple, and rank its head and its tail among all entities."""
+    """Score a triple, and rank its head and its tail among all entities.
+
+    Raises:
+        UnknownEntityError: for an entity that the scorer does not know.
+    """
     scorer = model.scorer
     head, relation, tail = _labels(query)
     ((_, known, probability),) = _scores(model, [(head, relation, tail)])
@@ -306,6 +313,9 @@ def view_open_slot(
 
     Returns:
         The entities, best first.
+
+    Raises:
+        UnknownEntityError: for an entity that the scorer does not know.
     """
     best = model.answers(query, top, new_only=new_only)
     # Evidence only for the listed entities: looking it up is slow beside scoring.
@@ -331,6 +341,9 @@ def score_queries(
 
     Yields:
         A row for a full triple, up to ``top`` rows for a query with an open slot.
+
+    Raises:
+        UnknownEntityError: for an entity that the scorer does not know.
     """
     # Full triples are scored in one batch, which is much faster than one by one.
     scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))

@@ -70,6 +70,9 @@ class TaskConfig:
             with this goal).
         ambiguity: all results of a pair, or only the last (as in the paper's released code).
 
+    Raises:
+        ConfigError: for a value out of range.
+
     Example:
         >>> TaskConfig(depth=2, distractors=4).environment("test").part
         'test'
@@ -157,6 +160,9 @@ class ImpalaConfig:
         eval_every: environment steps between two points on the learning curves; 0 evaluates only
             after training.
         checkpoint_every: environment steps between two checkpoints.
+
+    Raises:
+        ConfigError: for a value out of range.
 
     Example:
         >>> ImpalaConfig(steps=1_000, preset="paper").updates
@@ -319,6 +325,9 @@ class AgentConfig(RunConfig):
         tasks: training and evaluation tasks.
         policy: network and knowledge sources.
         trainer: optimisation and logging.
+
+    Raises:
+        ConfigError: for a setting that needs a scorer, and no scorer.
 
     Example:
         >>> AgentConfig("kitchen", "models/kitchen", TaskConfig(distractors=2)).differing()

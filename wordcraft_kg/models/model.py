@@ -146,7 +146,11 @@ class Model:
 
     @property
     def triples(self) -> Ids:
-        """The training recipes' triples, ids of shape (T, 3): head, relation, tail; sorted."""
+        """The training recipes' triples, ids of shape (T, 3): head, relation, tail; sorted.
+
+        Raises:
+            GraphMismatchError: as for :attr:`train_sample`.
+        """
         return self.train_sample.triples
 
     @property

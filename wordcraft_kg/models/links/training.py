@@ -107,8 +107,10 @@ def train_links(
         ConfigError: if the settings do not fit the graph or the machine.
         MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if an input belongs to another graph.
-        ArtefactError: if an interrupted run is damaged, or another process trains in the folder.
+        ArtefactError: if a graph folder, a knowledge folder or an interrupted run is damaged, or
+            another process trains in the folder.
         TrainingError: if the loss is not finite, or a process of a fold dies.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
 
     Example:
         >>> config = LinksConfig("kitchen", ComplExConfig(dim=8, epochs=2))

@@ -75,6 +75,7 @@ def make_policy(
         ConfigError: if settings conflict or do not fit the graph.
         GraphMismatchError: if the scorer belongs to another graph.
         LeakError: if a model has seen all recipes of a task's plan.
+        ArtefactError: if a folder of vectors in the features is damaged.
     """
     config = config.closed()
     features = None

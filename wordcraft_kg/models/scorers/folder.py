@@ -224,7 +224,7 @@ def make_scorer(
         settings: ``device`` and ``name``.
 
     Raises:
-        KeyError: if a tensor is missing.
+        KeyError: for an unknown kind, or if a tensor is missing.
         ValueError: if a tensor does not fit the entities.
     """
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)

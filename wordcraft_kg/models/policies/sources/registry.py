@@ -90,8 +90,8 @@ def tables_are_too_large(
         scale: common scale of the scores.
 
     Raises:
-        ConfigError: if the tables would be too large, and the scorer or the scale needs them; the
-            message gives their size and the alternatives.
+        ConfigError: for an unknown name, or if the tables would be too large, and the scorer or the
+            scale needs them; the message gives their size and the alternatives.
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
@@ -137,7 +137,8 @@ def make_sources(
         One source for each name, in the given order.
 
     Raises:
-        ConfigError: if the scorer cannot serve a source, or would need a table that is too large.
+        ConfigError: for an unknown name, or if the scorer cannot serve a source, or would need a
+            table that is too large.
         LeakError: if a model has seen all recipes of a task's plan.
         GraphMismatchError: if the tasks belong to another graph or split than the scorer's folds.
 

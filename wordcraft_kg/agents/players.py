@@ -96,7 +96,8 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
 def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     """Return a player of the slot with the highest summed score, as in Jiang et al. 2020.
 
-    Ties are broken at random.
+    Ties are broken at random. The player raises LeakError if a source would score a task by a model
+    trained on the task's recipes.
     """
 
     def choose(state: State, rng: np.random.Generator) -> Ids:

@@ -63,6 +63,7 @@ class SB3VecEnv(VecEnv):
         Raises:
             ConfigError: for an unknown setting, or a value out of range.
             TaskError: if the graph has no such task.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
         """
         self.env = WordCraftVectorEnv(num_envs, graph, **settings)
         self.world = self.env.world
@@ -144,7 +145,11 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return which slots hold an entity, shape (N, num_slots)."""
+        """Return which slots hold an entity, shape (N, num_slots).
+
+        Raises:
+            EpisodeError: before the first :meth:`reset`.
+        """
         return self.env.action_masks()
 
     def has_attr(self, attr_name: str) -> bool:

@@ -232,6 +232,9 @@ class RecipeScoring:
 
         Returns:
             Recipes as ids, shape (n, 3), and their scores.
+
+        Raises:
+            ValueError, UnknownEntityError: for a label that the scorer does not know.
         """
         scorer = self.scorer
         scores = None
@@ -345,6 +348,9 @@ def view_open_recipe(
 
     Returns:
         The completed recipes; results of a pair have probabilities if the scorer is calibrated.
+
+    Raises:
+        ValueError, UnknownEntityError: for a label that the scorer does not know.
     """
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
@@ -372,6 +378,9 @@ def score_recipe_queries(
 
     Yields:
         A row for a full recipe, up to ``top`` rows for a query with an open slot.
+
+    Raises:
+        ValueError, UnknownEntityError: for a label that the scorer does not know.
     """
     # Full recipes are scored in one batch, which is much faster than one by one.
     recipes = [scoring.rows(query) for query in queries if not query.is_open]

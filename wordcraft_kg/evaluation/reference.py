@@ -316,6 +316,9 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
     Returns:
         The condition; None for rules that differ from the defaults, which no row of a pack is
         about.
+
+    Raises:
+        ConfigError: for an unknown part.
     """
     config = tasks.environment(part)
     # Rewards do not matter: success counts goals.

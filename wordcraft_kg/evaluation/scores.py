@@ -431,8 +431,9 @@ def with_new_words(
         The extended model, or ``model`` itself if the graph has all entities.
 
     Raises:
-        UnknownEntityError: if a word of an entity has no vector.
+        UnknownEntityError: if no word of an entity has a vector, or the model uses no words.
         QueryFileError: the same for queries of a file, with the line of the first such entity.
+        ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
     # In the order of the queries, with the line where each new entity first stands.
     lines: dict[str, int | None] = {}

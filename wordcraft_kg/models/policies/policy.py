@@ -216,6 +216,7 @@ class Policy(nn.Module):
             ConfigError: if the tables have other slots than an mlp was made for, or a policy with
                 ``sees_attempts`` gets no attempts.
             LeakError: if states have task numbers before :meth:`bind`.
+            ValueError: if a source that looks ahead gets no attempts.
         """
         if external_scores is None:
             external_scores = self.external_scores(states)
@@ -249,6 +250,7 @@ class Policy(nn.Module):
 
         Raises:
             LeakError: if states have task numbers before :meth:`bind`.
+            ValueError: if a source that looks ahead gets no attempts.
         """
         if not self.sources:
             return None

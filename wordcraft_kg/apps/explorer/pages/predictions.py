@@ -409,7 +409,7 @@ def ranked_by(explored: Explored, name: str) -> RankedTriples:
     """Return ranks for all triples by a model, which take seconds and are kept.
 
     Raises:
-        ConfigError: if there is no model.
+        ConfigError: if there is no model, or it has too many entities to compare.
         UnknownEntityError: if no model has this name.
         ArtefactError: if a score is not a finite number.
     """

@@ -153,7 +153,7 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
 
     Args:
         folder: run folder, written by ``train_agent``.
-        graph: new location of a moved graph, or the opened graph.
+        graph: new location of a moved graph, or the opened graph; None for the recorded location.
 
     Raises:
         ArtefactError: if the run does not exist or has no checkpoint yet, its graph is not found,

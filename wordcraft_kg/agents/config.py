@@ -105,7 +105,7 @@ class TaskConfig:
 
         Args:
             part: part of the split, or ``all``.
-            distractors: number of distractors instead of this object's.
+            distractors: number of distractors instead of this object's; None for this object's.
 
         Raises:
             ConfigError: for a value out of range.

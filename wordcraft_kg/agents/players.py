@@ -389,7 +389,7 @@ def play_all(
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
         seed: draws distractors and players' choices.
         groups: masks over the world's tasks by name, each of shape (tasks,). Groups without tasks
-            have no row.
+            have no row. None for no groups.
         limit: most tasks; of more, evenly spaced ones are played, as by the evaluator.
 
     Returns:

@@ -110,7 +110,7 @@ def train_agent(
         force: train anew and replace the folder.
         trackers: places to which the lines of metrics go too, by name (tensorboard, wandb, mlflow)
             or as objects.
-        progress: called after each line of metrics; True shows a bar.
+        progress: called after each line of metrics; True shows a bar, None or False nothing.
 
     Returns:
         The run folder and, unless interrupted, the final evaluation.

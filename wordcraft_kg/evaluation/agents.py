@@ -244,7 +244,8 @@ def view_agents(
             differences.
         part: split part with the tasks.
         distractors: distractor counts; None for 1, 8 and the numbers in the agents' training.
-        distractor_seeds: tables per task, see :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
+        distractor_seeds: tables per task; None as for
+            :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
         episodes: number of example episodes for each agent.
 
     Returns:

@@ -121,7 +121,8 @@ def view_evaluation(
         agent: name of the player, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
         part: split part with the tasks.
         distractors: distractor counts.
-        distractor_seeds: tables per task, see :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
+        distractor_seeds: tables per task; None as for
+            :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
         distractor_policy: where distractors are drawn from; None for the agent's setting in
             training.
         limit: most tasks; of more, evenly spaced ones are played.
@@ -280,7 +281,8 @@ def view_baselines(
         config: settings of the tasks.
         distractors: distractor counts.
         model: name of a model, and the model; None for scripted players only.
-        distractor_seeds: tables per task, see :func:`~wordcraft_kg.agents.players.play_all`.
+        distractor_seeds: tables per task; None as for
+            :func:`~wordcraft_kg.agents.players.play_all`.
         seed: seed of distractors and of the players' choices.
         limit: most tasks; of more, evenly spaced ones are played.
 

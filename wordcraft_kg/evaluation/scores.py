@@ -211,7 +211,8 @@ class ScoringModel:
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
         """Return calibrated probabilities for triples, ids of shape (T, 3).
 
-        A triple that is ``known`` from train has none: it is true, and calibration is for new ones.
+        A triple that is ``known`` from train has None: it is true, and calibration is for new ones.
+        All are None without a calibration.
         """
         folds = folds_of(self.scorer)
         if folds is None or folds.probabilities is None:

@@ -83,7 +83,7 @@ class Model:
 
     @property
     def made_by_other_books(self) -> frozenset[str] | None:
-        """Labels that another book in the training makes, see :class:`History`."""
+        """Labels that another book in the training makes, or None, see :class:`History`."""
         return self.history.made_by_other_books
 
     @property

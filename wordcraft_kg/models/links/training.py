@@ -100,7 +100,7 @@ def train_links(
         force: replace the folder if it exists.
         trackers: further places for each epoch's metrics: tensorboard, wandb, mlflow, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
-        progress: called after each epoch; True shows a bar.
+        progress: called after each epoch; True shows a bar, None or False nothing.
 
     Raises:
         OutputExistsError: if ``out`` holds other files or a finished run, and ``force`` is False.

@@ -65,7 +65,8 @@ def make_policy(
         observed: ids of the scorer's training triples, shape (T, 3). Required if
             ``config.self_edges`` is "observed", which keeps the score of an entity combined with
             itself only for a training triple.
-        tasks: training tasks, such as ``world.tasks``; required by cross-fitted scorers.
+        tasks: training tasks, such as ``world.tasks``, required by cross-fitted scorers; None
+            without.
         seed: random seed for parameters and random features; global generators stay unchanged.
 
     Returns:

@@ -92,7 +92,7 @@ def load_scorer(
 
     Args:
         folder: folder from a training command or ``save_scorer``.
-        graph: if given, the scorer must belong to this graph.
+        graph: the scorer must belong to this graph; None for any.
         device: torch device for scores.
 
     Returns:

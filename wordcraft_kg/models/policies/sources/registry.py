@@ -130,8 +130,8 @@ def make_sources(
         names: names of the sources: ``["combines", "component"]``, or short, ``["u", "v"]``.
         scorer: model whose scores the sources use.
         view: scale of the scores and treatment of self edges; by default raw scores.
-        tasks: tasks to score, such as ``world.tasks``, which replace the view's. Without tasks,
-            sources of a cross-fitted scorer score only tasks that use no train recipe.
+        tasks: tasks to score, such as ``world.tasks``, which replace the view's. Without tasks
+            (None), sources of a cross-fitted scorer score only tasks that use no train recipe.
 
     Returns:
         One source for each name, in the given order.

@@ -428,7 +428,7 @@ class FoldedSource(Source):
         """Return the number of the model that scores each state.
 
         Args:
-            task: shape (B,), int64, as in :class:`States`.
+            task: shape (B,), int64, as in :class:`States`; None for tasks without train recipes.
 
         Returns:
             shape (B,), int64; None if the model of all train recipes scores all states.

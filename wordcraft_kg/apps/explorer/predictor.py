@@ -218,7 +218,7 @@ class LinkPredictor:
         """The model as evaluation uses it: scores, probabilities and known triples.
 
         Raises:
-            ArtefactError: if the folder of a model with outside knowledge is damaged by now.
+            ArtefactError: if the folder of a model with outside knowledge has been damaged since.
         """
         outside = None
         if self.model.settings.get("with"):

@@ -153,10 +153,11 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
 
     Args:
         folder: run folder, written by ``train_agent``.
-        graph: new location of a moved graph, or the opened graph.
+        graph: new location of a moved graph, or the opened graph; None for the recorded location.
 
     Raises:
-        ArtefactError: if the run does not exist or has no checkpoint yet, or a file is damaged.
+        ArtefactError: if the run does not exist or has no checkpoint yet, its graph is not found,
+            or a file is damaged.
         GraphMismatchError: if the graph or split differs from training.
 
     Example:
@@ -190,7 +191,7 @@ def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
     """Load a run's policy with the weights at a checkpoint.
 
     Raises:
-        ArtefactError: if the files do not fit each other.
+        ArtefactError: if a file is missing or has changed, or the files do not fit each other.
     """
     files.bytes("policy.json")
     parameters = with_prefix(checkpoint.tensors, "policy.")

@@ -70,6 +70,9 @@ class TaskConfig:
             with this goal).
         ambiguity: all results of a pair, or only the last (as in the paper's released code).
 
+    Raises:
+        ConfigError: for a value out of range.
+
     Example:
         >>> TaskConfig(depth=2, distractors=4).environment("test").part
         'test'
@@ -102,7 +105,7 @@ class TaskConfig:
 
         Args:
             part: part of the split, or ``all``.
-            distractors: number of distractors instead of this object's.
+            distractors: number of distractors instead of this object's; None for this object's.
 
         Raises:
             ConfigError: for a value out of range.
@@ -157,6 +160,9 @@ class ImpalaConfig:
         eval_every: environment steps between two points on the learning curves; 0 evaluates only
             after training.
         checkpoint_every: environment steps between two checkpoints.
+
+    Raises:
+        ConfigError: for a value out of range.
 
     Example:
         >>> ImpalaConfig(steps=1_000, preset="paper").updates
@@ -235,6 +241,9 @@ class ImpalaConfig:
         """Return the settings with unrolls as long as episodes with so many actions, if open.
 
         In a shorter unroll, actions before the last attempt learn from the value alone.
+
+        Raises:
+            ConfigError: if ``unroll`` is open and ``actions`` is out of range.
         """
         return replace(self, unroll=actions) if self.unroll is None else self
 
@@ -274,7 +283,11 @@ class ImpalaConfig:
 
     @property
     def updates(self) -> int:
-        """Number of updates in the whole training."""
+        """Number of updates in the whole training.
+
+        Raises:
+            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
+        """
         # Rounded up, by whole numbers, which are exact at any size.
         return (self.steps + self.steps_per_update - 1) // self.steps_per_update
 
@@ -312,6 +325,9 @@ class AgentConfig(RunConfig):
         tasks: training and evaluation tasks.
         policy: network and knowledge sources.
         trainer: optimisation and logging.
+
+    Raises:
+        ConfigError: for a setting that needs a scorer, and no scorer.
 
     Example:
         >>> AgentConfig("kitchen", "models/kitchen", TaskConfig(distractors=2)).differing()

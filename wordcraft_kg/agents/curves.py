@@ -111,6 +111,9 @@ def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator
 
     Returns:
         Evaluators by part; none for a part without tasks.
+
+    Raises:
+        ConfigError: if the graph has too few entities for the distractors beside a part's tasks.
     """
     result = {}
     for part in EVALUATED:

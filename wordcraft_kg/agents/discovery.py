@@ -554,7 +554,8 @@ def play_runs(
         base: entities known at the start; None for the graph's base.
 
     Raises:
-        ConfigError: for numbers out of range, or a base without any recipe.
+        ConfigError: for numbers out of range, or a base with an unknown entity or from which
+            nothing can be made.
     """
     whole("attempts", attempts, 1, MAX_SIZE)
     whole("runs", runs, 1, MAX_SIZE)

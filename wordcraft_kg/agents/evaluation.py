@@ -46,7 +46,13 @@ class PolicyPlayer:
 
     @torch.no_grad()
     def __call__(self, state: State, rng: np.random.Generator) -> Any:
-        """Return the best slot in each of N environments, shape (N,)."""
+        """Return the best slot in each of N environments, shape (N,).
+
+        Raises:
+            LeakError: if a source would score a task by a model trained on the task's recipes.
+            GraphMismatchError: if the tasks belong to another graph or split than a cross-fitted
+                scorer.
+        """
         bind_tasks([self.policy], state.world)
         states = states_of(state)
         # The same for all states, and costly: vectors of all entities.
@@ -68,6 +74,7 @@ def player_of(policy: Policy, kind: str) -> Player:
 
     Raises:
         ConfigError: for ``kg-only`` and a policy without a scorer.
+        KeyError: for another ``kind``.
     """
     if kind == "kg-only":
         if not policy.sources:
@@ -145,6 +152,9 @@ class Evaluator:
 
         ``distractor_seeds`` are tables per task, by default
         :func:`~wordcraft_kg.envs.evaluation_tables.default_seeds`.
+
+        Raises:
+            ConfigError: if ``distractor_seeds`` is below 1, or the episodes do not fit into memory.
         """
         self.tasks = sampled_tasks(world, limit)
         warn_of_sample(world, self.tasks, limit)
@@ -172,6 +182,10 @@ class Evaluator:
 
         A player maps a batched state and a random generator to slots, shape (N,): see
         :mod:`wordcraft_kg.agents.players`.
+
+        Raises:
+            ConfigError: if no distractors are found that the distractor policy allows.
+            LeakError: if a policy would score a task by a model trained on the task's recipes.
         """
         shape = (len(self.tasks), self.distractor_seeds)
         success = np.zeros(shape, dtype=bool)
@@ -243,8 +257,11 @@ def evaluate(
         The outcomes; ``metrics()`` has the success rate.
 
     Raises:
-        ConfigError: for an unknown setting or a value out of range.
+        ConfigError: for an unknown setting, a value out of range, or settings next to a world.
         TaskError: if the graph has no task for these settings.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
+        ArtefactError: if a graph folder is damaged.
+        LeakError: if a policy would score a task by a model trained on the task's recipes.
 
     Example:
         >>> settings = {"num_distractors": 2, "distractor_seeds": 1}

@@ -259,6 +259,8 @@ class Explainer:
 
         Raises:
             LeakError: if a model would score tasks with recipes from its training data.
+            GraphMismatchError: if the tasks belong to another graph or split than a cross-fitted
+                scorer.
         """
         self.world = world
         self._kg = kg
@@ -288,7 +290,11 @@ class Explainer:
         return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
-        """Return an :meth:`episode` with the plans at its table and the model behind its scores."""
+        """Return an :meth:`episode` with the plans at its table and the model behind its scores.
+
+        Raises:
+            ConfigError: if there is no such task or table, or the policy has other slots.
+        """
         return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def table(
@@ -345,7 +351,11 @@ class Explainer:
         return self._explained(self._of_table(target, ids)._replace(selection=selected))
 
     def drawn(self, task: int, distractor_seed: int = 0) -> list[int]:
-        """Return the entity ids on an evaluation table; see :meth:`episode`."""
+        """Return the entity ids on an evaluation table; see :meth:`episode`.
+
+        Raises:
+            ConfigError: if there is no such task or table.
+        """
         return self._tables.table(task, distractor_seed)
 
     def _of_task(self, task: int, table: list[int]) -> _Query:
@@ -591,7 +601,8 @@ def explain_episodes(
     Raises:
         UnknownEntityError: if the goal does not exist.
         TaskError: if the world has no task with the goal.
-        ConfigError: if the task does not exist.
+        ConfigError: if the task does not exist, or the policy has other slots.
+        LeakError: if a model would score tasks with recipes from its training data.
     """
     explainer = Explainer(policy, world, outside=outside)
     if task is not None:

@@ -61,7 +61,11 @@ class FollowedRun:
         self._explainers: OrderedDict[WordCraftConfig, Explainer] = OrderedDict()
 
     def records(self) -> AgentRun:
-        """Return the run's settings, status, learning curves and checkpoints, as they are now."""
+        """Return the run's settings, status, learning curves and checkpoints, as they are now.
+
+        Raises:
+            ArtefactError: if the run does not exist or a file is damaged.
+        """
         stamp = (
             *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"),
             *AGENTS.checkpoints(self.folder).records(),
@@ -72,6 +76,7 @@ class FollowedRun:
         """Return the agent with the latest weights.
 
         Raises:
+            ArtefactError: if the run does not exist or has no checkpoint yet, or a file is damaged.
             GraphMismatchError: if the graph or split differs from training.
         """
         with self._lock:
@@ -91,7 +96,9 @@ class FollowedRun:
         """Return an explainer for the latest weights, for :data:`MAX_ACTIONS` of an episode.
 
         Raises:
+            ArtefactError: if the run does not exist or has no checkpoint yet, or a file is damaged.
             LeakError: if a task would be scored by a model trained on the task's recipes.
+            GraphMismatchError: if the graph or split differs from training.
         """
         with self._lock:
             agent = self.agent()
@@ -132,6 +139,9 @@ class FollowedRun:
         """Return the final evaluation's episodes by part, goal and starting ingredients.
 
         Empty before the end of training.
+
+        Raises:
+            ArtefactError: if the run does not exist or a file is damaged.
         """
         if self.records().evaluation is None:
             return {}

@@ -391,6 +391,7 @@ class Impala:
         Raises:
             KeyError: if a tensor is missing.
             RuntimeError: if a shape differs.
+            ConfigError: if an array of the environments has another shape.
         """
         with torch.no_grad():
             for name, parameter in self.policy.named_parameters():

@@ -68,6 +68,7 @@ def fit_plan_weights(
 
     Raises:
         LeakError: if the tasks are not train tasks, or the scorer has no models of folds.
+        GraphMismatchError: if the tasks belong to another graph or split than the scorer.
     """
     if world.config.part != "train" or not source.reads_task:
         raise LeakError(

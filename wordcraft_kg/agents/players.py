@@ -96,7 +96,8 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
 def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     """Return a player of the slot with the highest summed score, as in Jiang et al. 2020.
 
-    Ties are broken at random.
+    Ties are broken at random. The player raises LeakError if a source would score a task by a model
+    trained on the task's recipes.
     """
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
@@ -317,6 +318,8 @@ def scorer_players(
 
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
+        ConfigError: if the graph is too large for score tables, and the scorer needs them.
+        LeakError: if a model has seen all recipes of a task's plan.
     """
     check_scorer(scorer, graph)
 
@@ -386,11 +389,17 @@ def play_all(
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
         seed: draws distractors and players' choices.
         groups: masks over the world's tasks by name, each of shape (tasks,). Groups without tasks
-            have no row.
+            have no row. None for no groups.
         limit: most tasks; of more, evenly spaced ones are played, as by the evaluator.
 
     Returns:
         For each number of distractors and player a record of all tasks, then one of each group.
+
+    Raises:
+        ConfigError: for a seed out of range, or too few entities in the graph for so many
+            distractors.
+        ActionError: if a player chooses a number that is not a slot.
+        LeakError: if a player would score a task by a model trained on the task's recipes.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)

@@ -95,6 +95,10 @@ class _NetworkPolicy(BasePolicy):
 
         Returns:
             Actions (B,), values (B, 1) and the actions' log-probabilities (B,).
+
+        Raises:
+            ActionError: if a mask leaves a state without a slot to choose.
+            LeakError: if the policy was bound to other tasks after training began.
         """
         distribution, values = self._decide(obs, action_masks)
         actions = distribution.get_actions(deterministic=deterministic)
@@ -115,6 +119,10 @@ class _NetworkPolicy(BasePolicy):
 
         Returns:
             Values (B, 1), log-probabilities (B,) of the actions, and entropies (B,) in nats.
+
+        Raises:
+            ActionError: if a mask leaves a state without a slot to choose.
+            LeakError: if the policy was bound to other tasks after training began.
         """
         distribution, values = self._decide(obs, action_masks)
         return values, distribution.log_prob(actions), distribution.entropy()
@@ -129,11 +137,16 @@ class _NetworkPolicy(BasePolicy):
 
         Raises:
             ActionError: if a row leaves no choice.
+            LeakError: if the policy was bound to other tasks after training began.
         """
         return self._decide(obs, action_masks)[0]
 
     def predict_values(self, obs: Observations) -> Tensor:
-        """Return state values, shape (B, 1)."""
+        """Return state values, shape (B, 1).
+
+        Raises:
+            LeakError: if the policy was bound to other tasks after training began.
+        """
         return self._ask(obs).value[:, None]
 
     def _build(self, lr_schedule: Schedule) -> None:

@@ -63,6 +63,7 @@ class SB3VecEnv(VecEnv):
         Raises:
             ConfigError: for an unknown setting, or a value out of range.
             TaskError: if the graph has no such task.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
         """
         self.env = WordCraftVectorEnv(num_envs, graph, **settings)
         self.world = self.env.world
@@ -144,7 +145,11 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return which slots hold an entity, shape (N, num_slots)."""
+        """Return which slots hold an entity, shape (N, num_slots).
+
+        Raises:
+            EpisodeError: before the first :meth:`reset`.
+        """
         return self.env.action_masks()
 
     def has_attr(self, attr_name: str) -> bool:
@@ -160,6 +165,7 @@ class SB3VecEnv(VecEnv):
 
         Raises:
             AttributeError: if there is no such attribute.
+            IndexError: for a number without an environment.
         """
         return [getattr(self.env, attr_name)] * len(self._chosen(indices))
 
@@ -195,6 +201,7 @@ class SB3VecEnv(VecEnv):
 
         Raises:
             AttributeError: for another method.
+            IndexError: for a number without an environment.
         """
         if method_name != "action_masks" or method_args or method_kwargs:
             raise AttributeError(
@@ -205,7 +212,11 @@ class SB3VecEnv(VecEnv):
         return [masks[place] for place in self._chosen(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:
-        """Return False for each chosen environment: none is wrapped."""
+        """Return False for each chosen environment: none is wrapped.
+
+        Raises:
+            IndexError: for a number without an environment.
+        """
         return [False] * len(self._chosen(indices))
 
     def _chosen(self, indices: Indices) -> list[int]:

@@ -110,7 +110,7 @@ def train_agent(
         force: train anew and replace the folder.
         trackers: places to which the lines of metrics go too, by name (tensorboard, wandb, mlflow)
             or as objects.
-        progress: called after each line of metrics; True shows a bar.
+        progress: called after each line of metrics; True shows a bar, None or False nothing.
 
     Returns:
         The run folder and, unless interrupted, the final evaluation.
@@ -122,9 +122,12 @@ def train_agent(
             data, or the settings do not fit the graph or machine.
         MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if the scorer belongs to another graph or split.
-        ArtefactError: if an interrupted run is damaged, or another process is training in the
-            folder.
+        ArtefactError: if the scorer, a graph folder or an interrupted run is damaged, or another
+            process is training in the folder.
         TrainingError: if the loss becomes infinite or not a number.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
+        TaskError: if the split has no train tasks for these settings.
+        LeakError: if a model of the scorer has seen all recipes of a train task's plan.
 
     Example:
         >>> trainer = ImpalaConfig(steps=512, eval_every=0)
@@ -172,7 +175,13 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     @cached_property
     def envs(self) -> State:
-        """Environments at the start of the first episodes; slow to make for a large graph."""
+        """Environments at the start of the first episodes; slow to make for a large graph.
+
+        Raises:
+            ConfigError: if an update does not fit into memory, or the graph has too few entities
+                for so many distractors.
+            TaskError: if the split has no train tasks for these settings.
+        """
         config = self.config
         trainer = config.trainer
         # Bytes of tables (int64), and of activations for the gradients (float32).
@@ -214,6 +223,8 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             ConfigError: if the settings do not fit the graph or the scorer.
             GraphMismatchError: if the scorer belongs to another graph.
             LeakError: if a model of the scorer has seen all recipes of a train task's plan.
+            ArtefactError: if the scorer's folder is unfinished or damaged.
+            TaskError: if the split has no train tasks for these settings.
         """
         config = self.config
         _warn_of_short_unrolls(config)
@@ -284,6 +295,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         Raises:
             ArtefactError: if the checkpoint does not fit the run, or a file has changed.
             TrainingError: if the loss is no longer finite; the last checkpoint stays.
+            ConfigError: if the settings do not fit the graph or the machine.
         """
         self._begun = time.perf_counter()
         if checkpoint is not None:

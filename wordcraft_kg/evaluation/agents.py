@@ -244,7 +244,8 @@ def view_agents(
             differences.
         part: split part with the tasks.
         distractors: distractor counts; None for 1, 8 and the numbers in the agents' training.
-        distractor_seeds: tables per task, see :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
+        distractor_seeds: tables per task; None as for
+            :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
         episodes: number of example episodes for each agent.
 
     Returns:
@@ -252,7 +253,9 @@ def view_agents(
 
     Raises:
         GraphMismatchError: if the agents were trained on different graphs or splits.
-        ConfigError: if their task settings differ, or if no agent can play with these distractors.
+        ConfigError: if their task settings differ, no agent can play with these distractors, or the
+            graph has too few entities for them.
+        TaskError: if the part has no tasks of the agents' depth.
     """
     everyone = list(chain.from_iterable(groups.values()))
     first = everyone[0]

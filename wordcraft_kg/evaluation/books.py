@@ -139,6 +139,7 @@ def view_check(
 
     Raises:
         RecipeFileError: if the file cannot be read, or no recipe is left to write.
+        ConfigError: for an option outside its values.
     """
     located = locate_book(book)
     in_folder = located.path / "graph.json"

@@ -77,7 +77,10 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     A recipe scorer compares words, so it also guides on graphs that it was not trained on.
 
     Raises:
+        ArtefactError: if the folder is unfinished or damaged, or the word vectors have changed.
         GraphMismatchError: if a scorer of triples belongs to another graph.
+        UnknownEntityError: if the graph has labels that a recipe scorer lacks, and the model uses
+            no words.
     """
     # Imported late: scripted players need no torch.
     from wordcraft_kg.models.recipes.inductive import for_labels
@@ -261,7 +264,9 @@ def view_discovery(
         The results, and the runs that they summarise.
 
     Raises:
-        ConfigError: if a player is unknown or lacks its scorer, or if the base makes nothing.
+        ConfigError: if a player is unknown or lacks its scorer, a number is out of range, or the
+            base makes nothing.
+        GraphMismatchError: if the scorer of triples belongs to another graph.
     """
     # Checks the base before any player is prepared.
     start = Discovery(graph, base)

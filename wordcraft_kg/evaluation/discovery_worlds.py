@@ -48,7 +48,7 @@ class Estimated(Record):
     Attributes:
         mean: the mean.
         low: lower bound of the 95 % interval; None where nothing varies.
-        high: upper bound.
+        high: upper bound; None likewise.
     """
 
     mean: float

@@ -120,6 +120,7 @@ def compare(
             different settings.
         GraphMismatchError: if the models were trained on different graphs or splits.
         SplitError: if the split leaves too few unseen triples.
+        ArtefactError: if a score is not a finite number.
     """
     whole("resamples", resamples, 1, MAX_SIZE)
     whole("seed", seed, 0)

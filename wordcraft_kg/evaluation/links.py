@@ -197,6 +197,9 @@ def view_links(
 
     Returns:
         The numbers, for :func:`~wordcraft_kg.reports.link_report.make_link_report`.
+
+    Raises:
+        ArtefactError: if a score is not a finite number.
     """
     graph = links.graph
     ranks = links.ranks

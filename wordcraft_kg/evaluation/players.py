@@ -121,13 +121,19 @@ def view_evaluation(
         agent: name of the player, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
         part: split part with the tasks.
         distractors: distractor counts.
-        distractor_seeds: tables per task, see :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
+        distractor_seeds: tables per task; None as for
+            :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
         distractor_policy: where distractors are drawn from; None for the agent's setting in
             training.
         limit: most tasks; of more, evenly spaced ones are played.
 
     Returns:
         Success and outcomes by distractor count.
+
+    Raises:
+        ConfigError: if ``agent`` is kg-only and the run has no scorer, a value is out of range, or
+            the graph has too few entities for so many distractors.
+        TaskError: if the part has no tasks of the agent's depth.
     """
     player = player_of(trained.policy, agent)
     tasks = trained.config.tasks
@@ -211,6 +217,12 @@ def view_explanation(
 
     Returns:
         The episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`.
+
+    Raises:
+        UnknownEntityError: if the goal does not exist.
+        TaskError: if the part has no tasks, or none with the goal.
+        ConfigError: if the task does not exist, the graph has too few entities for so many
+            distractors, or the policy has other slots.
     """
     # Without a number, tables are as in training.
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
@@ -269,12 +281,20 @@ def view_baselines(
         config: settings of the tasks.
         distractors: distractor counts.
         model: name of a model, and the model; None for scripted players only.
-        distractor_seeds: tables per task, see :func:`~wordcraft_kg.agents.players.play_all`.
+        distractor_seeds: tables per task; None as for
+            :func:`~wordcraft_kg.agents.players.play_all`.
         seed: seed of distractors and of the players' choices.
         limit: most tasks; of more, evenly spaced ones are played.
 
     Returns:
         A row for each player and distractor count.
+
+    Raises:
+        TaskError: if there is no task for these settings.
+        ConfigError: if the graph has too few entities for so many distractors, or the model needs
+            score tables that would be too large.
+        GraphMismatchError: if the model belongs to another graph.
+        LeakError: if a cross-fitted model has seen all recipes of a task's plan.
     """
     players = knowledge_players(opened.split)
     world = World(opened, config)

@@ -82,7 +82,7 @@ class Query(_Slots):
             tail: the typed tail.
             entities: labels of the graph. An entity may have the label ``_``, which then means the
                 entity.
-            line: line of the file, from 1.
+            line: line of the file, from 1; None for arguments.
 
         Raises:
             UnknownEntityError: for an unknown relation; the error names the nearest.
@@ -100,7 +100,7 @@ class Query(_Slots):
 
     @property
     def slots(self) -> tuple[str | None, str | None]:
-        """Head and tail."""
+        """Head and tail, None if open."""
         return self.head, self.tail
 
 
@@ -131,7 +131,7 @@ class RecipeQuery(_Slots):
             b: the typed second ingredient.
             result: the typed result.
             entities: labels of the graph.
-            line: line of the file, from 1.
+            line: line of the file, from 1; None for arguments.
 
         Raises:
             ConfigError: if several slots are open.
@@ -147,7 +147,7 @@ class RecipeQuery(_Slots):
 
     @property
     def slots(self) -> tuple[str | None, str | None, str | None]:
-        """Both ingredients and the result."""
+        """Both ingredients and the result, None if open."""
         return self.ingredient_a, self.ingredient_b, self.result
 
 

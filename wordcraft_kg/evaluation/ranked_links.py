@@ -146,6 +146,7 @@ def rank_links(
     Raises:
         ConfigError: if ``max_queries`` is too small for meaningful metrics.
         SplitError: if fewer than 30 triples remain.
+        ArtefactError: if a score is not a finite number.
     """
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")

@@ -180,6 +180,9 @@ class RecipeScoring:
         """Return a query's recipes as ids, shape (n, 3).
 
         That is one recipe, or a recipe for each entity in the open slot.
+
+        Raises:
+            ValueError: for a label that the scorer does not know.
         """
         # Half-products of chains are no things of the game, and no answers.
         everything = np.flatnonzero(~mark_half_products(self.scorer.entities))
@@ -229,6 +232,9 @@ class RecipeScoring:
 
         Returns:
             Recipes as ids, shape (n, 3), and their scores.
+
+        Raises:
+            ValueError, UnknownEntityError: for a label that the scorer does not know.
         """
         scorer = self.scorer
         scores = None
@@ -298,7 +304,11 @@ class RecipeScoring:
 
 
 def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
-    """Score a recipe, and rank each entity in its slot."""
+    """Score a recipe, and rank each entity in its slot.
+
+    Raises:
+        ValueError: for a label that the scorer does not know.
+    """
     row = scoring.rows(query)
     own = scoring.scores(row)
     (recipe,) = scoring.recipes(row, own.tolist())
@@ -338,6 +348,9 @@ def view_open_recipe(
 
     Returns:
         The completed recipes; results of a pair have probabilities if the scorer is calibrated.
+
+    Raises:
+        ValueError, UnknownEntityError: for a label that the scorer does not know.
     """
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
@@ -365,6 +378,9 @@ def score_recipe_queries(
 
     Yields:
         A row for a full recipe, up to ``top`` rows for a query with an open slot.
+
+    Raises:
+        ValueError, UnknownEntityError: for a label that the scorer does not know.
     """
     # Full recipes are scored in one batch, which is much faster than one by one.
     recipes = [scoring.rows(query) for query in queries if not query.is_open]

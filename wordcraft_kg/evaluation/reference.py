@@ -273,7 +273,11 @@ def read_pack(path: Path) -> ReferencePack:
 
 
 def read_packs(folder: Path = PACK) -> tuple[ReferencePack, ...]:
-    """Read all reference files in a folder with :func:`read_pack`, in the order of the names."""
+    """Read all reference files in a folder with :func:`read_pack`, in the order of the names.
+
+    Raises:
+        ArtefactError: if a file is damaged, or a row contradicts itself.
+    """
     return tuple(read_pack(path) for path in sorted(folder.glob("*.json")))
 
 
@@ -312,6 +316,9 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
     Returns:
         The condition; None for rules that differ from the defaults, which no row of a pack is
         about.
+
+    Raises:
+        ConfigError: for an unknown part.
     """
     config = tasks.environment(part)
     # Rewards do not matter: success counts goals.

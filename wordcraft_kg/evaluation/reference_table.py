@@ -99,9 +99,11 @@ def view_references(
         The table.
 
     Raises:
-        ConfigError: if a path has no known format or results on other tasks.
+        ConfigError: if a path has no known format or results on other tasks, or the graph has too
+            few entities for so many distractors.
         GraphMismatchError: if a result is of another graph or split.
         TaskError: if the split has no such tasks.
+        ArtefactError: if a result is damaged.
     """
     measures: list[Measure] = ["success"]
     split: str | None = opened.split.hash
@@ -156,6 +158,11 @@ def scripted_rows(
 
     Returns:
         A row for each player.
+
+    Raises:
+        TaskError: if the split has no such tasks.
+        ConfigError: if the graph has too few entities for so many distractors, or nothing can be
+            made from the base.
     """
     if isinstance(play, TaskPlay):
         return tuple(_task_rows(opened, play, columns))
@@ -176,6 +183,13 @@ def scorer_rows(
 
     Returns:
         A row for each way to play.
+
+    Raises:
+        TaskError: if the split has no such tasks.
+        ConfigError: if the graph has too few entities for so many distractors, or the model needs
+            score tables that would be too large.
+        GraphMismatchError: if the model belongs to another graph.
+        LeakError: if a cross-fitted model has seen all recipes of a task's plan.
     """
     rows = _task_rows(opened, play, columns, (name, model))
     notes = {"full": SEEN, "none": "learned no recipe of this graph"}.get(model.kg, "")

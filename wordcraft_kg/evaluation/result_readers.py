@@ -125,6 +125,7 @@ def external_rows(
     Raises:
         ConfigError: if a path has no known format, or results on other tasks.
         GraphMismatchError: if a result is of another graph or split.
+        ArtefactError: if a result is damaged.
     """
     readers = list(READERS.values())
     # Without the others, the error for an unknown path lists formats that would be read.
@@ -248,7 +249,9 @@ def agent_rows(
         A row for each agent.
 
     Raises:
-        ConfigError: if an agent plays other tasks, or with none of these distractor counts.
+        ConfigError: if an agent plays other tasks, or with none of these distractor counts, or if
+            the graph has too few entities for one of them.
+        TaskError: if the split has no such tasks.
     """
     everyone = list(chain.from_iterable(groups.values()))
     # All agents are checked before the first is evaluated, which may take minutes.

@@ -211,7 +211,8 @@ class ScoringModel:
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
         """Return calibrated probabilities for triples, ids of shape (T, 3).
 
-        A triple that is ``known`` from train has none: it is true, and calibration is for new ones.
+        A triple that is ``known`` from train has None: it is true, and calibration is for new ones.
+        All are None without a calibration.
         """
         folds = folds_of(self.scorer)
         if folds is None or folds.probabilities is None:
@@ -230,6 +231,9 @@ class ScoringModel:
 
         Returns:
             The entities, best first; equal scores in id order.
+
+        Raises:
+            UnknownEntityError: for an entity that the scorer does not know.
         """
         everything = torch.arange(len(self.scorer.entities))
         head = everything if query.head is None else query.head
@@ -266,7 +270,11 @@ def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
 
 
 def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
-    """Score a triple, and rank its head and its tail among all entities."""
+    """Score a triple, and rank its head and its tail among all entities.
+
+    Raises:
+        UnknownEntityError: for an entity that the scorer does not know.
+    """
     scorer = model.scorer
     head, relation, tail = _labels(query)
     ((_, known, probability),) = _scores(model, [(head, relation, tail)])
@@ -306,6 +314,9 @@ def view_open_slot(
 
     Returns:
         The entities, best first.
+
+    Raises:
+        UnknownEntityError: for an entity that the scorer does not know.
     """
     best = model.answers(query, top, new_only=new_only)
     # Evidence only for the listed entities: looking it up is slow beside scoring.
@@ -331,6 +342,9 @@ def score_queries(
 
     Yields:
         A row for a full triple, up to ``top`` rows for a query with an open slot.
+
+    Raises:
+        UnknownEntityError: for an entity that the scorer does not know.
     """
     # Full triples are scored in one batch, which is much faster than one by one.
     scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
@@ -418,8 +432,9 @@ def with_new_words(
         The extended model, or ``model`` itself if the graph has all entities.
 
     Raises:
-        UnknownEntityError: if a word of an entity has no vector.
+        UnknownEntityError: if no word of an entity has a vector, or the model uses no words.
         QueryFileError: the same for queries of a file, with the line of the first such entity.
+        ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
     # In the order of the queries, with the line where each new entity first stands.
     lines: dict[str, int | None] = {}

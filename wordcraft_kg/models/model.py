@@ -83,7 +83,7 @@ class Model:
 
     @property
     def made_by_other_books(self) -> frozenset[str] | None:
-        """Labels that another book in the training makes, see :class:`History`."""
+        """Labels that another book in the training makes, or None, see :class:`History`."""
         return self.history.made_by_other_books
 
     @property
@@ -146,7 +146,11 @@ class Model:
 
     @property
     def triples(self) -> Ids:
-        """The training recipes' triples, ids of shape (T, 3): head, relation, tail; sorted."""
+        """The training recipes' triples, ids of shape (T, 3): head, relation, tail; sorted.
+
+        Raises:
+            GraphMismatchError: as for :attr:`train_sample`.
+        """
         return self.train_sample.triples
 
     @property

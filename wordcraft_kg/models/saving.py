@@ -37,6 +37,9 @@ class SavedConfig(RunConfig):
         kg: training data, as stated by the user: partial (train recipes only), full, or none (no
             recipe).
         origin: one-line description for reports.
+
+    Raises:
+        ConfigError: for another ``kg``.
     """
 
     commands: ClassVar[tuple[str, ...]] = ("save-scorer",)
@@ -76,8 +79,10 @@ def save_scorer(
 
     Raises:
         OutputExistsError: if ``folder`` exists and ``force`` is False.
-        GraphMismatchError: if the scorer belongs to another graph.
-        ConfigError: if a score is not a finite number, or the graph is too large for a score table.
+        GraphMismatchError: if the scorer belongs to another graph, or its folds to another split.
+        ConfigError: for another ``kg``, if a score is not a finite number, or if the graph is too
+            large for a score table.
+        LeakError: if a fold's scorer was trained on other recipes than its folds say.
 
     Example:
         >>> from wordcraft_kg.models.scorers.baselines import FrequencyScorer
@@ -133,7 +138,11 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
 
 
 def saved_history(files: RunFiles) -> History:
-    """Return settings and facts for a scorer saved by :func:`save_scorer`."""
+    """Return settings and facts for a scorer saved by :func:`save_scorer`.
+
+    Raises:
+        ArtefactError: if the settings are missing or damaged.
+    """
     config = SavedConfig.read(files.folder)
     facts = {"trained by": "someone else, and saved as a model folder", "what it is": config.origin}
     return History(config, facts, is_trained=False)

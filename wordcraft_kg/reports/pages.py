@@ -178,6 +178,7 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
     Raises:
         ValueError: if a number is not finite or out of bounds; nothing is written.
         OutputExistsError: if ``out`` exists and ``force`` is False.
+        ArtefactError: if another process uses the run folder.
     """
     # In a run folder, a training or another report may be writing: its lock is taken, and what a
     # stopped writer has left is removed. Elsewhere nothing is shared.

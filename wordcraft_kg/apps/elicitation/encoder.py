@@ -125,7 +125,8 @@ def encode_labels(
     Args:
         labels: N texts.
         path: model folder that ``sentence_transformers`` loads, with weights in safetensors.
-        report: called with the numbers of encoded and of all labels, and the minutes left.
+        report: called with the numbers of encoded and of all labels, and the minutes left; None for
+            no progress.
 
     Returns:
         vectors of length 1, shape (N, D), and the SHA-256 hashes of the weights by file name.
@@ -160,7 +161,8 @@ def encode_folder(
         labels: N distinct labels.
         path: model folder, see :func:`encode_labels`.
         inputs: hashes of graphs by name, for the record.
-        report: called with the numbers of encoded and of all labels, and the minutes left.
+        report: called with the numbers of encoded and of all labels, and the minutes left; None for
+            no progress.
         force: replace an existing output.
 
     Returns:

@@ -233,7 +233,8 @@ def elicit_knowledge(
         graph: graph with E entities; recipes are not used.
         language_model: see :func:`open_language_model`.
         prompts: prompts, a table each.
-        report: called with the numbers of finished and of all texts, and no metrics.
+        report: called with the numbers of finished and of all texts, and no metrics; None for no
+            progress.
         force: replace an existing output.
 
     Returns:

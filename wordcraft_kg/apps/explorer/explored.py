@@ -97,6 +97,8 @@ class Explored:
         Raises:
             ArtefactError: if a folder is of another kind or damaged, or a model is unfinished.
             GraphMismatchError: if a model, run or game belongs to another graph or split.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
+            ConfigError: if a file or folder has no games on tasks, or an unknown format.
         """
         opened = open_graph(graph)
         predictors = {
@@ -166,7 +168,12 @@ class Explored:
         return name, self.once(key, lambda: FollowedRun(self.runs[name], self.opened))
 
     def is_any_live(self, *names: str) -> bool:
-        """Return whether any of these runs has yet to be complete and evaluated."""
+        """Return whether any of these runs has yet to be complete and evaluated.
+
+        Raises:
+            ConfigError: if there is no run.
+            UnknownEntityError: if no run has one of the names.
+        """
         # A run that cannot be read may be one that is just starting, so its page must not be
         # cached.
         with suppress(ArtefactError):

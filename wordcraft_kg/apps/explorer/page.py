@@ -43,7 +43,8 @@ class Page(Generic[S]):
             found", other input errors a page with the message.
         title: name in the menu; empty for pages outside the menu.
         subject: setting in the second address segment, as in ``/entity/paper``; empty for none.
-        draw: returns a view's pictures, as server-side SVG, by their names in the template.
+        draw: returns a view's pictures, as server-side SVG, by their names in the template;
+            None without pictures.
         exported: returns settings for each file in a static site; by default a single file with
             default settings, and none for a page with a subject.
         questions: returns examples of questions that the page answers, with settings; also in a

@@ -215,7 +215,11 @@ class LinkPredictor:
 
     @cached_property
     def scoring(self) -> ScoringModel:
-        """The model as evaluation uses it: scores, probabilities and known triples."""
+        """The model as evaluation uses it: scores, probabilities and known triples.
+
+        Raises:
+            ArtefactError: if the folder of a model with outside knowledge has been damaged since.
+        """
         outside = None
         if self.model.settings.get("with"):
             # The model uses knowledge from outside the book, which it can then name as evidence.

@@ -214,7 +214,11 @@ class AnswersDatabase:
             return _find(self._connection, code)
 
     def answers_of(self, person: Participant) -> list[Answer]:
-        """Return the answers of a person in order."""
+        """Return the answers of a person in order.
+
+        Raises:
+            ArtefactError: if a stored answer has a wrong field.
+        """
         with self._lock:
             # Descending parts: train comes before test.
             query = f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number"

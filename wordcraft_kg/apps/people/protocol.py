@@ -160,6 +160,8 @@ class HumanProtocol:
         Raises:
             ConfigError: if a setting is out of range.
             TaskError: if a part has no tasks.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
+            ArtefactError: if a graph folder is damaged.
         """
         episode_seed(seed, "train", 1)  # rejects negative seeds
         self.seed = seed
@@ -214,6 +216,9 @@ class HumanProtocol:
             task: a task of this protocol.
             slots: two slots, from 0; they may be equal.
             seconds: time for the answer, rounded to hundredths.
+
+        Raises:
+            IndexError: for a slot beyond the table.
         """
         actions = (task.table[slots[0]], task.table[slots[1]])
         made = results_of(self._envs[task.part], *actions)

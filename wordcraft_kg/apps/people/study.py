@@ -106,7 +106,14 @@ class HumanStudy:
     """
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
-        """Prepare the tasks; raises TaskError if a part has no tasks."""
+        """Prepare the tasks.
+
+        Raises:
+            TaskError: if a part has no tasks.
+            ConfigError: if the graph has too few entities for so many distractors.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
+            ArtefactError: if a graph folder is damaged.
+        """
         first = HumanProtocol(graph, config.distractors[0], config.seed, tasks=config.tasks)
         self._of_condition = {
             amount: HumanProtocol(first.world, amount, config.seed, tasks=config.tasks)

@@ -132,7 +132,11 @@ class Kind:
 
 
 def decisions(track: Track, player: "Player") -> list[Played]:
-    """Return the decisions of a scripted player or policy in all tasks of a track."""
+    """Return the decisions of a scripted player or policy in all tasks of a track.
+
+    Raises:
+        ConfigError: if the track is open-ended and has no tasks.
+    """
     tables = padded([task.table for task in track.frozen.tasks], track.world.nothing)
     # The generator of agent evaluation: a player has the same chance there and here.
     rng = np.random.default_rng([EVALUATION_SEED, 0])
@@ -500,8 +504,11 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
         The name of the kind, and the player's decisions.
 
     Raises:
-        ConfigError: for an unknown kind, a missing or needless argument, or settings for text
-            players with another player.
+        ConfigError: for an unknown kind, a missing or needless argument, settings for text players
+            with another player, or recorded games of other settings.
+        ArtefactError: if a model, a run or a record of games is missing or damaged.
+        GraphMismatchError: if a model or a run is of another split.
+        PlayerError: if a program does not start, ends early or does not answer in time.
     """
     name, _, argument = player.partition(":")
     if name not in KINDS:
@@ -540,6 +547,7 @@ def reproduce(
     Raises:
         ArtefactError: if a game or a declared fact differs.
         ConfigError: for a record of games, which cannot play.
+        PlayerError: if a program does not start, ends early or does not answer in time.
     """
     records = [name for name in TEXT_PLAYERS if name != "program"]
     if player.partition(":")[0] in records:

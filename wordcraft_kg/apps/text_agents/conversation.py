@@ -109,7 +109,8 @@ class Conversation:
             The reply: the outcome and the new state of the game.
 
         Raises:
-            EpisodeError: if the game is over.
+            EpisodeError: for an attempt after the end of the game, also one that an invalid message
+                would cost.
         """
         return self._answer(lambda: self._act(message))
 
@@ -120,7 +121,8 @@ class Conversation:
             The reply: the outcome and the new state of the game.
 
         Raises:
-            EpisodeError: if the game is over.
+            EpisodeError: for an attempt after the end of the game, also one that invalid items
+                would cost.
         """
 
         def attempt() -> str:
@@ -240,9 +242,12 @@ class Play:
                 :class:`~wordcraft_kg.apps.text_agents.records.PlayedSettings` to record.
 
         Raises:
-            ConfigError: for settings that do not fit the graph.
+            ConfigError: for settings that do not fit the graph, or an unknown reward.
             GraphMismatchError: if the scorer is of another graph or split.
             LeakError: if a scorer would reveal its train recipes on train tasks.
+            TaskError: if the graph has no task for these settings.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
+            ArtefactError: if the scorer's folder or a graph folder is unfinished or damaged.
         """
         opened = open_graph(graph)
         knowledge = open_knowledge(settings, opened)

@@ -335,6 +335,8 @@ class DiscoveryGames:
 
         Raises:
             ConfigError: for a value out of range, or a base from which nothing can be made.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
+            ArtefactError: if a graph folder is damaged.
         """
         self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
         self.graph = self.env.graph

@@ -59,6 +59,11 @@ class HostedGame:
         """Make an attempt with two entities, by label or number.
 
         Return a sentence on the result.
+
+        Raises:
+            ActionError: if an item is not at hand, or a name fits several.
+            EpisodeError: if the game is over.
+            OSError: if the game is over now, and its record cannot be written.
         """
         game = self.talk.game
         grammar = self.talk.grammar
@@ -72,7 +77,12 @@ class HostedGame:
         return result
 
     def look_up(self, item: str) -> tuple[str, list[str], str]:
-        """Look up an entity; return label, facts as lines, and facts as a text."""
+        """Look up an entity; return label, facts as lines, and facts as a text.
+
+        Raises:
+            ActionError: for an unknown item, or if no look-up is left.
+            EpisodeError: if the game is over.
+        """
         entities = self.talk.game.graph.entities
         message = f"look up {item}"
         with self._hearing(message):
@@ -82,7 +92,11 @@ class HostedGame:
         return entities[entity], facts, reply
 
     def end(self) -> None:
-        """Give up the game if it is not over, and record the game."""
+        """Give up the game if it is not over, and record the game.
+
+        Raises:
+            OSError: if the record cannot be written; another call tries again.
+        """
         if not self.talk.is_over:
             self.talk.game.end()
             # The answer is the state alone.

@@ -58,6 +58,8 @@ def leaderboard_page(folder: Path) -> str:
 
     Raises:
         ArtefactError: if there is no submission, or one is refused.
+        ConfigError: if a submission is of an unknown track, or declares a text with refused
+            characters.
     """
     paths = submissions_below(folder)
     if not paths:

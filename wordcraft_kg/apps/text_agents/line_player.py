@@ -170,7 +170,10 @@ class LinePlayer:
         self._logging.join(1)
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Begin a game: return a function from a prompt in this conversation to the answer."""
+        """Begin a game: return a function from a prompt in this conversation to the answer.
+
+        The function raises PlayerError as :meth:`ask`.
+        """
         self._games += 1
         number = self._games
         is_new = True

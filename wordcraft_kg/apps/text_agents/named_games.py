@@ -57,6 +57,9 @@ def open_play(
     Raises:
         ConfigError: for a value out of range.
         LeakError: if look-ups would leak train recipes on train tasks.
+        TaskError: if the graph has no task for these settings.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
+        ArtefactError: if a graph folder is damaged.
     """
     one_of("reward", reward, tuple(REWARDS))
     settings = EvaluationSettings(

@@ -201,7 +201,10 @@ def result_of(
         player: the player's name.
         settings: settings of the games.
         played: the records, of tasks or of open-ended games; of tasks with all distractor seeds.
-        groups: resampling groups of the tasks, see :func:`evaluation_of`.
+        groups: resampling groups of the tasks; None as for :func:`evaluation_of`.
+
+    Raises:
+        ValueError: if a task lacks a distractor seed that another one has.
     """
     counts: dict[str, int] = {}
     for name in COUNTS:

@@ -392,6 +392,8 @@ def write_submission(
     Raises:
         EpisodeError: for decisions against the rules; nothing is written.
         ArtefactError: for facts outside the schema; nothing is written.
+        ConfigError: for a declared text with refused characters, or other look-ups; nothing is
+            written.
     """
     play = track.play(knowledge)
     lines = [replay(play, number, played) for number, played in enumerate(games)]
@@ -436,6 +438,7 @@ def verify(folder: Path) -> Submission:
 
     Raises:
         ArtefactError: naming file and line, if anything differs from the replay.
+        ConfigError: for an unknown track, or a declared text with refused characters.
     """
     return verified_games(folder)[0]
 
@@ -446,6 +449,7 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     Raises:
         ArtefactError: if a file is missing, damaged or edited, or if a result differs from what
             replaying the games gives; the message names the first difference.
+        ConfigError: for an unknown track, or a declared text with refused characters.
     """
     # The path is for messages: an archive is no folder, but reads like one.
     path = folder / SUBMISSION_FILE

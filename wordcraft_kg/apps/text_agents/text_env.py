@@ -86,6 +86,7 @@ class TextEnv(gym.Env[str, str]):
         Raises:
             ConfigError: for an unknown setting, or a value out of range.
             TaskError: if the graph has no such task.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
         """
         check_mode(render_mode)
         one_of("knowledge", knowledge, ("none", "partial"))
@@ -141,7 +142,7 @@ class TextEnv(gym.Env[str, str]):
 
         Raises:
             ActionError: for an action that is no text.
-            EpisodeError: before :meth:`reset`, or after the end of the game.
+            EpisodeError: before :meth:`reset`, or for an attempt after the end of the game.
         """
         if not isinstance(action, str):
             raise ActionError(f"action {action!r}: expected a text, such as 'water + earth'.")

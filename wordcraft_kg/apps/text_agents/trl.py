@@ -96,6 +96,9 @@ class CraftingRow:
         Raises:
             ConfigError: if the graph, its split, the task or the name is not that of the row, or a
                 value is out of range.
+            RecipeFileError: if there is no such graph, or a book cannot be read.
+            TaskError: if the graph has no task for these settings.
+            LeakError: if look-ups would leak train recipes on train tasks.
         """
         play = open_play(
             self.graph,
@@ -178,7 +181,11 @@ class CraftingEnvironment:
 
     @property
     def record(self) -> TaskGameRecord:
-        """The game as a record without messages, given up if it is not over."""
+        """The game as a record without messages, given up if it is not over.
+
+        Raises:
+            EpisodeError: before ``reset``.
+        """
         talk = self._begun
         # A trainer may stop a game at its limit of tokens; it then counts as given up.
         talk.game.end()
@@ -243,6 +250,8 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     Raises:
         ConfigError: for a value out of range.
         LeakError: if look-ups would leak train recipes on train tasks.
+        TaskError: if the graph has no task for these settings.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
     """
     whole("tables", tables, 1)
     rows = []
@@ -280,7 +289,8 @@ def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Data
     """Return the rows of :func:`crafting_rows`, with the same arguments, as a data set for TRL.
 
     Raises:
-        ExtraMissingError: without the package datasets, which TRL requires itself.
+        MissingExtraError: without the package datasets, which TRL requires itself.
+        ConfigError, TaskError, RecipeFileError, LeakError: as :func:`crafting_rows`.
     """
     rows = crafting_rows(graph, **settings)
     try:

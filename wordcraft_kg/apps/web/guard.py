@@ -131,7 +131,10 @@ class Guard:
 
 
 def foreign_host(headers: Headers, hosts: Collection[str]) -> tuple[int, str] | None:
-    """Return status and message for a request to another host than ``hosts``, in lower case."""
+    """Return status and message for a request to another host than ``hosts``, in lower case.
+
+    None for a request to one of them.
+    """
     # An address that cannot be read has no host, and so is refused.
     host = _split(f"//{headers.get('host', '')}").hostname or ""
     if host in hosts:

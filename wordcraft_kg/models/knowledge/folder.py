@@ -198,6 +198,7 @@ def check_same_split(spec: str, opened: OpenedGraph) -> None:
 
     Raises:
         ConfigError: if the folder was made with another split of the same graph.
+        ArtefactError: if the folder is unfinished, damaged or of another kind.
     """
     inputs = knowledge_files(spec).run.inputs
     is_of_graph = inputs.get("graph") == opened.graph.hash

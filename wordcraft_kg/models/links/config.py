@@ -61,6 +61,9 @@ class TrainingConfig:
         device: torch device, such as cpu or cuda.
         threads: CPU threads; 1 is rarely slower for such small models, and much faster on a busy
             machine.
+
+    Raises:
+        ConfigError: for a value out of range, or settings that contradict each other.
     """
 
     command: ClassVar[str]
@@ -138,6 +141,9 @@ class ComplExConfig(TrainingConfig):
         outside_weight: weight of an outside triple in the loss, relative to a triple of the graph;
             chosen on validation parts; docs/evidence/joint-training.md has the gain.
 
+    Raises:
+        ConfigError: for a value out of range, or settings that contradict each other.
+
     Example:
         >>> ComplExConfig(kg="full").n3
         0.0
@@ -201,6 +207,9 @@ class LinkModelConfig(TrainingConfig):
         loop: training objective: slcwa (sampled negatives) or symmetric (softmax over all heads and
             all tails, the paper's objective; slow for models with large score tensors).
         negatives: sampled negatives per triple, with slcwa.
+
+    Raises:
+        ConfigError: for a value out of range, or settings that contradict each other.
 
     Example:
         >>> LinkModelConfig(model="distmult", loop="symmetric").dim

@@ -170,6 +170,9 @@ def write_link_folds(
 
     Returns:
         metrics of the folds' models, compared with ``whole``.
+
+    Raises:
+        ArtefactError: if the finished model of a fold is missing or damaged.
     """
     kept = _kept(folder)
 

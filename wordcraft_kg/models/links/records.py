@@ -179,7 +179,11 @@ class LinkProgress(Record, frozen=True, kw_only=True):
 
 
 def links_history(files: RunFiles) -> History:
-    """Return a link predictor's training history, from the files of a run."""
+    """Return a link predictor's training history, from the files of a run.
+
+    Raises:
+        ArtefactError: if a file is missing, damaged or has changed.
+    """
     config = LinksConfig.read(files.folder)
     metrics = files.record("metrics.json", LinkMetrics)
     settings = vars(config.settings).items()

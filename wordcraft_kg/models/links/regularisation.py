@@ -79,6 +79,9 @@ def choose(
     Returns:
         the candidate with most popularity among all candidates with nearly the best MRR on held-out
         recipes, and all candidates; None without open weights, or with too few held-out triples.
+
+    Raises:
+        TrainingError: if a loss is not finite.
     """
     split = opened.split
     # Other models have neither weight, and given weights are kept.

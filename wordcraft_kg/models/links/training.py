@@ -100,15 +100,17 @@ def train_links(
         force: replace the folder if it exists.
         trackers: further places for each epoch's metrics: tensorboard, wandb, mlflow, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
-        progress: called after each epoch; True shows a bar.
+        progress: called after each epoch; True shows a bar, None or False nothing.
 
     Raises:
         OutputExistsError: if ``out`` holds other files or a finished run, and ``force`` is False.
         ConfigError: if the settings do not fit the graph or the machine.
         MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if an input belongs to another graph.
-        ArtefactError: if an interrupted run is damaged, or another process trains in the folder.
+        ArtefactError: if a graph folder, a knowledge folder or an interrupted run is damaged, or
+            another process trains in the folder.
         TrainingError: if the loss is not finite, or a process of a fold dies.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
 
     Example:
         >>> config = LinksConfig("kitchen", ComplExConfig(dim=8, epochs=2))

@@ -74,6 +74,9 @@ class PolicyConfig:
         sees_attempts: let the query, the value and λ depend on the number of attempts left; for
             attention. Default: with several attempts, except in the paper's preset.
 
+    Raises:
+        ConfigError: for a value out of range, an unknown source, or settings that need another one.
+
     Example:
         >>> PolicyConfig(use="component,plan").sources
         ('v', 'p')

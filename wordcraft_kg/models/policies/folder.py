@@ -65,7 +65,8 @@ def make_policy(
         observed: ids of the scorer's training triples, shape (T, 3). Required if
             ``config.self_edges`` is "observed", which keeps the score of an entity combined with
             itself only for a training triple.
-        tasks: training tasks, such as ``world.tasks``; required by cross-fitted scorers.
+        tasks: training tasks, such as ``world.tasks``, required by cross-fitted scorers; None
+            without.
         seed: random seed for parameters and random features; global generators stay unchanged.
 
     Returns:
@@ -75,6 +76,7 @@ def make_policy(
         ConfigError: if settings conflict or do not fit the graph.
         GraphMismatchError: if the scorer belongs to another graph.
         LeakError: if a model has seen all recipes of a task's plan.
+        ArtefactError: if a folder of vectors in the features is damaged.
     """
     config = config.closed()
     features = None

@@ -211,6 +211,12 @@ class Policy(nn.Module):
 
         Returns:
             Logits (B, A) and values (B,); with sources, also their scores and mixing weights.
+
+        Raises:
+            ConfigError: if the tables have other slots than an mlp was made for, or a policy with
+                ``sees_attempts`` gets no attempts.
+            LeakError: if states have task numbers before :meth:`bind`.
+            ValueError: if a source that looks ahead gets no attempts.
         """
         if external_scores is None:
             external_scores = self.external_scores(states)
@@ -241,6 +247,10 @@ class Policy(nn.Module):
 
         Returns:
             shape (B, S, A); None without sources.
+
+        Raises:
+            LeakError: if states have task numbers before :meth:`bind`.
+            ValueError: if a source that looks ahead gets no attempts.
         """
         if not self.sources:
             return None
@@ -279,7 +289,7 @@ class Policy(nn.Module):
         Raises:
             UnknownEntityError: for a label or id that the policy does not know, with the nearest
                 labels.
-            ConfigError: if the table is empty.
+            ConfigError: if the table is empty, or has other slots than an mlp was made for.
         """
         if all(entity is None for entity in table):
             raise refuse("table", list(table), "at least an entity")

@@ -55,6 +55,9 @@ class RecipeScorerConfig:
             for on from 20,000 to 1,000,000 training recipes; with other books of 20,000 recipes
             and more, it learns from these books alone.
 
+    Raises:
+        ConfigError: for a value out of range, or settings that contradict each other.
+
     Example:
         >>> RecipeScorerConfig(folds=10).features
         'auto'

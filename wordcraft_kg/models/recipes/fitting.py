@@ -142,6 +142,7 @@ def word_features(
 
     Raises:
         ConfigError: if the vectors do not fit the labels.
+        ArtefactError: for a folder of vectors that is damaged, or was not written by ``encode``.
     """
     if spec != "one-hot":
         return make_features(spec, labels, allow_missing=allow_missing)

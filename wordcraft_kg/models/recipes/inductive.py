@@ -53,7 +53,9 @@ def extended(
         vectors: their unit word vectors, shape (n, D).
 
     Raises:
-        ConfigError: if the scorer has another kind, or a label is invalid or known.
+        ConfigError: if the scorer has another kind, a label is known or repeated, or the vectors
+            have another shape.
+        RecipeFileError: if a label is invalid.
     """
     whole = whole_of(scorer)
     if not isinstance(whole, RecipeScorer):
@@ -158,7 +160,8 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
         labels: n labels; those without a vector are described by zeros.
 
     Raises:
-        ConfigError: if the scorer has another kind.
+        ConfigError: if the scorer has another kind, or the model's vector file is missing or
+            damaged.
         UnknownEntityError: if there are new labels, and the model uses no words.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
@@ -209,6 +212,8 @@ def with_words(
     Raises:
         UnknownEntityError: if the model uses no words, or a label has no vector.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
+        ConfigError: if a label is known, or the model's vector file is missing or damaged.
+        RecipeFileError: if a label is invalid.
 
     Example:
         >>> trained = load_scorer("models/kitchen-recipes")

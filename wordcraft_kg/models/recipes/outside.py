@@ -310,6 +310,7 @@ def open_other_book(
     Raises:
         ConfigError: if the source is no book, is the graph itself, has no other recipes, or memory
             does not suffice.
+        ArtefactError: if a graph folder is incomplete or damaged.
     """
     graph = opened.graph
     try:
@@ -383,6 +384,9 @@ def with_words_of(
         opened: the graph with its split.
         features: word vectors.
         allow_missing: use zeros for labels without a vector.
+
+    Raises:
+        ConfigError: if most labels have no vector, and ``allow_missing`` is False.
     """
     vectors = words_of_books(features, book.labels, allow_missing=allow_missing)
     held_out = opened.graph.recipes[~opened.split.is_in("train")]
@@ -407,7 +411,7 @@ def words_of_books(
         allow_missing: use zeros for any number of labels without a vector.
 
     Raises:
-        ConfigError: if most labels have no vector.
+        ConfigError: if most labels have no vector, and ``allow_missing`` is False.
     """
     vectors = word_features(features, labels, allow_missing=True)
     missing = int((~vectors.known).sum())
@@ -466,6 +470,7 @@ def encoder_of_books(
 
     Raises:
         KeyboardInterrupt: if ``stop`` has returned True.
+        ConfigError: if most labels have no vector, and ``allow_missing`` is False.
     """
     # In order of appearance, so that the graph's entities keep their ids.
     labels = tuple(dict.fromkeys(label for book in books for label in book.labels))

@@ -50,7 +50,11 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
 
 
 def recipes_history(files: RunFiles) -> History:
-    """Return a recipe scorer's training history: settings and metrics."""
+    """Return a recipe scorer's training history: settings and metrics.
+
+    Raises:
+        ArtefactError: if a file is missing, damaged or has changed.
+    """
     config = RecipesConfig.read(files.folder)
     metrics = files.record("metrics.json", RecipeMetrics)
     settings = [f"{name} {value}" for name, value in vars(config.settings).items()]

@@ -227,7 +227,9 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             opened: the graph with its split.
 
         Raises:
-            ConfigError: if the settings do not fit the graph.
+            ConfigError: if the settings do not fit the graph, the machine or each other.
+            RecipeFileError: if a book in ``without`` cannot be read.
+            ArtefactError: if a folder of outside knowledge, vectors or a graph is damaged.
         """
         super().__init__(config, opened)
         settings = config.settings

@@ -192,7 +192,11 @@ class VoteScorer(Scorer):
         )
 
     def votes(self, ingredients: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Count known recipes that make a result from an ingredient; float64, ids broadcast."""
+        """Count known recipes that make a result from an ingredient; float64, ids broadcast.
+
+        Raises:
+            UnknownEntityError: for a label or id that the scorer does not know.
+        """
         ids = self.entity_ids(ingredients)
         keys = ids * len(self.entities) + self.entity_ids(results)
         rows = torch.searchsorted(self._keys, keys)

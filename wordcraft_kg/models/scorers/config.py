@@ -27,9 +27,12 @@ def has_table(num_entities: int) -> bool:
 
 
 def check_table(what: str, num_entities: int) -> None:
-    """Raise ConfigError, which gives the size, if a score table for so many entities is too large.
+    """Check that a score table for so many entities is not too large; the error gives the size.
 
     ``what`` names the scorer in the error.
+
+    Raises:
+        ConfigError: if the table would take more than :data:`TABLE_LIMIT` bytes.
     """
     if not has_table(num_entities):
         needed = table_bytes(num_entities)

@@ -269,7 +269,11 @@ class CrossFitted(Scorer):
         return (share * every[:, :size]).view(*a.shape, size)
 
     def left_out(self, fold: int) -> Scorer:
-        """Return the scorer trained without a fold, a number from 0; made at the first call."""
+        """Return the scorer trained without a fold, a number from 0; made at the first call.
+
+        Raises:
+            IndexError: for a number above those of the folds.
+        """
         if fold not in self._made:
             self._made[fold] = self._makers[fold]()
         return self._made[fold]
@@ -315,7 +319,11 @@ class CrossFitted(Scorer):
         return triples
 
     def check_split(self, split: Split) -> None:
-        """Raise GraphMismatchError unless the folds were made from the given split."""
+        """Check that the folds were made from the given split.
+
+        Raises:
+            GraphMismatchError: if they were not.
+        """
         if len(self.of_recipe) == split.graph.num_recipes:
             folds_hash = Folds(split, self.count, self.record.seed, self.of_recipe).hash
             # The hash proves that the folds are those of the record; they must also cover the train

@@ -92,7 +92,7 @@ def load_scorer(
 
     Args:
         folder: folder from a training command or ``save_scorer``.
-        graph: if given, the scorer must belong to this graph.
+        graph: the scorer must belong to this graph; None for any.
         device: torch device for scores.
 
     Returns:
@@ -224,7 +224,7 @@ def make_scorer(
         settings: ``device`` and ``name``.
 
     Raises:
-        KeyError: if a tensor is missing.
+        KeyError: for an unknown kind, or if a tensor is missing.
         ValueError: if a tensor does not fit the entities.
     """
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)

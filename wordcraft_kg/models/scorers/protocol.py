@@ -67,7 +67,11 @@ class FactoredScorer(TripleScorer, Protocol):
 
 
 def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
-    """Raise GraphMismatchError, which names both graphs, if a scorer belongs to another graph."""
+    """Check that a scorer belongs to a graph; the error names both graphs.
+
+    Raises:
+        GraphMismatchError: if it does not.
+    """
     if scorer.graph_hash != graph.hash:
         raise GraphMismatchError(
             f"{getattr(scorer, 'name', 'the scorer')} was trained on graph "

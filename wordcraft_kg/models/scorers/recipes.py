@@ -180,6 +180,9 @@ class RecipeScorer(StoredScorer):
 
         Returns:
             ``left`` and ``right``, shape (E, m), float32: a pair scores their product.
+
+        Raises:
+            UnknownEntityError: for an unknown relation.
         """
         lists = self.knowledge.lists()
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH

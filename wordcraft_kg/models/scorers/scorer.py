@@ -77,7 +77,11 @@ class Scorer(ABC):
         )
 
     def table(self, relation: int | str) -> Tensor:
-        """Return scores of all pairs in a relation, (E, E), row = head; 1.5 GiB for E = 20,000."""
+        """Return scores of all pairs in a relation, (E, E), row = head; 1.5 GiB for E = 20,000.
+
+        Raises:
+            UnknownEntityError: for an unknown relation.
+        """
         # A column of heads and a row of tails broadcast to all pairs.
         everything = torch.arange(len(self.entities), device=self.device)
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])

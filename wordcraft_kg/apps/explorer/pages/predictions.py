@@ -264,6 +264,9 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
 
     Returns:
         the ranks; equal models and graphs have equal samples.
+
+    Raises:
+        ArtefactError: if a score is not a finite number.
     """
     split = predictor.split
     graph = split.graph
@@ -406,8 +409,9 @@ def ranked_by(explored: Explored, name: str) -> RankedTriples:
     """Return ranks for all triples by a model, which take seconds and are kept.
 
     Raises:
-        ConfigError: if there is no model.
+        ConfigError: if there is no model, or it has too many entities to compare.
         UnknownEntityError: if no model has this name.
+        ArtefactError: if a score is not a finite number.
     """
     predictor = explored.predictor(name)
     return explored.once(("ranks", predictor.name), lambda: rank_graph(predictor))

@@ -74,6 +74,7 @@ def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledg
 
     Raises:
         LeakError: if a left-out model was trained on other recipes than its folds say.
+        GraphMismatchError: if the tasks' graph has another number of recipes than the scorer's.
     """
     whole = whole_of(scorer)
     assert isinstance(whole, RecipeScorer)

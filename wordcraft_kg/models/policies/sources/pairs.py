@@ -126,6 +126,10 @@ class PairSource(FoldedSource):
 
         Raises:
             LeakError: if a left-out model was trained on other recipes than its folds say.
+            GraphMismatchError: if the tasks belong to another graph or split than the scorer's
+                folds.
+            ConfigError: for an unknown scale or treatment of self edges, or if ``view.observed`` is
+                missing.
         """
         view = replace(view, self_edges=self_edges)
         size = len(scorer.entities)

@@ -90,8 +90,8 @@ def tables_are_too_large(
         scale: common scale of the scores.
 
     Raises:
-        ConfigError: if the tables would be too large, and the scorer or the scale needs them; the
-            message gives their size and the alternatives.
+        ConfigError: for an unknown name, or if the tables would be too large, and the scorer or the
+            scale needs them; the message gives their size and the alternatives.
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
@@ -130,14 +130,15 @@ def make_sources(
         names: names of the sources: ``["combines", "component"]``, or short, ``["u", "v"]``.
         scorer: model whose scores the sources use.
         view: scale of the scores and treatment of self edges; by default raw scores.
-        tasks: tasks to score, such as ``world.tasks``, which replace the view's. Without tasks,
-            sources of a cross-fitted scorer score only tasks that use no train recipe.
+        tasks: tasks to score, such as ``world.tasks``, which replace the view's. Without tasks
+            (None), sources of a cross-fitted scorer score only tasks that use no train recipe.
 
     Returns:
         One source for each name, in the given order.
 
     Raises:
-        ConfigError: if the scorer cannot serve a source, or would need a table that is too large.
+        ConfigError: for an unknown name, or if the scorer cannot serve a source, or would need a
+            table that is too large.
         LeakError: if a model has seen all recipes of a task's plan.
         GraphMismatchError: if the tasks belong to another graph or split than the scorer's folds.
 

@@ -265,6 +265,9 @@ class Source(nn.Module, ABC):
 
         Returns:
             shape (B, A), float32; B is 1 for a single environment.
+
+        Raises:
+            LeakError: if a task is given before :meth:`bind`, and scores depend on it.
         """
         return self(States.of_observation(observation, task))
 
@@ -358,7 +361,11 @@ class FoldedSource(Source):
 
     @staticmethod
     def num_folds(constants: Mapping[str, Tensor]) -> int | None:
-        """Return the number of left-out folds in saved buffers; None for a single model."""
+        """Return the number of left-out folds in saved buffers; None for a single model.
+
+        Raises:
+            ValueError: if the saved folds have an unexpected type or shape.
+        """
         if "fold_of_recipe" not in constants:
             return None
         check_constants(constants, {"fold_of_recipe": "recipes int64"})
@@ -371,6 +378,9 @@ class FoldedSource(Source):
         """Return each recipe's fold in a cross-fitted scorer; empty if ``view`` has no tasks.
 
         None for a single model.
+
+        Raises:
+            GraphMismatchError: if the tasks belong to another graph than the scorer.
         """
         folded = folds_of(scorer)
         if folded is None:
@@ -382,7 +392,12 @@ class FoldedSource(Source):
         return torch.from_numpy(folded.of_recipe.copy())
 
     def bound(self, view: ScoreView) -> Self:
-        """Choose each task's model by :meth:`bind` if ``view`` has tasks; return this object."""
+        """Choose each task's model by :meth:`bind` if ``view`` has tasks; return this object.
+
+        Raises:
+            LeakError: if a task would be scored by a model that was trained on its recipes.
+            GraphMismatchError: if the tasks belong to another graph or split.
+        """
         if view.tasks is not None:
             self.bind(view.tasks)
         return self
@@ -413,7 +428,7 @@ class FoldedSource(Source):
         """Return the number of the model that scores each state.
 
         Args:
-            task: shape (B,), int64, as in :class:`States`.
+            task: shape (B,), int64, as in :class:`States`; None for tasks without train recipes.
 
         Returns:
             shape (B,), int64; None if the model of all train recipes scores all states.

@@ -256,7 +256,11 @@ class RecipeKnowledge(nn.Module):
         return type(self)(self.constants() | changed, len(own))
 
     def lists(self, model: int = 0) -> Lists:
-        """Return a model's lists; made at the first call by one thread, so that none differ."""
+        """Return a model's lists; made at the first call by one thread, so that none differ.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
+        """
         if model not in self._lists:
             recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
             near_words = self.near_words.cpu().numpy()

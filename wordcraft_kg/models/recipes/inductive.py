@@ -126,7 +126,8 @@ def _with_labels(scorer: RecipeScorer, labels: Sequence[str]) -> tuple[str, ...]
     """Return the labels of a scorer's entities and of new ones.
 
     Raises:
-        ConfigError: if a new label exists already or is invalid.
+        ConfigError: if a new label exists already.
+        RecipeFileError: if a new label is invalid.
     """
     checked = [check_label(label, "a new entity") for label in labels]
     entities = (*scorer.entities, *checked)

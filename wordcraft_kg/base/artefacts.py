@@ -94,6 +94,9 @@ def read_small_file(path: Path) -> bytes:
     """Return the content of a file with records, metrics or settings, see :func:`check_file`.
 
     The limit is :data:`SMALL_FILE` bytes.
+
+    Raises:
+        ArtefactError: if the file is missing, not a regular file, or too large.
     """
     check_file(path, SMALL_FILE)
     return path.read_bytes()
@@ -103,6 +106,9 @@ def read_large_file(path: Path) -> bytes:
     """Return the content of a file with weights, see :func:`check_file`.
 
     The limit is :data:`LARGE_FILE` bytes.
+
+    Raises:
+        ArtefactError: if the file is missing, not a regular file, or too large.
     """
     check_file(path)
     return path.read_bytes()

@@ -141,7 +141,12 @@ def _detail(error: Exception) -> str:
 
 
 def as_lines(records: Iterable[Any]) -> list[str]:
-    """Return each record as a line of JSON text, with a final newline."""
+    """Return each record as a line of JSON text, with a final newline.
+
+    Raises:
+        TypeError: if a value has no JSON form, such as a NumPy number.
+        ValueError: if a number is not finite.
+    """
     return [
         json.dumps(as_values(record), ensure_ascii=False, allow_nan=False) + "\n"
         for record in records
@@ -165,7 +170,9 @@ def checked_values(record: Record) -> Any:
     A record made in Python is not checked by msgspec; this function checks types and bounds.
 
     Raises:
-        ValueError: if a field has another type or is out of bounds; the message names the field.
+        ValueError: if a field has another type or is out of bounds, with its name; or if a number
+            is not finite.
+        TypeError: if a value has no JSON form, such as a NumPy number.
     """
     values = as_values(record)
     msgspec.convert(values, type(record))

@@ -1,8 +1,9 @@
 """Confidence intervals for success rates, and comparisons of agents trained with several seeds.
 
 Intervals have a confidence of 95 % unless stated otherwise; ``draws`` is the number of resamples,
-and ``seed`` fixes the resampling. Every function raises a ConfigError for scores that are empty,
-not finite or misshapen.
+and ``seed`` fixes the resampling. Functions of tasks and seeds raise a ConfigError for scores that
+are empty, not finite or misshapen; :func:`bootstrap`, :func:`interval` and :func:`standardised`
+check nothing.
 """
 
 import math
@@ -49,7 +50,7 @@ def bootstrap(
     interval.
 
     Args:
-        values: shape (N,), float.
+        values: shape (N,), float, at least one.
         clusters: cluster id of each value, shape (N,).
         resamples: number of resamples.
         seed: random seed.
@@ -103,6 +104,10 @@ def cluster_interval(
     Returns:
         lower and upper bound; below :data:`FEWEST_GROUPS` clusters those of
         :func:`crossed_difference`.
+
+    Raises:
+        ConfigError: for fewer than :data:`FEWEST_GROUPS` clusters, if ``values`` are empty or not
+            finite.
     """
     if len(np.unique(clusters)) >= FEWEST_GROUPS:
         return interval(means, level)
@@ -282,7 +287,8 @@ def paired_difference(
         the difference with its lower and upper bound.
 
     Raises:
-        ConfigError: for tables of other shapes, or not one group for each task.
+        ConfigError: if a table is empty, not finite or of another shape, or there is not one group
+            for each task.
 
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter 13.
     """
@@ -367,7 +373,8 @@ def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
         lower and upper bound.
 
     Raises:
-        ConfigError: if the table has another shape, or not one group for each task.
+        ConfigError: if the table is empty, not finite or of another shape, or there is not one
+            group for each task.
 
     Source: Wilson 1927, with the variance of two random effects in place of the binomial one.
     """
@@ -412,7 +419,8 @@ def crossed_difference(
         difference".
 
     Raises:
-        ConfigError: if the table has another shape, or not one group for each task.
+        ConfigError: if the table is empty, not finite or of another shape, or there is not one
+            group for each task.
 
     Source: Howe 1974, "Approximate confidence limits on the mean of X + Y where X and Y are two
     tabled independent random variables"; Cameron and Miller 2015, "A practitioner's guide to
@@ -546,6 +554,9 @@ def student_interval(
     Returns:
         lower and upper bound; None for a single seed, which does not show how seeds vary.
 
+    Raises:
+        ConfigError: if there is no score, or one is not finite.
+
     Source: Student 1908, "The probable error of a mean".
     """
     from scipy.stats import t
@@ -583,7 +594,8 @@ def split_interval(
         lower and upper bound.
 
     Raises:
-        ConfigError: unless there is an error for each score.
+        ConfigError: if there is no score, a number is not finite, or there is not one error for
+            each score.
 
     Source: the variance between splits as in DerSimonian and Laird 1986, "Meta-analysis in clinical
     trials"; added to the variance within as in Howe 1974; Nadeau and Bengio 2003, "Inference for
@@ -676,7 +688,8 @@ def correlation(
         all y are equal.
 
     Raises:
-        ConfigError: if the values are empty, not finite or of different shapes.
+        ConfigError: if the values are empty, not finite or of different shapes, or ``kind`` is
+            unknown.
 
     Source: Fisher 1921; Bonett and Wright 2000, "Sample size requirements for estimating Pearson,
     Kendall and Spearman correlations".

@@ -296,12 +296,17 @@ class BatchEngine:
         """Begin the first episode of a seed in every environment.
 
         Raises:
-            ConfigError: for a negative seed.
+            ConfigError: for a negative seed, or if no distractors without a shortcut are found for
+                a task.
         """
         return self._begin(self._keys(seed), self.arrays.full((self.num_envs,), 0))
 
     def restart(self, state: State) -> State:
-        """Begin the next episode in every environment."""
+        """Begin the next episode in every environment.
+
+        Raises:
+            ConfigError: if no distractors without a shortcut are found for a task.
+        """
         return self._begin(state.keys, state.episode)
 
     def reseed(
@@ -353,7 +358,8 @@ class BatchEngine:
                 drawn distractors.
 
         Raises:
-            ConfigError: for a negative seed.
+            ConfigError: for a negative seed, or if no distractors without a shortcut are found for
+                a task.
         """
         keys = self._keys(seed)
         number = self.arrays.full((self.num_envs,), episode)
@@ -409,6 +415,9 @@ class BatchEngine:
             before: the state before a step, which stays unchanged. Arrays of ``now`` that are not
                 in ``before`` belong to nobody else, and are written to without a copy. By default
                 ``now`` itself stays unchanged.
+
+        Raises:
+            ConfigError: if no distractors without a shortcut are found for a task.
         """
         if self.arrays.on_device:
             return self._begin_where_on_device(now, over)
@@ -462,6 +471,7 @@ class BatchEngine:
         Raises:
             ActionError: for a number that is not a slot, or for an empty slot if
                 ``illegal_action`` is ``raise``.
+            ConfigError: if no distractors without a shortcut are found for a task.
         """
         now, done = self._step_env(state, actions, is_replaced=True)
         return self.begin_where(now, done.over, state), done
@@ -473,6 +483,7 @@ class BatchEngine:
 
         Raises:
             EpisodeError: if all episodes are over, on the CPU.
+            ActionError: as :meth:`step`.
         """
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")

@@ -30,7 +30,11 @@ METADATA: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}
 
 
 def check_mode(mode: str | None) -> None:
-    """Raise a ConfigError for an unknown render mode."""
+    """Check a render mode, None or ``ansi``.
+
+    Raises:
+        ConfigError: for another mode.
+    """
     if mode not in (None, "ansi"):
         raise ConfigError(f"`render_mode` {mode!r}: expected None or 'ansi'.")
 
@@ -44,6 +48,9 @@ class RewardConfig:
         irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate (an
             earlier product of a plan).
         intermediate_reward: added when an attempt first makes an intermediate.
+
+    Raises:
+        ConfigError: if a value is negative, not finite or no number.
     """
 
     wrong_pair_penalty: float = 0.0
@@ -91,6 +98,10 @@ class WordCraftConfig:
         task_seed: random seed for this sample.
         rewards: the shaped rewards that ``reward`` stands for; derived, not a setting.
         attempts: attempts in an episode; derived, not a setting.
+
+    Raises:
+        ConfigError: if a value is out of range, or ``max_attempts`` does not fit ``depth`` or
+            ``distractor_policy``.
 
     Example:
         >>> WordCraftConfig(depth=2, num_distractors=8).attempts

@@ -145,6 +145,10 @@ class Draws:
 
         Returns:
             shape (R, width), int32: ids, shuffled, empty slots last.
+
+        Raises:
+            ConfigError: if no distractors without a shortcut are found for a task, see
+                :meth:`World.check_tries`.
         """
         size = len(keys) if self.arrays.on_device else _CHUNK
         pieces = []
@@ -366,6 +370,10 @@ class Ahead:
 
         ``episodes``, shape (R,), are the numbers of the episodes, which the cache need not hold on
         the CPU.
+
+        Raises:
+            ConfigError: if no distractors without a shortcut are found for a task, see
+                :meth:`World.check_tries`.
         """
         arrays = self.draws.arrays
         index = episodes - self._first[rows]

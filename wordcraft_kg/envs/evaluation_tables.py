@@ -92,7 +92,8 @@ class EvaluationTables:
             distractor_seed: number of the table, 0 or more.
 
         Raises:
-            ConfigError: if there is no such task or seed.
+            ConfigError: if there is no such task or seed, or no distractors without a shortcut are
+                found for the task.
         """
         amount = len(self.world.tasks)
         whole("task", task, 0, amount - 1)

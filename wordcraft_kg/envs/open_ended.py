@@ -152,6 +152,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
 
         Raises:
             ConfigError: for a value out of range, or a base from which nothing can be made.
+            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
+                cannot be read.
+            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
         check_mode(render_mode)
         one_of("illegal_action", illegal_action, get_args(IllegalAction))

@@ -56,6 +56,9 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         Raises:
             ConfigError: for an unknown setting, or a value out of range.
             TaskError: if the graph has no such task.
+            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
+                cannot be read.
+            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
         if render_mode is not None:
             raise ConfigError(

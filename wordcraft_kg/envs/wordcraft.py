@@ -144,6 +144,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         Raises:
             ConfigError: for an unknown setting, a value out of range, or settings next to a world.
             TaskError: if the graph has no such task.
+            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
+                cannot be read.
+            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
         check_mode(render_mode)
         self.render_mode = render_mode

@@ -31,7 +31,10 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
     """Open a graph with its split, for an environment; a bare graph has the default split.
 
     Raises:
-        ConfigError: for a value of another type, or a graph that does not exist.
+        ConfigError: for a value of another type.
+        RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book cannot
+            be read.
+        ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
     """
     if isinstance(graph, OpenedGraph):
         return graph
@@ -112,6 +115,9 @@ class World:
             ConfigError: if the graph has too few entities for so many distractors, or no split for
                 a policy that needs one.
             TaskError: if there is no task.
+            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
+                cannot be read.
+            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
         opened = graph if isinstance(graph, World) else open_world_graph(graph)
         self.graph: RecipeGraph = opened.graph
@@ -154,6 +160,10 @@ class World:
         Raises:
             ConfigError: for settings next to a given world, which has settings; or as the
                 constructors of the world and its settings.
+            TaskError: if the graph has no such task.
+            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
+                cannot be read.
+            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
         if not isinstance(graph, World):
             return cls(graph, WordCraftConfig.of(settings))

@@ -54,7 +54,8 @@ class FeatureObservation(_Ids):
             vectors: shape (E, D), a row for each entity in id order.
 
         Raises:
-            ConfigError: if the vectors do not fit the entities, or ids were replaced already.
+            ConfigError: if the vectors do not fit the entities, ids were replaced already, or
+                ``env`` is no crafting environment.
         """
         super().__init__(env)
         world = _world(env)
@@ -178,6 +179,7 @@ class KGScoreObservation(_Ids):
             GraphMismatchError: if a source belongs to another graph or split.
             LeakError: if a source would score train tasks by a model trained on their recipes,
                 although it has another.
+            ConfigError: if ``env`` is no crafting environment, or ids were replaced already.
         """
         super().__init__(env)
         world = _world(env)
@@ -196,7 +198,14 @@ class VectorKGScoreObservation(VectorWrapper):
     """:class:`KGScoreObservation` for the vector environment: scores have shape (N, num_slots)."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], sources: Sequence[SlotSource]):
-        """Wrap a vector environment; arguments and errors as :class:`KGScoreObservation`."""
+        """Wrap a vector environment; arguments as :class:`KGScoreObservation`.
+
+        Raises:
+            GraphMismatchError: if a source belongs to another graph or split.
+            LeakError: if a source would score train tasks by a model trained on their recipes,
+                although it has another.
+            ConfigError: if ``env`` is no crafting environment.
+        """
         super().__init__(env)
         world = _world(env)
         self._scores = _Scores(world, sources)
@@ -255,7 +264,12 @@ class TaskNumbers:
     """
 
     def __init__(self, world: World):
-        """Count the train tasks of a world."""
+        """Count the train tasks of a world.
+
+        Raises:
+            TaskError: if the graph has no train task of this depth.
+            ConfigError: if a train task leaves too few entities for the distractors.
+        """
         self._is_known = world.config.part in ("train", "all")
         # The number of train tasks stands for all other tasks, in every part alike.
         train = world if self._is_known else world.variant(part="train")
@@ -273,7 +287,13 @@ class TaskObservation(_Ids):
     """Adds ``task``, the number of the episode's task, see :class:`TaskNumbers`."""
 
     def __init__(self, env: Env):
-        """Wrap a single crafting environment."""
+        """Wrap a single crafting environment.
+
+        Raises:
+            ConfigError: if ``env`` is no crafting environment, ids were replaced already, or a
+                train task leaves too few entities for the distractors.
+            TaskError: if the graph has no train task of this depth.
+        """
         super().__init__(env)
         self._numbers = TaskNumbers(_world(env))
         self.observation_space = spaces.Dict({**_id_spaces(env), "task": self._numbers.space})
@@ -296,7 +316,11 @@ class TextObservation(_Masked):
     """Most characters of a text, for the observation space; no table is that long."""
 
     def __init__(self, env: Env):
-        """Wrap a single environment, crafting or open-ended."""
+        """Wrap a single environment, crafting or open-ended.
+
+        Raises:
+            ConfigError: if ``env`` is neither a crafting nor an open-ended environment.
+        """
         super().__init__(env)
         inner = env.unwrapped
         self._is_open = isinstance(inner, OpenEndedEnv)
@@ -317,7 +341,9 @@ class TextObservation(_Masked):
         """Choose an entity, or combine two entities in an open-ended environment.
 
         Raises:
-            ActionError: as :meth:`parse`; then no attempt is used up.
+            ActionError: as :meth:`parse`, or for a refused action of the wrapped environment; no
+                attempt is used up.
+            EpisodeError: before :meth:`reset`, or after the end of the episode.
         """
         chosen = self.parse(action) if isinstance(action, str) else action
         observation, reward, terminated, truncated, info = self.env.step(chosen)

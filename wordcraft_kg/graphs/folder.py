@@ -149,9 +149,9 @@ def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
     recipes there.
 
     Raises:
-        ArtefactError: if a table differs from the table of this graph and split, or a value in
-            ``audit.json`` from the value computed here.
-            Values that this version does not know are not compared.
+        ArtefactError: if a file is missing, a table differs from the table of this graph and split,
+            or a value in ``audit.json`` differs from the value computed here. Values that this
+            version does not know are not compared.
     """
     book = read_book(folder / "graph.json", keep_self_results=True)
     for name, lines in _derived_files(opened.split, book).items():
@@ -244,7 +244,9 @@ def open_graph(
         ArtefactError: if a graph folder is incomplete or damaged, or its files belong to different
             graphs.
         RecipeFileError: if a book cannot be read, or there is no such folder, file or book.
-        SplitError: if the book is too small for ``config``.
+        SplitError: if the book is too small for ``config``, or has no kinds of recipes for a split
+            by kind.
+        ConfigError: if an option, or a number in a prefix such as ``world-3:``, is out of range.
 
     Example:
         >>> opened = open_graph("kitchen")

@@ -25,6 +25,9 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
 
     Returns:
         Shape (num_entities,), int64; -1 for an entity that is never made.
+
+    Raises:
+        UnknownEntityError: if an entity in ``start`` is not in the graph.
     """
     starts, order = graph.by_ingredient
     a, b, result = graph.recipes.T
@@ -156,6 +159,9 @@ class Planner:
         Args:
             graph: the recipe graph.
             start: entities that cost nothing, by id or label; None for the base.
+
+        Raises:
+            UnknownEntityError: if an entity in ``start`` is not in the graph.
         """
         self.graph = graph
         # Lists, because single numbers of arrays are slow.

@@ -145,6 +145,7 @@ class RecipeGraph:
         Raises:
             RecipeFileError: if a label cannot name an entity.
             UnknownEntityError: if a base label is in no recipe.
+            TypeError: if a row does not have three labels.
         """
         rows: list[list[str]] = []
         for index, row in enumerate(recipes):
@@ -268,7 +269,11 @@ class RecipeGraph:
         return np.fromiter(map(self._index.__getitem__, labels), np.int64)
 
     def labels(self, ids: Iterable[int]) -> tuple[str, ...]:
-        """Return the labels for entity ids."""
+        """Return the labels for entity ids.
+
+        Raises:
+            IndexError: for ``num_entities``, the padding of many arrays, or a larger id.
+        """
         return tuple(map(self.entities.__getitem__, ids))
 
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
@@ -326,7 +331,11 @@ class RecipeGraph:
         return _group(entities, users, self.num_entities)
 
     def results(self, one: Entity, other: Entity) -> Ids:
-        """Return the ids of all results from combining two entities, ascending, possibly empty."""
+        """Return the ids of all results from combining two entities, ascending, possibly empty.
+
+        Raises:
+            UnknownEntityError: if the graph has no such entity.
+        """
         a, b = sorted((self.id_of(one), self.id_of(other)))
         # Binary search in an array; ``outcomes`` is the dictionary, for callers that ask often.
         key = a * self.num_entities + b
@@ -345,11 +354,19 @@ class RecipeGraph:
         return {pair: tuple(results) for pair, results in results_of.items()}
 
     def recipes_of(self, result: Entity) -> Ids:
-        """Return the row indices of recipes that make ``result``, ascending."""
+        """Return the row indices of recipes that make ``result``, ascending.
+
+        Raises:
+            UnknownEntityError: if the graph has no such entity.
+        """
         return _member(self.by_result, self.id_of(result))
 
     def uses_of(self, entity: Entity) -> Ids:
-        """Return the row indices of recipes that use ``entity`` as ingredient, ascending."""
+        """Return the row indices of recipes that use ``entity`` as ingredient, ascending.
+
+        Raises:
+            UnknownEntityError: if the graph has no such entity.
+        """
         return _member(self.by_ingredient, self.id_of(entity))
 
     @property

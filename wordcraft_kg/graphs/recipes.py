@@ -203,6 +203,9 @@ class RecipeBook:
             keep_self_results: keep rows whose result is among their ingredients. By default they
                 are left out: they make nothing new, and give a task away in a triple.
             sha256: hash of the file's bytes; None without a file.
+
+        Raises:
+            TypeError: if a row does not have three labels.
         """
         numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(map(_recipe_of, rows))
         ordered = numbered.in_order()

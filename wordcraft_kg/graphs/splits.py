@@ -51,6 +51,9 @@ class SplitConfig:
             empty.
         seed: random seed.
 
+    Raises:
+        ConfigError: if the kind is unknown, or a ratio or the seed is out of range.
+
     Example:
         >>> SplitConfig("by-goal", train_ratio=0.7, seed=1).valid_ratio
         0.0
@@ -142,13 +145,20 @@ class Split:
         return f"Split({kind}, {sizes} recipes of {self.graph.name!r})"
 
     def is_in(self, part: Part) -> NDArray[np.bool_]:
-        """Mark the recipes in a part; bool, shape (num_recipes,)."""
+        """Mark the recipes in a part; bool, shape (num_recipes,).
+
+        Raises:
+            ValueError: if the part is unknown.
+        """
         return np.asarray(self.parts == PARTS.index(part))
 
     def recipes(self, part: Part) -> Ids:
         """Return a part's recipes, shape (n, 3), in the graph's order.
 
         Rows are (ingredient, ingredient, result).
+
+        Raises:
+            ValueError: if the part is unknown.
         """
         return self.graph.recipes[self.is_in(part)]
 
@@ -167,6 +177,9 @@ class Split:
         """Return all triples that a part's recipes give, shape (T, 3), sorted.
 
         The triples of the test part include leaked ones, see :meth:`held_out`.
+
+        Raises:
+            ValueError: if the part is unknown.
         """
         if part not in self._triples:
             self._triples[part] = frozen(recipe_triples(self.recipes(part)))
@@ -353,7 +366,12 @@ def _why_empty(
 
 
 def groups_of(graph: RecipeGraph, kind: str) -> Ids:
-    """Return each recipe's group, shape (num_recipes,), that a kind of split keeps together."""
+    """Return each recipe's group, shape (num_recipes,), that a kind of split keeps together.
+
+    Raises:
+        SplitError: for a split by kind, if the graph has no kinds of recipes.
+        KeyError: if the kind of split is unknown.
+    """
     return SPLITS[kind].groups(graph)
 
 
@@ -438,6 +456,9 @@ def by_groups(
         graph: the recipe graph.
         config: kind of split, which decides the groups, and ratios of groups.
         rng: shuffles the groups.
+
+    Raises:
+        SplitError: for a split by kind, if the graph has no kinds of recipes.
     """
     names, group = np.unique(groups_of(graph, config.kind), return_inverse=True)
     # Ratios are of groups, not recipes, so a part's share of the recipes is only about the ratio.

@@ -151,7 +151,8 @@ def draw_train_sample(
             the same fold. None for a single fold.
 
     Raises:
-        ConfigError: if the fractions leave too few recipes.
+        ConfigError: if the fractions leave too few recipes, or no result would be wrong for a drawn
+            recipe.
 
     Example:
         >>> split = open_graph("kitchen").split

@@ -375,6 +375,9 @@ def bottlenecks(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> lis
     Returns:
         Pairs (entity id, number of other entities that cannot be made without it), the largest
         number first, then by id; without entities that none needs.
+
+    Raises:
+        UnknownEntityError: if an entity in ``base`` is not in the graph.
     """
     layer = layers(graph, base)
     is_used = graph.use_counts > 0
@@ -407,6 +410,9 @@ def world_statistics(graph: RecipeGraph, base: Iterable[Entity] | None = None) -
         graph: the recipe graph. One of more than :data:`MOST_ANALYSED` entities gets no
             bottlenecks, whose cost grows with entities times recipes.
         base: entities known at the start; None for the graph's base.
+
+    Raises:
+        UnknownEntityError: if an entity in ``base`` is not in the graph.
     """
     # Read twice below, and an iterator can be read once.
     start = None if base is None else list(base)

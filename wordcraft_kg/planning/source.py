@@ -152,6 +152,7 @@ class BestPlan(BestRecipe):
 
         Raises:
             ValueError: if the states have no ``attempts``.
+            ConfigError: if the search would not fit into memory.
         """
         state = self._searched(states, model)
         if not self.is_weighed:
@@ -174,6 +175,7 @@ class BestPlan(BestRecipe):
             ValueError: if the states have no ``attempts``.
             LeakError: if a model trained on a task's recipes could score it.
             IndexError: for a number without a task.
+            ConfigError: if the search would not fit into memory.
         """
         model = self.model_of(states.task)
         # None: the model of all train recipes, number 0, scores all states.

@@ -111,6 +111,10 @@ class Checkpoints(Generic[P]):
             number: last finished epoch or step.
             tensors: tensors by name.
             progress: the trainer's state besides tensors.
+
+        Raises:
+            TypeError: if a value in ``progress`` has no JSON form.
+            ValueError: if a number in ``progress`` is not finite.
         """
         import safetensors.torch
 

@@ -58,15 +58,28 @@ class RunFiles:
         )
 
     def record(self, name: str, kind: type[T]) -> T:
-        """Read a JSON file, such as ``metrics.json``, into an instance of the class ``kind``."""
+        """Read a JSON file, such as ``metrics.json``, into an instance of the class ``kind``.
+
+        Raises:
+            ArtefactError: if the file is missing, was changed, or does not fit ``kind``.
+        """
         return parse_record(self.bytes(name), kind, self.folder / name, is_verified=True)
 
     def lines(self, name: str, kind: type[T]) -> list[T]:
-        """Read a JSON Lines file, a JSON object per line, as instances of the class ``kind``."""
+        """Read a JSON Lines file, a JSON object per line, as instances of the class ``kind``.
+
+        Raises:
+            ArtefactError: if the file is missing, was changed, or a line does not fit ``kind``.
+        """
         return parse_lines(self.bytes(name), kind, self.folder / name)
 
     def tensors(self, name: str) -> "dict[str, Tensor]":
-        """Read all tensors in a safetensors file, by tensor name."""
+        """Read all tensors in a safetensors file, by tensor name.
+
+        Raises:
+            ArtefactError: if the file is missing, damaged or was changed, or a tensor holds NaN or
+                infinity.
+        """
         # Imported here, because torch takes long and most files hold no tensors.
         from wordcraft_kg.base.tensors import read_tensors
 

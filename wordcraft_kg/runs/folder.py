@@ -262,7 +262,8 @@ def new_run(
         force: whether to replace an existing ``out``.
 
     Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False, or a link leads nowhere.
+        OutputExistsError: if ``out`` exists and ``force`` is False, or a link leads nowhere; with
+            ``force``, for what :func:`~wordcraft_kg.base.artefacts.check_output` never replaces.
         ArtefactError: if another process is training in ``out``.
     """
     check_new_run(out, force=force)
@@ -329,7 +330,8 @@ def check_run_output(out: Path, *, force: bool) -> None:
         force: whether an existing folder may be replaced.
 
     Raises:
-        OutputExistsError: if it holds something else and ``force`` is False.
+        OutputExistsError: if it holds something else and ``force`` is False, or anything that
+            :func:`~wordcraft_kg.base.artefacts.check_output` never replaces.
     """
     # A folder without a run, or with a damaged record, is no run.
     with suppress(ArtefactError):
@@ -344,7 +346,8 @@ def check_new_run(out: Path, *, force: bool) -> None:
     """Check that a new run may use ``out``: missing, empty, or left by a run killed at the start.
 
     Raises:
-        OutputExistsError: if it holds anything else and ``force`` is False.
+        OutputExistsError: if it holds anything else and ``force`` is False, or anything that
+            :func:`~wordcraft_kg.base.artefacts.check_output` never replaces.
     """
     target = output_target(with_a_name(out))
     if not _is_beginning(target) or (_aside(target).exists() and not force):

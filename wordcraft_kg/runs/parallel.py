@@ -143,6 +143,10 @@ class Workers(Generic[J, R]):
         Args:
             patience: seconds in which jobs may react to Ctrl-C, which each of them gets; 0 ends
                 them at once, as does a second Ctrl-C while this process waits.
+
+        Raises:
+            WordCraftKGError: raised by a job while this process waits; all processes end
+                nevertheless.
         """
         deadline = time.monotonic() + patience
         # A process that dies now is not replaced.
@@ -347,7 +351,9 @@ def train_jobs(
         is_long: whether the jobs take longer than the start of a process, some seconds.
 
     Raises:
-        TrainingError: if a job fails or its process dies.
+        WordCraftKGError: raised by a job; any other exception, too, if the jobs run in this
+            process.
+        TrainingError: in parallel, if a job raises another exception or its process dies.
     """
     workers = min(len(jobs), max(cores() // threads, 1))
     # A process takes seconds to start, which short jobs would not win back.
@@ -373,7 +379,8 @@ def train_in_processes(
         note: see :func:`train_jobs`.
 
     Raises:
-        TrainingError: if a job fails or its process dies.
+        WordCraftKGError: raised by a job.
+        TrainingError: if a job raises another exception or its process dies.
     """
     pool: Workers[Job, None] = Workers(workers, _train, progress=note)
     waiting = list(jobs)

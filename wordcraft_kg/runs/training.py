@@ -81,6 +81,9 @@ class Training(ABC, Generic[C, P, T]):
         """Return the last checkpoint of a resumed run.
 
         None if the trainer saves finished parts, such as folds, instead of epochs or steps.
+
+        Raises:
+            ArtefactError: if the run has no checkpoint, or all are damaged.
         """
         return run.checkpoints.load()
 
@@ -145,9 +148,13 @@ def train(
             graph or machine.
         MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if an input belongs to another graph.
-        ArtefactError: if an interrupted run is damaged, or another process is training in the
-            folder.
+        ArtefactError: if a graph folder or an earlier run is damaged, or another process is
+            training in the folder.
         TrainingError: if the loss becomes infinite or not a number.
+        RecipeFileError: if there is no such graph or book, or the book cannot be read.
+        LeakError: if an agent's scorer has seen all recipes of a train task's plan.
+        KeyboardInterrupt: after Ctrl-C; the message names the checkpoint from which the same
+            command goes on, if one is saved.
     """
     # What can be wrong is checked before the first file is written: the graph, the trackers, then
     # an earlier run in the folder.

@@ -81,10 +81,11 @@ def extended(
         of_words = every[size:].float().to(encoder.bias.device)
         named = encoder.with_entities(of_words).named()
         changed |= {name: tensor[None] for name, tensor in named.items()}
-    shares = _shares_of_old(every.float(), size)
-    for name in LINK_TABLES:
-        table = constants[name]
-        if table.numel():
+    tables = {name: constants[name] for name in LINK_TABLES if constants[name].numel()}
+    # Only for books that are small enough for tables: shares of all pairs would take gigabytes.
+    if tables:
+        shares = _shares_of_old(every.float(), size)
+        for name, table in tables.items():
             changed[name] = _wider_tables(table, shares.to(table.device))
     return RecipeScorer(
         constants | changed,

@@ -19,7 +19,7 @@ from torch import Tensor
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.recipe_graph import Entity
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.knowledge.folder import (
@@ -186,6 +186,11 @@ class OutsideEvidenceFinder:
                 logging.getLogger(__name__).warning("no evidence from '%s': %s", spec, error)
         return sources
 
+    @cached_property
+    def _left_out_books(self) -> list[RecipeGraph]:
+        """The books of the setting `without`, read once for all sources."""
+        return [open_graph(book).graph for book in self._settings.without]
+
     def _check(self, sha256: str) -> None:
         """Raise ArtefactError for a hash that no source had in the training."""
         if sha256 not in self._hashes:
@@ -210,8 +215,9 @@ class OutsideEvidenceFinder:
     def _of_book(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.
         keep_train = self._settings.kg == "none"
-        without = [open_graph(other).graph for other in self._settings.without]
-        book = open_other_book(spec, self._opened, keep_train=keep_train, without=without)
+        book = open_other_book(
+            spec, self._opened, keep_train=keep_train, without=self._left_out_books
+        )
         self._check(book.source.sha256)
 
         def find(slots: _Slots) -> list[OutsideEvidence]:

@@ -10,6 +10,7 @@ from short_fits import short_fits
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.statistics import standardised
+from wordcraft_kg.models.recipes import inductive
 from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.kernel import kernel_regression
@@ -75,6 +76,12 @@ def test_new_entities_leave_the_scores_of_the_others_as_they_are(folder, scorer)
     ids = torch.randint(size, (3, 500), generator=torch.Generator().manual_seed(0))
     before, after = scorer.score_recipes(*ids), more.score_recipes(*ids)
     torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-2 * float(before.std()))
+
+
+def test_without_outside_knowledge_there_is_no_table_of_all_pairs(folder, scorer, monkeypatch):
+    """Of 30,000 entities it would take gigabytes."""
+    monkeypatch.delattr(inductive, "_shares_of_old")
+    assert len(wider(folder, scorer).entities) == len(scorer.entities) + len(NEW)
 
 
 def test_links_by_outside_knowledge_are_means_over_the_nearest_words(

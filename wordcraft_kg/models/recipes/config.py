@@ -46,8 +46,8 @@ class RecipeScorerConfig:
         with_: knowledge from outside the train recipes: knowledge folders (elicit,
             import-knowledge), other books or graph folders of any size, and further word vectors.
             For graphs with at most 5,792 entities.
-        without: books or graph folders whose recipes are left out of the training, so that the
-            scorer can be tested on these books; needs `kg` full.
+        without: books or graph folders whose recipes are left out of the training, also of the
+            books in `with`, so that the scorer can be tested on these books; needs `kg` full.
         seed: root seed for rankers, pair encoder, `train_fraction` and `label_noise`.
         threads: CPU threads per fit.
         device: torch device for the pair encoder, such as cpu or cuda.

@@ -332,7 +332,7 @@ def equal_answers(
     return {"left_out": len(rows), "asked": len(places), "equal": equal}
 
 
-def _trained(model: Any, layers: int) -> Parameters:
+def parameters_to_train(model: Any, layers: int) -> Parameters:
     """Return the parameters to train by name; all others are frozen."""
     model.requires_grad_(False)
     blocks = model.model.layers
@@ -361,14 +361,14 @@ def train(
         save_every: steps between two states.
         stop_after: number of the step before which training stops; None for the end.
     """
-    trained = _trained(model, settings.layers)
+    trained = parameters_to_train(model, settings.layers)
     optimiser = torch.optim.AdamW(trained.values(), lr=settings.lr, weight_decay=0.01)
     steps: list[list[Tree]] = []
     for epoch in range(settings.epochs):
         rng = np.random.default_rng([settings.seed, epoch])
         steps += batches(of(rng), settings.batch, rng)
     facts = {"settings": asdict(settings), "texts": _digest(steps)}
-    begun = _read_state(state, trained, optimiser, facts)
+    begun = read_state(state, trained, optimiser, facts)
     model.train()
     for step in range(begun, min(len(steps), stop_after or len(steps))):
         warm = (step + 1) / max(1, len(steps) // 10)
@@ -389,7 +389,7 @@ def train(
             "cpu_seconds": round(time.process_time() - started, 2),
         }
         if (step + 1) % save_every == 0 or step + 1 in (len(steps), stop_after):
-            _write_state(state, trained, optimiser, facts | {"step": step + 1})
+            write_state(state, trained, optimiser, facts | {"step": step + 1})
 
 
 def _digest(steps: Sequence[Sequence[Tree]]) -> str:
@@ -399,7 +399,8 @@ def _digest(steps: Sequence[Sequence[Tree]]) -> str:
     return hashlib.sha256(json.dumps(trees_of_steps).encode()).hexdigest()
 
 
-def _write_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[str, Any]) -> None:
+def write_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[str, Any]) -> None:
+    """Write trained parameters and the optimiser's moments, with facts, among them the step."""
     folder.mkdir(parents=True, exist_ok=True)
     tensors: dict[str, torch.Tensor] = {}
     for name, value in trained.items():
@@ -411,7 +412,7 @@ def _write_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[
     (folder / "part").rename(folder / "state.safetensors")
 
 
-def _read_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[str, Any]) -> int:
+def read_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[str, Any]) -> int:
     """Read a state into the parameters and the optimiser; return the next step."""
     path = folder / "state.safetensors"
     if not path.exists():

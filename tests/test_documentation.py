@@ -33,6 +33,7 @@ ELSEWHERE = {
     "finetune_language_model",
     "line_player",
     "impala_single_file",
+    "reinforce_language_model",
     "transformers_player",
 }
 """Examples with tests of their own."""

@@ -1,4 +1,4 @@
-"""Fine-tuning by examples/finetune_language_model.py, with a tiny random model."""
+"""Fine-tuning and reinforcement by examples/, with a tiny random model."""
 
 import json
 import runpy
@@ -14,9 +14,8 @@ from wordcraft_kg.cli import main
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 
-SCRIPT = runpy.run_path(
-    str(Path(__file__).parents[3] / "examples" / "finetune_language_model.py"), run_name="script"
-)
+EXAMPLES = Path(__file__).parents[3] / "examples"
+SCRIPT = runpy.run_path(str(EXAMPLES / "finetune_language_model.py"), run_name="script")
 Settings = SCRIPT["Settings"]
 Tree = SCRIPT["Tree"]
 SMALL = Settings(folds=5, layers=1, epochs=1, lr=1e-2, batch=200)
@@ -297,3 +296,107 @@ def test_tables_hold_a_right_pair_and_eight_distractors(splits):
         assert any(pair <= set(items) for pair in right)
         assert goal not in items
         assert goal not in train
+
+
+@pytest.fixture(scope="module")
+def reinforcing():
+    """Names of the script, which imports its neighbours as a script does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(EXAMPLES))
+        return runpy.run_path(str(EXAMPLES / "reinforce_language_model.py"), run_name="script")
+
+
+class TinyReader:
+    """A reader of the tiny model, without a tokenizer: a text is its tokens' numbers."""
+
+    end = 1
+
+    def __init__(self):
+        self.model = tiny()
+        self.ids = []
+        self.tokenizer = self
+
+    def chat(self, messages, is_asked):
+        return [ord(letter) % 100 for letter in messages[1]["content"]][-20:]
+
+    def read(self, ids):
+        from transformers import DynamicCache
+
+        self.ids = list(ids)
+        self.cache = DynamicCache(config=self.model.config)
+        logits = self.model(input_ids=torch.tensor([ids]), past_key_values=self.cache).logits
+        self.next = logits[0, -1].log_softmax(-1)
+
+    def cut(self, length):
+        self.ids = self.ids[:length]
+
+    def decode(self, tokens, skip_special_tokens):
+        return " ".join(map(str, tokens))
+
+
+@pytest.mark.slow
+@torch.no_grad()
+def test_answers_are_drawn_from_the_models_probabilities(reinforcing):
+    """Each token is drawn as from a model that reads the whole text again."""
+    reader = TinyReader()
+    settings = reinforcing["Settings"](answers=6, new_tokens=5)
+    prompt = [3, 1, 4, 1, 5, 9]
+    drawn = reinforcing["draw_answers"](reader, prompt, settings, torch.Generator().manual_seed(0))
+    generator = torch.Generator().manual_seed(0)
+    texts = torch.tensor([prompt] * 6)
+    for _ in range(5):
+        probabilities = reader.model(texts).logits[:, -1].softmax(-1)
+        token = torch.multinomial(probabilities, 1, generator=generator)
+        texts = torch.cat([texts, token], dim=1)
+    for answer, text in zip(drawn, texts[:, len(prompt) :].tolist(), strict=True):
+        until = text.index(reader.end) + 1 if reader.end in text else 5
+        assert answer == text[:until]
+    assert reader.ids == []
+
+
+class LowTokens:
+    """Rewards answers whose first token is below 50."""
+
+    def reward(self, row, answer):
+        return float(int(answer.split()[0]) < 50)
+
+
+def reinforced(reinforcing, written, state, **parts):
+    rows = [json.loads(line) for line in written.read_text().splitlines()][:30]
+    settings = reinforcing["Settings"](layers=1, steps=24, groups=3, new_tokens=2, lr=2e-2)
+    reader = TinyReader()
+    figures = list(
+        reinforcing["reinforce"](reader, rows, LowTokens(), settings, state, save_every=5, **parts)
+    )
+    return reader.model, figures
+
+
+@pytest.mark.slow
+def test_reinforcement_raises_the_reward_and_goes_on_with_the_same_bits(
+    reinforcing, written, tmp_path
+):
+    whole, figures = reinforced(reinforcing, written, tmp_path / "whole")
+    rewards = [row["reward"] for row in figures]
+    assert np.mean(rewards[-6:]) > np.mean(rewards[:6]) + 0.2
+    _, begun = reinforced(reinforcing, written, tmp_path / "parts", stop_after=12)
+    parts, rest = reinforced(reinforcing, written, tmp_path / "parts")
+    assert [row["reward"] for row in begun + rest] == rewards
+    for name, value in whole.state_dict().items():
+        assert torch.equal(value, parts.state_dict()[name]), name
+
+
+@pytest.mark.slow
+def test_a_first_answer_is_rewarded_as_in_the_game(reinforcing, written):
+    games = reinforcing["Games"]("kitchen")
+    rows = [json.loads(line) for line in written.read_text().splitlines()]
+    row = next(row for row in rows if row["depth"] == 1)
+    right = row["messages"][2]["content"]
+    first = right.split(" + ")[0]
+    assert games.reward(row, right) == 1
+    assert games.reward(row, f"I take\n{right}") == 1
+    assert games.reward(row, f"{first} + no such item") == 0
+    assert games.reward(row, "") == 0
+    depth, distractors, task, table = row["id"].split("-")[-4:]
+    other = row | {"id": f"kitchen-train-{depth}-{distractors}-{int(task) + 1}-{table}"}
+    with pytest.raises(ValueError, match="is another game of 'kitchen' than in its file"):
+        games.reward(other, right)

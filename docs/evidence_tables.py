@@ -539,10 +539,12 @@ IN_WORLDS = {
     "`recipe-learner` without doubt": ("neither", ", no doubt"),
     "**`recipe-learner`**": ("doubt (the default)", "recipe-learner everyday"),
     "... with own parts, not the default": ("doubt and own parts", ", own parts"),
+    "... from `everyday` and Little Alchemy 2 as one book": ("recipe-learner both",),
 }
 """Rows of players in many worlds, and the ends of their names in discovery_worlds.json.
 
-The second end is that of today's script, for families without the first.
+The second end is that of today's script, for families without the first. A family in which a player
+did not play has empty cells.
 """
 WORLDS = HERE.parent / "benchmarks" / "discovery_worlds.json"
 
@@ -558,12 +560,16 @@ def worlds() -> Iterator[str]:
     for title, endings in IN_WORLDS.items():
         cells = []
         for of_family in stored.values():
-            row = next(
+            named = (
                 row
                 for ending in endings
                 for name, row in of_family["players"].items()
                 if name.endswith(ending)
             )
+            row = next(named, None)
+            if row is None:
+                cells += ["", ""]
+                continue
             area = row["area"]
             cells.append(f"{_shown(area['mean'])} [{_shown(area['low'])}, {_shown(area['high'])}]")
             cells.append(f"{row['known']['500']['mean']:.0f}")

@@ -245,7 +245,7 @@ class SlowImpala:
             {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5},
             marks=pytest.mark.slow,
         ),
-        pytest.param(2, 3, {"scorer": "frequency", "policy_lag": 1}, marks=pytest.mark.slow),
+        (2, 3, {"scorer": "frequency", "policy_lag": 1}),
         pytest.param(
             2,
             3,
@@ -264,7 +264,12 @@ class SlowImpala:
         pytest.param(
             2, 3, {"policy": {"sees_attempts": True}, "policy_lag": 1}, marks=pytest.mark.slow
         ),
-        (2, 3, {"scorer": "cross-fitted", "policy": {"use": "u,v,w", "sees_attempts": True}}),
+        pytest.param(
+            2,
+            3,
+            {"scorer": "cross-fitted", "policy": {"use": "u,v,w", "sees_attempts": True}},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_updates_are_those_of_the_formulas_written_out(

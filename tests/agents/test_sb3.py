@@ -36,7 +36,8 @@ every_kind = pytest.mark.parametrize("kind", KINDS)
 
 
 def both(test):
-    return pytest.mark.interop(pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])(test))
+    algorithms = [pytest.param("PPO", marks=pytest.mark.slow), "MaskablePPO"]
+    return pytest.mark.interop(pytest.mark.parametrize("algorithm", algorithms)(test))
 
 
 def ours():

@@ -167,7 +167,7 @@ def test_the_same_command_goes_on_with_an_agent(
 
     def interrupted(self):
         step(self)
-        if self.update_number == 18:
+        if self.update_number == 9:
             raise KeyboardInterrupt
 
     command = ("train-agent", world / "graph", *SMALL, "--out", tmp_path / "run")
@@ -176,9 +176,9 @@ def test_the_same_command_goes_on_with_an_agent(
         stopped = run(*command)
     assert stopped.code == 130
     assert f"is saved in '{tmp_path / 'run'}'. Repeat the command" in stopped.err
-    assert "step 480\n" in run("evaluate-agent", tmp_path / "run").out
+    assert "step 240\n" in run("evaluate-agent", tmp_path / "run").out
     refused(*command, "--unroll", 5, says="--unroll")
-    assert printed(*command)["steps"] == 960
+    assert printed(*command)["steps"] == 480
     refused(*command, kind="OutputExistsError")
 
 

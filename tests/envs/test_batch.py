@@ -22,16 +22,10 @@ DEVICES = ("cpu", "torch:cpu")
 SEEN = ("goal", "task", "selection", "attempts_left", "table")
 GIVEN = ("reward", "over", "outcome", "by_plan", "illegal", "task")
 SHAPED = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermediate_reward=2.0)
-QUICK_CASES = (
-    (1, "last", "official"),
-    (1, "all", "sparse"),
-    (2, "all", SHAPED),
-    (3, "last", SHAPED),
-    (3, "all", "official"),
-)
+QUICK_CASES = ((1, "all", "sparse"), (2, "last", SHAPED), (3, "all", "official"))
 """Each depth, ambiguity and reward; `make slow` has all combinations."""
 QUICK_RESTORED = (
-    *(("cpu", "cpu", steps) for steps in (0, 1, 16, 40)),
+    ("cpu", "cpu", 16),
     ("cpu", "torch:cpu", 16),
     ("torch:cpu", "cpu", 16),
 )
@@ -603,7 +597,7 @@ def test_no_environments_and_missing_devices_are_refused(opened_kitchen):
 @pytest.mark.parametrize(
     "policy", [pytest.param("no_shortcut", marks=pytest.mark.slow), "no_train_shortcut"]
 )
-@pytest.mark.parametrize("tries", [30, pytest.param(SHORTCUT_TRIES, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tries", [10, pytest.param(SHORTCUT_TRIES, marks=pytest.mark.slow)])
 def test_a_table_without_shortcuts_that_cannot_be_is_given_up(
     ambiguous, monkeypatch, tries, policy
 ):

@@ -356,6 +356,7 @@ def test_stable_baselines_checks_and_trains():
     assert seen["action_mask"][int(action)] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.interop
 def test_torchrl_wraps_it():
     torchrl_envs = pytest.importorskip("torchrl.envs")

@@ -7,7 +7,7 @@ from .__main__ import run_case
 from .home import make_home
 from .values import cases
 
-SHORT = {"books": 5, "artefacts": 3, "values": 8}
+SHORT = {"books": 3, "artefacts": 2, "values": 8}
 LONG = {"books": 2_000, "artefacts": 1_000, "values": len(cases()) // 4}
 COUNTS = [
     *SHORT.items(),

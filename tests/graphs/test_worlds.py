@@ -40,7 +40,9 @@ def made_from(recipes, known, without=None):
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)]
+)
 def test_a_world_has_all_recipes_among_its_entities_and_all_can_be_made(everyday, way, seed):
     world = cut_world(everyday, seed, way)
     entities = set(world.entities)

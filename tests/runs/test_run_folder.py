@@ -262,7 +262,14 @@ def test_a_full_disk_loses_nothing_that_was_safe(trainer, tmp_path, whole, monke
 
 
 @agent_slow
-@pytest.mark.parametrize("what", ["tensors", "record", "missing", "another kind"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        "tensors",
+        "another kind",
+        *(pytest.param(what, marks=pytest.mark.slow) for what in ("record", "missing")),
+    ],
+)
 def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
     trainer, tmp_path, whole, caplog, what
 ):

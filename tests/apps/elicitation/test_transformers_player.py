@@ -144,7 +144,14 @@ def test_a_tokenizer_without_chat_template_is_refused_by_name(model_folder):
         player()["Reader"](str(model_folder))
 
 
-@pytest.mark.parametrize("by", ["generation", "constrained", "probabilities"])
+@pytest.mark.parametrize(
+    "by",
+    [
+        pytest.param("generation", marks=pytest.mark.slow),
+        "constrained",
+        pytest.param("probabilities", marks=pytest.mark.slow),
+    ],
+)
 def test_equal_games_get_equal_answers_and_a_full_context_begins_anew(
     reader, by, monkeypatch, capsys
 ):

@@ -45,10 +45,19 @@ OF_AGENTS = (
 OF_GRAPHS = ("/map?entity=bread", "/path/bread")
 LARGEST = 300 * 1024
 SLOW = (
+    "/recipes/bread?use=makes&part=train",
+    "/predictions?known=all&relation=componentOf&side=head&sort=worst&page=2",
+    "/link?head=flour&relation=componentOf&tail=bread",
+    "/tasks?part=train&page=2&run=plain",
+    "/tasks?part=all&depth=2",
     "/tasks?depth=3&goal=bread",
+    "/tasks?success=never",
+    "/episode?part=train&task=7&distractor_seed=3&other=plain",
     "/episode?depth=2&task=3&distractors=2&other=plain&other=mlp",
+    "/episode?run=mlp&task=2",
+    "/run/plain",
 )
-"""Further tasks of a greater depth: finding them takes a second."""
+"""Further states of pages whose first and fullest states are quick cases."""
 
 
 def of_test(addresses):
@@ -148,6 +157,7 @@ def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored, rendered, 
 
 
 LINK = {"tail": HOSTILE[0]}
+QUICK_LABELS = (*HOSTILE[:3], "..")
 
 
 PAGES_OF_LABEL = {
@@ -161,11 +171,11 @@ PAGES_OF_LABEL = {
 @pytest.mark.parametrize(
     ("pages", "label"),
     [
-        # Ranks of a label take a quarter of a second: three labels have marks of all kinds.
+        # A label takes up to a quarter of a second: four have marks of all kinds.
         pytest.param(
             pages,
             label,
-            marks=[] if name != "predictions" or label in HOSTILE[:3] else pytest.mark.slow,
+            marks=[] if label in QUICK_LABELS else pytest.mark.slow,
             id=f"{name}-{label[:30]}",
         )
         for name, pages in PAGES_OF_LABEL.items()

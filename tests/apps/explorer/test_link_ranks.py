@@ -107,7 +107,13 @@ COMBINED = list(
 FILTERS = [RankFilter(*values) for values in (COMBINED[0], *COMBINED[2::11])]
 
 
-@pytest.mark.parametrize("chosen", FILTERS, ids=str)
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        pytest.param(chosen, marks=pytest.mark.slow if number % 3 else [], id=str(chosen))
+        for number, chosen in enumerate(FILTERS)
+    ],
+)
 def test_a_filter_chooses_what_it_says(ranked, everything, chosen):
     def fits(query):
         return (

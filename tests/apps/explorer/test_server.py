@@ -50,6 +50,7 @@ def hostile_client(hostile):
     return client_of(hostile)
 
 
+@pytest.mark.slow  # test_every_page follows links of each page, without a server
 def test_every_link_that_can_be_reached_leads_to_a_page(client):
     todo, seen, kinds = ["/"], set(), {}
     while todo:

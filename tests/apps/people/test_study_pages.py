@@ -504,7 +504,7 @@ def test_labels_stay_text(tmp_path):
     graph = RecipeGraph.from_recipes(
         [*rows, *rows[:1], ("water", "earth", "mud"), ("mud", "water", "clay")]
     )
-    study = HumanStudy(graph, StudyConfig(tasks=12, distractors=(4,), forms=1))
+    study = HumanStudy(graph, StudyConfig(tasks=6, distractors=(4,), forms=1))
     with browsing(study, tmp_path / "study") as browser:
         code = browser.begin()
         plain = browser.get(f"/s/{code}/task").count("<")

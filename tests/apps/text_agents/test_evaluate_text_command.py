@@ -76,7 +76,9 @@ def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(play, game
     assert games.read_bytes() == Path("other", GAMES_FILE).read_bytes()
 
 
-@pytest.mark.parametrize("size", [0, 1, 200, -1])
+@pytest.mark.parametrize(
+    "size", [0, 200, *(pytest.param(size, marks=pytest.mark.slow) for size in (1, -1))]
+)
 def test_an_evaluation_killed_in_its_header_begins_anew(play, games, size):
     """An evaluation that was killed while the header was written begins anew."""
     play("--tasks", "2")

@@ -155,8 +155,17 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
     assert result.known == {1: (known + base) / 2, 4: (played.known_after[-1] + base) / 2}
 
 
-@pytest.mark.parametrize("part", ["test", "train"])
-@pytest.mark.parametrize(("distractors", "depth", "attempts"), [(2, 1, 1), (8, 1, 1), (4, 2, 3)])
+@pytest.mark.parametrize(
+    ("distractors", "depth", "attempts", "part"),
+    [
+        (2, 1, 1, "train"),
+        (8, 1, 1, "test"),
+        (4, 2, 3, "train"),
+        pytest.param(2, 1, 1, "test", marks=pytest.mark.slow),
+        pytest.param(8, 1, 1, "train", marks=pytest.mark.slow),
+        pytest.param(4, 2, 3, "test", marks=pytest.mark.slow),
+    ],
+)
 def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(
     kitchen, part, distractors, depth, attempts
 ):

@@ -120,6 +120,7 @@ def metrics_of(log):
     return {name: one.value for name, one in log.results.scores[0].metrics.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settings", "log_format"),
     [
@@ -192,6 +193,7 @@ def test_a_model_like_a_scripted_player_has_its_evaluation(
     assert log.eval.task_version == prompt_hash()[:12]
 
 
+@pytest.mark.slow
 def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
     kitchen,
 ):
@@ -249,6 +251,7 @@ def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play):
     assert (without.look_ups, without.invalid_actions, without.settings.knowledge) == (0, 4, "none")
 
 
+@pytest.mark.slow
 def test_a_scorer_that_remembers_the_tasks_is_refused(tmp_path, kitchen):
     """A scorer that remembers the tasks is refused before the first game."""
     scorer = SymbolicScorer(kitchen.graph, kitchen.split.partial)
@@ -327,6 +330,7 @@ def test_a_log_of_a_benchmark_track_becomes_a_submission_that_verifies(play, tmp
         external_rows(open_graph("everyday"), TaskPlay("test", 2, 2), [4], [Path(log.location)])
 
 
+@pytest.mark.slow
 def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
     task = crafting("kitchen", tasks=3, distractor_seeds=2)
     failing = task.dataset[4].input[1].text
@@ -362,6 +366,7 @@ def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
             read_inspect_log(path)
 
 
+@pytest.mark.slow
 def test_other_logs_and_files_are_refused(play, tmp_path):
     other = play(
         inspect_ai().Task(
@@ -386,6 +391,7 @@ def test_other_logs_and_files_are_refused(play, tmp_path):
         read_inspect_log(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "parameters", "setting", "fragment"),
     [
@@ -423,6 +429,7 @@ def test_a_wrong_parameter_is_an_error_without_a_traceback(make, parameters, set
     )  # its terminal takes brackets for a style
 
 
+@pytest.mark.slow
 def test_inspect_finds_both_tasks_by_the_package_s_name():
     root = Path(wordcraft_kg.__file__).parents[1]
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
@@ -456,6 +463,6 @@ def test_without_inspect_the_error_names_the_extra(monkeypatch, tmp_path):
     with pytest.raises(MissingExtraError, match=r"pip install 'inspect-ai>="):
         read_inspect_log(tmp_path / "log.eval")
     monkeypatch.setitem(sys.modules, "inspect_ai", None)
-    monkeypatch.delitem(sys.modules, "wordcraft_kg.apps.text_agents.inspect_tasks")
+    monkeypatch.delitem(sys.modules, "wordcraft_kg.apps.text_agents.inspect_tasks", raising=False)
     with pytest.raises(MissingExtraError, match="Inspect AI is not installed"):
         importlib.import_module("wordcraft_kg.apps.text_agents.inspect_tasks")

@@ -230,7 +230,9 @@ def test_a_player_is_called_after_its_script_and_never_after_an_option(tmp_path)
     assert name_of(["/usr/bin/ollama", "run", "sk-123"]) == "ollama"
 
 
-@pytest.mark.parametrize("script", ["line_player.py", "chat_player.py"])
+@pytest.mark.parametrize(
+    "script", [pytest.param("line_player.py", marks=pytest.mark.slow), "chat_player.py"]
+)
 def test_the_examples_play(games, script, chat_server):
     path = Path(__file__).parents[3] / "examples" / script
     arguments = ["small", chat_server] if script == "chat_player.py" else []

@@ -28,7 +28,7 @@ from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
-OPEN = ComplExConfig(dim=8, epochs=10)
+OPEN = ComplExConfig(dim=8, epochs=5)
 
 
 def silent(done, total):

@@ -94,7 +94,7 @@ def test_a_row_has_the_same_bits_in_any_batch(cross_fitted):
     states = States(goal, selection, table, attempts=Attempts(torch.full_like(goal, 2)))
     whole = [source(states) for source in sources()]
     generator = torch.Generator().manual_seed(0)
-    for count in (1, 2, 3, 7, 20, 50):
+    for count in (1, 7, 50):
         rows = torch.randperm(60, generator=generator)[:count]
         for source, expected in zip(sources(), whole, strict=True):
             assert torch.equal(source(states.of(rows)), expected[rows]), (source.name, count)

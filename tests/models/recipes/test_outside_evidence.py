@@ -4,6 +4,7 @@ import json
 import logging
 import shutil
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -46,6 +47,7 @@ oven,dough,crust
 """
 
 
+@cache
 def opened():
     return open_graph("kitchen")
 

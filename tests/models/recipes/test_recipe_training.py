@@ -71,12 +71,10 @@ def spoilt(recipes_folder, tmp_path):
 @compares_fits
 def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, small, monkeypatch):
     state = torch.get_rng_state()
-    for workers in (1, 2):
-        monkeypatch.setattr(training, "cores", lambda number=workers: number)
-        folder = small.parent / f"with-{workers}"
-        assert same_files(
-            small, train_recipes(RecipesConfig(str(book), SMALL), folder).folder, "calibration.json"
-        )
+    # Folds of the small scorer were fitted one by one.
+    monkeypatch.setattr(training, "cores", lambda: 2)
+    folder = train_recipes(RecipesConfig(str(book), SMALL), small.parent / "with-2").folder
+    assert same_files(small, folder, "calibration.json")
     assert torch.equal(torch.get_rng_state(), state)
     other = replace(SMALL, seed=1)
     folder = train_recipes(RecipesConfig(str(book), other), small.parent / "other").folder

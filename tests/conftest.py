@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import pytest
-from cyclopts import App, Argument, ArgumentCollection
+from cyclopts import App, ArgumentCollection
 from graph_folders import write_graph
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
@@ -92,25 +92,6 @@ The first file compiles most loops of numba, for half a minute. Other processes 
 loops meanwhile, or all of them would compile the same. Tests in `apps/web` wait for deadlines: at
 the end, one core would wait for the other.
 """
-
-
-LANGUAGE_MODELS = ("tests/apps/elicitation/", "tests/apps/text_agents/test_finetune.py")
-"""Beginnings of files that are tested in one process: the import of transformers takes 3 seconds."""
-
-
-@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
-def pytest_xdist_make_scheduler(config, log):
-    """Test each file in one process, and all files that import transformers in the same one."""
-    if config.getvalue("dist") != "loadfile":
-        return None
-    from xdist.scheduler import LoadFileScheduling
-
-    class Scheduling(LoadFileScheduling):
-        def _split_scope(self, nodeid):
-            is_of_models = nodeid.startswith(LANGUAGE_MODELS)
-            return "language models" if is_of_models else super()._split_scope(nodeid)
-
-    return Scheduling(config, log)
 
 
 def _room(item):
@@ -191,20 +172,8 @@ def signatures_are_read_once():
             option.children = ArgumentCollection(empty[id(one)] for one in option.children)
         return ArgumentCollection(empty.values())
 
-    find_negatives = Argument.negatives.fget
-    of_option = {}
-
-    def negatives(option):
-        """Find an option's negative flags once: each parsing asked several times for all."""
-        key = id(option.parameter), id(option.field_info)
-        if key not in of_option:
-            # Both are kept, as the application is.
-            of_option[key] = option.parameter, option.field_info, find_negatives(option)
-        return of_option[key][-1]
-
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(App, "assemble_argument_collection", read)
-        patch.setattr(Argument, "negatives", property(negatives))
         yield
 
 

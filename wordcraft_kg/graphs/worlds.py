@@ -5,6 +5,7 @@ it or not. Many worlds of one book have many such entities. ``world-7:everyday``
 wherever a book is asked for.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from hashlib import sha256
@@ -153,8 +154,8 @@ def _part_of(book: RecipeBook, graph: RecipeGraph, kept: Ids, base: Ids, named: 
     """Return a book of the recipes among ``kept`` entities, and the base, both given by ids."""
     is_kept = np.zeros(graph.num_entities, dtype=bool)
     is_kept[kept] = True
-    rows = graph.recipes[is_kept[graph.recipes].all(axis=1)]
-    recipes = graph.recipe_labels(rows)
+    is_whole = is_kept[graph.recipes].all(axis=1)
+    recipes = graph.recipe_labels(graph.recipes[is_whole])
     world = RecipeBook.of(
         f"{named}-{book.name}",
         recipes,
@@ -205,8 +206,10 @@ def _first_made(layer: Ids, rng: np.random.Generator, size: int) -> Ids:
     """Return the ids of the ``size`` entities with the fewest rounds, of the last round some."""
     # An entity needs entities of earlier rounds only, so any part of the last round will do.
     chance = rng.random(len(layer))
+    # The last key sorts first: by round, then at random.
     order = np.lexsort((chance, layer))
-    return order[layer[order] >= 0][:size]
+    made = order[layer[order] >= 0]
+    return made[:size]
 
 
 def _grown(graph: RecipeGraph, start: Ids, rng: np.random.Generator, size: int) -> Ids:
@@ -238,13 +241,15 @@ def _around_topic(graph: RecipeGraph, base: Ids, rng: np.random.Generator, size:
     """Return the entities closest to a drawn topic, with all that their derivations need."""
     planner = Planner(graph, base.tolist())
     # In Python: a cost is a whole number that may be larger than any float.
-    can_be_made = np.array([cost < float("inf") for cost in planner.costs])
+    can_be_made = np.array([cost < math.inf for cost in planner.costs])
     # A topic that no recipe uses has few neighbours.
-    topics = np.flatnonzero(can_be_made & (graph.use_counts > 0))
+    is_used = graph.use_counts > 0
+    topics = np.flatnonzero(can_be_made & is_used)
     topic = int(topics[rng.integers(len(topics))])
-    closeness = _closeness(graph, topic)
-    # Equal closeness by id; -inf where nothing makes an entity.
-    order = np.argsort(-np.where(can_be_made, closeness, -np.inf), kind="stable")
+    # The closest first, equal closeness by id; the last ones are those that nothing makes.
+    distance = np.where(can_be_made, -_closeness(graph, topic), np.inf)
+    order = np.argsort(distance, kind="stable")
+    # A dict as an ordered set.
     kept = dict.fromkeys(base.tolist())
     # Derivations cost time, so distant entities are not tried in a large book.
     tried = min(_TRIED * size, int(can_be_made.sum()))
@@ -253,9 +258,9 @@ def _around_topic(graph: RecipeGraph, base: Ids, rng: np.random.Generator, size:
             continue
         steps = planner.derivation(entity).steps
         needed = [graph.id_of(recipe.result) for recipe in steps]
-        new = [made_entity for made_entity in needed if made_entity not in kept]
+        new = [each for each in needed if each not in kept]
         if len(kept) + len(new) <= size:
-            kept.update(dict.fromkeys(new))
+            kept |= dict.fromkeys(new)
         if len(kept) == size:
             break
     return np.array(list(kept), dtype=np.int64)

@@ -169,8 +169,9 @@ def check_book(
             :class:`~wordcraft_kg.graphs.book_files.BookOptions`.
 
     Raises:
-        RecipeFileError: if the file cannot be read at all.
-        ConfigError: for an option outside its values.
+        RecipeFileError: if the file cannot be read at all. A file whose shape is not readable is a
+            finding instead, but not a folder.
+        ConfigError: for an option outside its values, or `columns` that the file does not have.
     """
     chosen = BookOptions(**options)
     if not path.is_dir():

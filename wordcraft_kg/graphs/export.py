@@ -203,16 +203,23 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
 
 
 def triples_frame(graph: RecipeGraph, triples: Ids) -> "pd.DataFrame":
-    """Return a data frame of triples with the label columns ``head``, ``relation``, ``tail``."""
+    """Return a data frame of triples with the label columns ``head``, ``relation``, ``tail``.
+
+    Args:
+        graph: the recipe graph, for the labels.
+        triples: shape (T, 3).
+    """
     import pandas as pd
 
-    names = np.array(graph.entities, dtype=object)
+    # Objects: arrays of fixed width would take the length of the longest label for each.
+    entities = np.array(graph.entities, dtype=object)
+    relations = np.array(RELATIONS, dtype=object)
     head, relation, tail = triples.T
     return pd.DataFrame(
         {
-            "head": names[head],
-            "relation": np.array(RELATIONS, dtype=object)[relation],
-            "tail": names[tail],
+            "head": entities[head],
+            "relation": relations[relation],
+            "tail": entities[tail],
         }
     )
 

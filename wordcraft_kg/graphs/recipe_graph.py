@@ -342,6 +342,10 @@ class RecipeGraph:
     def results(self, one: Entity, other: Entity) -> Ids:
         """Return the ids of all results from combining two entities, ascending, possibly empty.
 
+        Args:
+            one: id or label of an ingredient.
+            other: id or label of the other ingredient; may be the same.
+
         Raises:
             UnknownEntityError: if the graph has no such entity.
         """

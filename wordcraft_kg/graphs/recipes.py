@@ -81,6 +81,13 @@ class RecipeRows(Sequence[Recipe]):
     """
 
     def __init__(self, labels: Iterable[str], ids: Ids):
+        """Take ids of labels; nothing is checked.
+
+        Args:
+            labels: the label of each id, unique.
+            ids: shape (num_recipes, 3), int64, rows (ingredient, ingredient, result). The array
+                becomes read-only.
+        """
         self.labels = tuple(labels)
         self.ids: Ids = frozen(ids)
 

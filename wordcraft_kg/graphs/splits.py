@@ -131,6 +131,13 @@ class Split:
         config: SplitConfig,
         draw: Draw,
     ):
+        """Bind drawn parts to a graph; most callers want :func:`make_split`.
+
+        Args:
+            graph: the recipe graph.
+            config: the settings of the draw, which are not checked against it.
+            draw: each recipe's part. Its array becomes read-only.
+        """
         self.graph = graph
         self.config = config
         self.parts = draw.parts

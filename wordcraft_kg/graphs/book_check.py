@@ -187,10 +187,8 @@ def check_book(
     rows = BookRows(file, chosen)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
-    findings += [
-        _note("left-out", f"{counted(number, 'row')} {reason}")
-        for reason, number in rows.left_out.items()
-    ]
+    for reason, number in rows.left_out.items():
+        findings.append(_note("left-out", f"{counted(number, 'row')} {reason}"))
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     findings += [_note("marks", message) for message in note_of_marks(book.entities)]
     if makes_nothing(book.recipes):
@@ -239,12 +237,11 @@ def _of_bytes(file: OpenedFile) -> list[Finding]:
     if "\r" in file.text:
         lines = list(io.StringIO(file.text, newline=""))
         returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
-        message = (
-            f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
-        )
+        subject = counted(len(returns), "line")
+        message = f"{subject} with a carriage return (CRLF or CR); end lines in LF"
         # Where most lines have one, their numbers say nothing.
-        numbers = returns if len(returns) < len(lines) // 2 else ()
-        findings.append(_problem("line-ends", message, numbers))
+        are_few = len(returns) < len(lines) // 2
+        findings.append(_problem("line-ends", message, returns if are_few else ()))
     return findings
 
 

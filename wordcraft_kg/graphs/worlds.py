@@ -185,7 +185,7 @@ def _drawn_base(graph: RecipeGraph, rng: np.random.Generator, size: int) -> Ids:
         drawn = int(rng.choice(len(uses), p=chances))
         if drawn not in base:
             base.append(drawn)
-    reached = int((layers(graph, base) >= 0).sum())
+    reached = _num_reachable(graph, base)
     for _ in range(_EXCHANGES):
         # In this order: worlds of a seed must stay what they are.
         drawn = int(rng.choice(len(uses), p=chances))
@@ -194,12 +194,18 @@ def _drawn_base(graph: RecipeGraph, rng: np.random.Generator, size: int) -> Ids:
         other[place] = drawn
         if len(set(other)) < number:
             continue
-        now = int((layers(graph, other) >= 0).sum())
+        now = _num_reachable(graph, other)
         # Beyond `size` a base need not grow, so that bases differ from seed to seed.
         if now >= min(size, reached):
             base = other
             reached = now
     return np.array(sorted(base), dtype=np.int64)
+
+
+def _num_reachable(graph: RecipeGraph, base: Iterable[Entity]) -> int:
+    """Return how many entities can be made from a base, the base included."""
+    is_reachable = layers(graph, base) >= 0
+    return int(is_reachable.sum())
 
 
 def _first_made(layer: Ids, rng: np.random.Generator, size: int) -> Ids:
@@ -309,16 +315,21 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
     chosen = rng.choice(len(book.recipes), size=number, replace=False)
     rows = [book.recipes[place] for place in chosen.tolist()]
     results = [row.result for row in rows]
-    # What each pair makes: the original's results, and the wrong ones as they are accepted.
-    originals = set(book.recipes)
     # A permutation keeps how often each entity is made.
     rng.shuffle(results)
+
+    def exchanged(place: int) -> Recipe:
+        """Return a chosen recipe with the result that it has at the moment."""
+        return rows[place]._replace(result=results[place])
+
+    # What each pair makes: the original's results, and the wrong ones as they are accepted.
+    originals = set(book.recipes)
     taken: set[Recipe] = set()
     open_rows = list(range(number))
     for _ in range(_REPAIRS):
         left = []
         for place in open_rows:
-            wrong = rows[place]._replace(result=results[place])
+            wrong = exchanged(place)
             if wrong in originals or wrong in taken or wrong.is_self_result:
                 left.append(place)
             else:
@@ -331,7 +342,7 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
             other = int(rng.integers(number))
             # An accepted row gives up its result, and is tried again with the new one.
             if other not in open_rows:
-                taken.discard(rows[other]._replace(result=results[other]))
+                taken.discard(exchanged(other))
                 open_rows.append(other)
             results[place], results[other] = results[other], results[place]
     # A result that fits nowhere stays where it was.
@@ -343,7 +354,7 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
             "exchanged; expected at least two recipes with results that fit other pairs."
         )
     replaced = {rows[place] for place in changed}
-    wrong_rows = [rows[place]._replace(result=results[place]) for place in changed]
+    wrong_rows = [exchanged(place) for place in changed]
     right_rows = [recipe for recipe in book.recipes if recipe not in replaced]
     named = f"{WRONG}-{percent}-{seed}" if seed else f"{WRONG}-{percent}"
     wrong_book = RecipeBook.of(

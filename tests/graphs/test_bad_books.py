@@ -13,6 +13,7 @@ from book_shapes import ROWS, table, zipped
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.graphs import RecipeGraph, read_book
 from wordcraft_kg.graphs.book_check import check_book
+from wordcraft_kg.graphs.book_files.container import json_members
 
 HEADER = "ingredient_a,ingredient_b,result\n"
 
@@ -231,3 +232,10 @@ def test_a_pipe_among_recipe_files_is_passed_over(tmp_path):
     recipe = {"ingredients": ["water", "earth"], "result": "mud"}
     (folder / "mud.json").write_text(json.dumps(recipe))
     assert len(read_book(tmp_path).recipes) == 1
+
+
+def test_members_of_a_damaged_archive_are_refused_with_the_place(tmp_path):
+    path = tmp_path / "pack.zip"
+    damaged = zipped({"data/mod/recipes/mud.json": "{}"})[:-10]
+    with pytest.raises(RecipeFileError, match=r"pack\.zip: a damaged zip archive"):
+        list(json_members(path, damaged))

@@ -58,7 +58,8 @@ def are_among(numbers: Ids, known: Ids) -> NDArray[np.bool_]:
         return np.zeros(numbers.shape, dtype=bool)
     place = np.searchsorted(known, numbers)
     # A number above all others has a place behind the end; the last one differs from it.
-    return np.asarray(known[np.minimum(place, len(known) - 1)] == numbers)
+    place = np.minimum(place, len(known) - 1)
+    return np.asarray(known[place] == numbers)
 
 
 def sorted_unique(rows: Ids, columns: Sequence[int]) -> Ids:
@@ -77,9 +78,13 @@ def sorted_unique(rows: Ids, columns: Sequence[int]) -> Ids:
     # than rows.
     lowest = rows.min(axis=0)
     sizes = rows.max(axis=0) - lowest + 1
-    if math.prod(sizes.tolist()) >= 2**63:
+    # In Python's integers, which do not overflow.
+    num_keys = math.prod(sizes.tolist())
+    if num_keys >= 2**63:
         by_columns = np.unique(rows[:, columns], axis=0)
-        return np.ascontiguousarray(by_columns[:, np.argsort(columns)])
+        # Back to the order of columns in which the rows came.
+        own_order = np.argsort(columns)
+        return np.ascontiguousarray(by_columns[:, own_order])
     keys = np.zeros(len(rows), dtype=np.int64)
     for column in columns:
         keys *= sizes[column]
@@ -124,8 +129,9 @@ def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
     Returns:
         Shape (N, columns).
     """
-    columns = max([width, *map(len, rows)])
-    array = np.full((len(rows), columns), padding, dtype=np.int64)
+    longest = max(map(len, rows), default=0)
+    shape = (len(rows), max(width, longest))
+    array = np.full(shape, padding, dtype=np.int64)
     for index, row in enumerate(rows):
         array[index, : len(row)] = row
     return array

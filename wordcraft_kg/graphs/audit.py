@@ -339,8 +339,10 @@ def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
     num_entities = split.graph.num_entities
     relation = np.full_like(result, COMPONENT_OF)
     # Train recipes share a slot where their triples contain (ingredient, componentOf, result).
-    shares_a = is_in(np.column_stack([a, relation, result]), split.partial, num_entities)
-    shares_b = is_in(np.column_stack([b, relation, result]), split.partial, num_entities)
+    triples_of_a = np.column_stack([a, relation, result])
+    triples_of_b = np.column_stack([b, relation, result])
+    shares_a = is_in(triples_of_a, split.partial, num_entities)
+    shares_b = is_in(triples_of_b, split.partial, num_entities)
     return shares_a | shares_b
 
 
@@ -370,21 +372,25 @@ def _count(triples: Ids, relation: int) -> int:
 
 
 def _ambiguity(graph: RecipeGraph) -> Ambiguity:
-    sizes = graph.num_results
+    num_results = graph.num_results
     # Stable, so that of equally ambiguous pairs those come first that come first in the graph.
-    order = np.argsort(-sizes, kind="stable")[:SHOWN]
+    order = np.argsort(-num_results, kind="stable")
+    most_ambiguous = order[:SHOWN]
+    has_several = num_results[most_ambiguous] > 1
     examples = []
-    for pair in order[sizes[order] > 1].tolist():
+    for pair in most_ambiguous[has_several].tolist():
         # Recipes are sorted by pair, so those of a pair follow each other.
         start, stop = graph.pair_starts[pair : pair + 2]
         a, b = graph.labels(graph.recipes[start, :2])
         made = graph.recipes[start:stop, 2]
-        results = graph.labels(made[~graph.is_half_product[made]])
-        examples.append(AmbiguousPair((a, b), results))
-    numbers, pairs = np.unique(sizes[sizes > 0], return_counts=True)
+        whole = made[~graph.is_half_product[made]]
+        examples.append(AmbiguousPair((a, b), graph.labels(whole)))
+    numbers, pairs = np.unique(num_results[num_results > 0], return_counts=True)
+    # Keys of JSON are texts.
+    pairs_by_number = dict(zip(map(str, numbers), pairs.tolist(), strict=True))
     return Ambiguity(
-        pairs_by_number_of_results=dict(zip(map(str, numbers), pairs.tolist(), strict=True)),
-        pairs_with_several_results=int(np.sum(sizes > 1)),
+        pairs_by_number_of_results=pairs_by_number,
+        pairs_with_several_results=int(np.sum(num_results > 1)),
         examples=tuple(examples),
     )
 
@@ -413,17 +419,22 @@ def _degrees(graph: RecipeGraph) -> Degrees:
 
     def top(counts: Ids) -> tuple[tuple[str, int], ...]:
         # Stable, so that ties are in alphabetical order.
-        most = np.argsort(-counts, kind="stable")
-        most = most[whole[most]][:_TOP]
-        return tuple((graph.entities[entity], int(counts[entity])) for entity in most.tolist())
+        order = np.argsort(-counts, kind="stable")
+        first = order[whole[order]][:_TOP]
+        pairs = []
+        for entity in first.tolist():
+            pairs.append((graph.entities[entity], int(counts[entity])))
+        return tuple(pairs)
 
+    mean = 0.0
+    median = 0.0
+    # NumPy has no mean of nothing.
+    if len(craftable):
+        mean = round(float(craftable.mean()), 3)
+        median = float(np.median(craftable))
     return Degrees(
         craftable=len(craftable),
-        recipes_per_craftable=Spread(
-            mean=round(float(craftable.mean()), 3) if len(craftable) else 0.0,
-            median=float(np.median(craftable)) if len(craftable) else 0.0,
-            max=int(craftable.max(initial=0)),
-        ),
+        recipes_per_craftable=Spread(mean=mean, median=median, max=int(craftable.max(initial=0))),
         terminal=int(np.sum((uses == 0) & (recipes > 0))),
         idle=int(np.sum((uses == 0) & (recipes == 0) & whole)),
         self_pairs=graph.num_self_pairs,

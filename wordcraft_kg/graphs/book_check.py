@@ -129,9 +129,17 @@ class BookCheck:
         return all(finding.severity == "note" for finding in self.findings)
 
     def adding(self, findings: Iterable[Finding], **figures: Any) -> "BookCheck":
-        """Return a copy with more findings, and with new values of ``figures`` by field name."""
-        more = None if self.figures is None else msgspec.structs.replace(self.figures, **figures)
-        return replace(self, findings=_sorted([*self.findings, *findings]), figures=more)
+        """Return a copy with more findings, and with new values of ``figures``.
+
+        Args:
+            findings: further findings, which are sorted among the others.
+            figures: new values by field name; without effect if the check has no statistics.
+        """
+        new_figures = None
+        if self.figures is not None:
+            new_figures = msgspec.structs.replace(self.figures, **figures)
+        all_findings = _sorted([*self.findings, *findings])
+        return replace(self, findings=all_findings, figures=new_figures)
 
 
 @stage("checking the book")
@@ -161,8 +169,9 @@ def check_book(
             :class:`~wordcraft_kg.graphs.book_files.BookOptions`.
 
     Raises:
-        RecipeFileError: if the file cannot be read at all.
-        ConfigError: for an option outside its values.
+        RecipeFileError: if the file cannot be read at all. A file whose shape is not readable is a
+            finding instead, but not a folder.
+        ConfigError: for an option outside its values, or `columns` that the file does not have.
     """
     chosen = BookOptions(**options)
     if not path.is_dir():
@@ -178,10 +187,8 @@ def check_book(
     rows = BookRows(file, chosen)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
-    findings += [
-        _note("left-out", f"{counted(number, 'row')} {reason}")
-        for reason, number in rows.left_out.items()
-    ]
+    for reason, number in rows.left_out.items():
+        findings.append(_note("left-out", f"{counted(number, 'row')} {reason}"))
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     findings += [_note("marks", message) for message in note_of_marks(book.entities)]
     if makes_nothing(book.recipes):
@@ -193,7 +200,7 @@ def check_book(
     known_base = None
     if wanted is not None:
         known_base = set(wanted).intersection(book.entities)
-        unknown = sorted(set(wanted) - known_base)
+        unknown = sorted(set(wanted).difference(known_base))
         if unknown:
             hint = nearest(unknown[0], book.entities)
             message = f"base entities that are not in {book.name}: {listed(unknown)}{hint}"
@@ -230,12 +237,11 @@ def _of_bytes(file: OpenedFile) -> list[Finding]:
     if "\r" in file.text:
         lines = list(io.StringIO(file.text, newline=""))
         returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
-        message = (
-            f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
-        )
+        subject = counted(len(returns), "line")
+        message = f"{subject} with a carriage return (CRLF or CR); end lines in LF"
         # Where most lines have one, their numbers say nothing.
-        numbers = returns if len(returns) < len(lines) // 2 else ()
-        findings.append(_problem("line-ends", message, numbers))
+        are_few = len(returns) < len(lines) // 2
+        findings.append(_problem("line-ends", message, returns if are_few else ()))
     return findings
 
 
@@ -260,9 +266,12 @@ def _read_rows(
         lines_of.setdefault(recipes[-1], []).append(place)
         halves |= dict.fromkeys(recipes[:-1])
     for (kind, _), alike in faults.items():
-        more = f" ({len(alike) - 1:,} more like this)" if len(alike) > 1 else ""
+        first, *others = alike
+        message = first.message
+        if others:
+            message = f"{message} ({len(others):,} more like this)"
         lines = _numbers(fault.place for fault in alike)
-        findings.append(_problem(kind, alike[0].message + more, lines))
+        findings.append(_problem(kind, message, lines))
     findings += _repeated(lines_of)
     every: list[Recipe] = []
     for recipe, places in lines_of.items():
@@ -275,7 +284,8 @@ def _read_rows(
         base = tuple(sorted(known & rows.base.keys()))
         for label, place in rows.base.items():
             if label not in known:
-                findings.append(_problem("base", unknown_base(label, known), _numbers([place])))
+                message = unknown_base(label, known)
+                findings.append(_problem("base", message, _numbers([place])))
     kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     return lines_of, replace(book, base=base, kinds=kinds)
 
@@ -311,7 +321,8 @@ def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
 
 def _lines_of(lines_of: Mapping[Any, Sequence[Place]], keys: Iterable[Any]) -> list[int]:
     """Return the line numbers of recipes or labels, as many as a finding shows."""
-    return _numbers(chain.from_iterable(lines_of.get(key, ()) for key in keys))
+    places_of_keys = (lines_of.get(key, ()) for key in keys)
+    return _numbers(chain.from_iterable(places_of_keys))
 
 
 def _numbers(places: Iterable[Place]) -> list[int]:
@@ -340,7 +351,9 @@ def _note(kind: str, message: str, lines: Iterable[int] = ()) -> Finding:
 
 
 def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> list[int]:
-    return sorted({line_of[label] for label in labels if label in line_of})
+    """Return the first lines of labels, ascending, each once; JSON has none."""
+    lines = {line_of[label] for label in labels if label in line_of}
+    return sorted(lines)
 
 
 def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -371,7 +384,8 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
 
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
-    idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
+    num_recipes = graph.recipe_counts + graph.use_counts
+    idle = graph.labels(np.flatnonzero(num_recipes == 0))
     unused: Sequence[str] = ()
     if base is not None:
         is_unused = graph.use_counts[graph.base_ids] == 0
@@ -413,8 +427,11 @@ def _unreachable(
     needs = nx.DiGraph()
     needs.add_nodes_from(sorted(outside))
     for a, b, result in graph.recipes.tolist():
-        if result in outside:
-            needs.add_edges_from((part, result) for part in (a, b) if part in outside)
+        if result not in outside:
+            continue
+        for ingredient in (a, b):
+            if ingredient in outside:
+                needs.add_edge(ingredient, result)
     # Entities that need one another are one finding, not one each.
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         # Half-products are no entities of the file. Each needs an ingredient outside that is one.
@@ -461,11 +478,11 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
 
 
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    lonely = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 1))
+    num_recipes = graph.recipe_counts + graph.use_counts
+    lonely = graph.labels(np.flatnonzero(num_recipes == 1))
     if lonely:
-        message = (
-            f"{counted(len(lonely), 'entity', 'entities')} in one recipe only: {listed(lonely)}"
-        )
+        subject = counted(len(lonely), "entity", "entities")
+        message = f"{subject} in one recipe only: {listed(lonely)}"
         yield _note("lonely", message, _at(lonely[:LISTED], line_of))
 
 
@@ -504,8 +521,10 @@ def listed(labels: Iterable[str]) -> str:
     """
     labels = list(labels)
     shown = ", ".join(map(quoted, labels[:LISTED]))
-    more = len(labels) - LISTED
-    return f"{shown} and {more:,} more" if more > 0 else shown
+    num_hidden = len(labels) - LISTED
+    if num_hidden > 0:
+        shown = f"{shown} and {num_hidden:,} more"
+    return shown
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:

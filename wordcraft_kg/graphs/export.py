@@ -81,6 +81,7 @@ def export_graph(
         ConfigError: for an unknown format or part, or if so many recipes would take more than
             :data:`MOST_BYTES` of memory.
         OutputExistsError: if ``out`` is a folder, or exists and ``force`` is False.
+        OSError: if the file cannot be written.
     """
     one_of("format", format, tuple(EXPORTERS))
     one_of("part", part, get_args(ExportPart))
@@ -143,23 +144,27 @@ def _sentences(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
 def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
     """Yield N-Triples; only labels are text, and a self pair has one ingredient."""
     # An IRI holds neither blanks nor most signs; "+" and "=" part the names in that of a recipe.
-    code = [quote(label, safe="") for label in graph.entities]
-    entities = [f"<{NAMESPACE}entity:{label}>" for label in code]
+    names = [quote(label, safe="") for label in graph.entities]
+    entities = [f"<{NAMESPACE}entity:{name}>" for name in names]
     for iri, label in zip(entities, graph.entities, strict=True):
         # Backslashes first, or those before the quotation marks would be doubled, too.
         escaped = label.replace("\\", "\\\\").replace('"', '\\"')
         yield f'{iri} <{_RDFS_LABEL}> "{escaped}" .\n'
+    predicates = [f"<{NAMESPACE}relation:{name}>" for name in RELATIONS]
     for head, relation, tail in triples.tolist():
-        predicate = f"<{NAMESPACE}relation:{RELATIONS[relation]}>"
-        yield f"{entities[head]} {predicate} {entities[tail]} .\n"
+        yield f"{entities[head]} {predicates[relation]} {entities[tail]} .\n"
+    recipe_class = f"<{NAMESPACE}Recipe>"
+    has_ingredient = f"<{NAMESPACE}role:ingredient>"
+    has_result = f"<{NAMESPACE}role:result>"
     for a, b, result in graph.recipes.tolist():
         # Named after its labels, so that equal recipes of two graphs are one node.
-        recipe = f"<{NAMESPACE}recipe:{code[a]}+{code[b]}={code[result]}>"
-        yield f"{recipe} <{_RDF_TYPE}> <{NAMESPACE}Recipe> .\n"
+        recipe = f"<{NAMESPACE}recipe:{names[a]}+{names[b]}={names[result]}>"
+        yield f"{recipe} <{_RDF_TYPE}> {recipe_class} .\n"
+        yield f"{recipe} {has_ingredient} {entities[a]} .\n"
         # RDF is a set of statements: the same ingredient twice would be one statement anyway.
-        for part in dict.fromkeys((a, b)):
-            yield f"{recipe} <{NAMESPACE}role:ingredient> {entities[part]} .\n"
-        yield f"{recipe} <{NAMESPACE}role:result> {entities[result]} .\n"
+        if b != a:
+            yield f"{recipe} {has_ingredient} {entities[b]} .\n"
+        yield f"{recipe} {has_result} {entities[result]} .\n"
 
 
 def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
@@ -198,16 +203,23 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
 
 
 def triples_frame(graph: RecipeGraph, triples: Ids) -> "pd.DataFrame":
-    """Return a data frame of triples with the label columns ``head``, ``relation``, ``tail``."""
+    """Return a data frame of triples with the label columns ``head``, ``relation``, ``tail``.
+
+    Args:
+        graph: the recipe graph, for the labels.
+        triples: shape (T, 3).
+    """
     import pandas as pd
 
-    names = np.array(graph.entities, dtype=object)
+    # Objects: arrays of fixed width would take the length of the longest label for each.
+    entities = np.array(graph.entities, dtype=object)
+    relations = np.array(RELATIONS, dtype=object)
     head, relation, tail = triples.T
     return pd.DataFrame(
         {
-            "head": names[head],
-            "relation": np.array(RELATIONS, dtype=object)[relation],
-            "tail": names[tail],
+            "head": entities[head],
+            "relation": relations[relation],
+            "tail": entities[tail],
         }
     )
 

@@ -87,6 +87,9 @@ class OpenedGraph:
     def triples(self, kg: KG) -> Ids:
         """Return the triples of all recipes (full) or the train recipes (partial).
 
+        Args:
+            kg: ``full`` or ``partial``.
+
         Returns:
             Shape (T, 3), sorted.
         """
@@ -148,10 +151,15 @@ def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
     Commands read only these two, but people read the tables: a folder from elsewhere may hold other
     recipes there.
 
+    Args:
+        folder: the graph folder.
+        opened: what :func:`open_graph` returned for it.
+
     Raises:
         ArtefactError: if a file is missing, a table differs from the table of this graph and split,
             or a value in ``audit.json`` differs from the value computed here. Values that this
             version does not know are not compared.
+        RecipeFileError: if ``graph.json`` cannot be read.
     """
     book = read_book(folder / "graph.json", keep_self_results=True)
     for name, lines in _derived_files(opened.split, book).items():
@@ -160,10 +168,13 @@ def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
                 f"{folder / name} does not agree with graph.json and split.json. Build the graph "
                 "again, or restore a copy."
             )
+    # The statistics count lines of the first file, which graph.json does not hold.
     source = read_json(folder / "graph.json").get("source")
-    counts = {name: source.get(name, 0) for name in _DROPPED} if isinstance(source, dict) else {}
-    figures = as_values(audit(opened.graph, opened.split, replace(book, **counts)))
-    if not _agree(read_json(folder / "audit.json"), figures):
+    counts = {}
+    if isinstance(source, dict):
+        counts = {name: source.get(name, 0) for name in _DROPPED}
+    expected = audit(opened.graph, opened.split, replace(book, **counts))
+    if not _agree(read_json(folder / "audit.json"), as_values(expected)):
         raise ArtefactError(
             f"{folder / 'audit.json'} does not agree with graph.json and split.json. Build the "
             "graph again, or restore a copy."
@@ -173,7 +184,8 @@ def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
 def _agree(recorded: Any, expected: Any) -> bool:
     """Return whether values are equal, in objects the values of the names that both have."""
     if isinstance(recorded, dict) and isinstance(expected, dict):
-        return all(_agree(recorded[name], expected[name]) for name in recorded.keys() & expected)
+        shared_names = recorded.keys() & expected
+        return all(_agree(recorded[name], expected[name]) for name in shared_names)
     return bool(recorded == expected)
 
 
@@ -202,6 +214,7 @@ def write_graph_folder(
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
         RecipeFileError: if the book's name could not name a folder; no command would open it.
+        OSError: if a file cannot be written; nothing is left then.
     """
     if not _is_folder_name(book.name):
         raise RecipeFileError(
@@ -254,8 +267,11 @@ def open_graph(
         (80, 790)
     """
     folder = Path(source)
+    is_graph_folder = folder.is_dir()
     # Another folder may hold recipes of Minecraft, if the user says how to read them.
-    if folder.is_dir() and not (options and not (folder / "graph.json").is_file()):
+    if is_graph_folder and options:
+        is_graph_folder = (folder / "graph.json").is_file()
+    if is_graph_folder:
         graph = _read_graph(folder)
         content = read_json(folder / "split.json", GRAPH_FILE)
         split = read_split(content, graph, str(folder / "split.json"))
@@ -325,13 +341,15 @@ def _usual_graph(recorded: Any) -> RecipeGraph | None:
         book = msgspec.convert(recorded, _GraphFile)
     except msgspec.ValidationError:
         return None
-    is_checked = all(label_fault(label) is None for label in book.entities)
-    if not is_checked or any(map(is_half_product, book.entities)) or "kinds" in recorded:
+    has_faults = any(label_fault(label) is not None for label in book.entities)
+    has_halves = any(map(is_half_product, book.entities))
+    if has_faults or has_halves or "kinds" in recorded:
         return None
-    index = {label: number for number, label in enumerate(book.entities)}
+    id_of = {label: entity for entity, label in enumerate(book.entities)}
+    labels = chain.from_iterable(book.recipes)
     try:
-        ids = np.fromiter(map(index.__getitem__, chain.from_iterable(book.recipes)), np.int64)
-        base = [index[label] for label in book.base]
+        ids = np.fromiter(map(id_of.__getitem__, labels), np.int64)
+        base = [id_of[label] for label in book.base]
         graph = RecipeGraph(book.entities, ids.reshape(-1, 3), base)
     # KeyError: a label that is no entity; GraphError: entities that are not in order.
     except (KeyError, GraphError):

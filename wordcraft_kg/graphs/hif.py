@@ -57,20 +57,25 @@ def hif_lines(graph: RecipeGraph) -> Iterator[str]:
     """Yield a graph as a HIF document, with a node or an incidence in each line."""
     # NaN is no JSON, and other readers of HIF would refuse the file.
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
-    base = set(graph.base_ids.tolist())
     metadata = {"name": graph.name, "hash": graph.hash}
-    yield f'{{\n"network-type": "directed",\n"metadata": {dump(metadata)},\n"nodes": [\n'
+    yield "{\n"
+    yield '"network-type": "directed",\n'
+    yield f'"metadata": {dump(metadata)},\n'
     # Generators: a large graph has millions of lines.
-    nodes = (
-        {"node": label, "attrs": {"base": entity in base}}
-        for entity, label in enumerate(graph.entities)
-    )
-    yield from _lines(map(dump, nodes))
+    yield '"nodes": [\n'
+    yield from _lines(map(dump, _described_nodes(graph)))
     yield '],\n"edges": [\n'
     yield from _lines(map(dump, _described_edges(graph)))
     yield '],\n"incidences": [\n'
     yield from _lines(map(dump, _incidences(graph)))
     yield "]\n}\n"
+
+
+def _described_nodes(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
+    """Yield a node for each entity, which says whether it is in the base."""
+    base = set(graph.base_ids.tolist())
+    for entity, label in enumerate(graph.entities):
+        yield {"node": label, "attrs": {"base": entity in base}}
 
 
 def _described_edges(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
@@ -113,6 +118,9 @@ def recipes_of_hif(document: Mapping[str, Any], where: str = "HIF") -> HifRecipe
     Args:
         document: the parsed JSON, see :func:`is_hif`.
         where: name of the file, for errors.
+
+    Returns:
+        The recipes, a row for each result of each edge.
 
     Raises:
         RecipeFileError: for a hypergraph that is not directed, an edge without ingredients or
@@ -173,7 +181,8 @@ def _edges(document: Mapping[str, Any], nodes: "_Nodes", where: str) -> dict[str
     """Return the edges by name, each with ingredients and a result."""
     edges: dict[str | int, _Edge] = {}
     for incidence, place in _objects(document, "incidences", where):
-        edge = edges.setdefault(_identifier(incidence, "edge", place), _Edge(place))
+        name = _identifier(incidence, "edge", place)
+        edge = edges.setdefault(name, _Edge(place))
         label = nodes.label(incidence, place)
         if incidence["direction"] == "tail":
             edge.tail[label] += _count(incidence, place)
@@ -185,9 +194,10 @@ def _edges(document: Mapping[str, Any], nodes: "_Nodes", where: str) -> dict[str
         if not edge.tail or not edge.heads:
             lacks = "head, the result" if edge.tail else "tail, the ingredients"
             raise RecipeFileError(f"{subject} no {lacks}; a recipe needs both. Nothing was read.")
-        if edge.tail.total() > MOST_INGREDIENTS:
+        num_ingredients = edge.tail.total()
+        if num_ingredients > MOST_INGREDIENTS:
             raise RecipeFileError(
-                f"{subject} {edge.tail.total():,} ingredients; the limit is {MOST_INGREDIENTS:,}."
+                f"{subject} {num_ingredients:,} ingredients; the limit is {MOST_INGREDIENTS:,}."
             )
     return edges
 
@@ -265,7 +275,9 @@ def _count(incidence: Mapping[str, Any], place: str) -> int:
     """Return how often an ingredient is needed: its weight, 1 by default."""
     weight = incidence.get("weight", 1)
     is_number = isinstance(weight, int | float) and not isinstance(weight, bool)
-    if not is_number or not 1 <= weight <= MOST_INGREDIENTS or weight != int(weight):
+    # The range first: int() refuses infinity and NaN.
+    is_count = is_number and 1 <= weight <= MOST_INGREDIENTS and weight == int(weight)
+    if not is_count:
         raise RecipeFileError(
             f"{place}: the weight of an ingredient is {shown(weight)}; expected how often it is "
             f"needed, a whole number from 1 to {MOST_INGREDIENTS:,}."

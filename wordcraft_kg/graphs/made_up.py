@@ -47,33 +47,49 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
     ids, splits and tasks stay the same. No invented word is a word of the book. Kinds of recipes
     and base entities stay.
 
+    Args:
+        book: the book.
+        seed: random seed, from 0; another seed gives other words.
+
     Example:
         >>> print(with_made_up_words(open_book("kitchen")).recipes[0])
         betgegil + lenkrodim -> siksevan
     """
-    words = sorted(set(chain.from_iterable(map(str.split, book.entities))))
+    words = set(chain.from_iterable(map(str.split, book.entities)))
+    ordered_words = sorted(words)
     # The words are part of the seed, so that two books do not share invented words.
-    digest = sha256("\n".join(words).encode()).digest()
+    digest = sha256("\n".join(ordered_words).encode()).digest()
     rng = np.random.default_rng([seed, *digest])
     invented: set[str] = set()
     while len(invented) < len(words):
-        invented |= {_word(rng)} - set(words)
+        word = _word(rng)
+        if word not in words:
+            invented.add(word)
     # Both sorted: the n-th word in the alphabet becomes the n-th invented word.
-    replacement = dict(zip(words, sorted(invented), strict=True))
+    replacement = dict(zip(ordered_words, sorted(invented), strict=True))
 
     def renamed(label: str) -> str:
         return re.sub(r"\S+", lambda word: replacement[word[0]], label)
 
-    recipe_of = {recipe: Recipe.of(*map(renamed, recipe)) for recipe in book.recipes}
-    # Another book than the original, so another hash; the same for the same original and seed.
-    origin = f"{PREFIX} {seed} {book.sha256}"
+    recipe_of: dict[Recipe, Recipe] = {}
+    for recipe in book.recipes:
+        recipe_of[recipe] = Recipe.of(*map(renamed, recipe))
+    base = None
+    if book.base is not None:
+        base = tuple(sorted(map(renamed, book.base)))
+    hash_of_book = None
+    if book.sha256 is not None:
+        # Another book than the original, so another hash; the same for the same original and seed.
+        origin = f"{PREFIX} {seed} {book.sha256}"
+        hash_of_book = sha256(origin.encode()).hexdigest()
+    prefix = f"{PREFIX}-{seed}" if seed else PREFIX
     return replace(
         book,
-        name=f"{PREFIX}-{seed}-{book.name}" if seed else f"{PREFIX}-{book.name}",
+        name=f"{prefix}-{book.name}",
         recipes=tuple(sorted(recipe_of.values())),
-        base=None if book.base is None else tuple(sorted(map(renamed, book.base))),
+        base=base,
         idle=tuple(sorted(map(renamed, book.idle))),
-        sha256=None if book.sha256 is None else sha256(origin.encode()).hexdigest(),
+        sha256=hash_of_book,
         kinds={recipe_of[recipe]: kind for recipe, kind in book.kinds.items()},
     )
 

@@ -186,13 +186,15 @@ class Planner:
             self._recipe[entity] = recipe
             for index in order[starts[entity] : starts[entity + 1]]:
                 a, b, result = recipes[index]
-                if settled[a] and settled[b] and not settled[result]:
-                    candidate = 1 + self.costs[a] + self.costs[b]
-                    # Equal costs too, for the tie; an entry that is beaten later stays in the queue
-                    # and is passed over, because its entity is settled by then.
-                    if candidate <= self.costs[result]:
-                        self.costs[result] = candidate
-                        heapq.heappush(queue, (candidate, index, result))
+                is_possible = settled[a] and settled[b]
+                if not is_possible or settled[result]:
+                    continue
+                candidate = 1 + self.costs[a] + self.costs[b]
+                # Equal costs too, for the tie; an entry that is beaten later stays in the queue
+                # and is passed over, because its entity is settled by then.
+                if candidate <= self.costs[result]:
+                    self.costs[result] = candidate
+                    heapq.heappush(queue, (candidate, index, result))
 
     def derivation(self, goal: Entity) -> Derivation:
         """Return the cheapest derivation for an entity, with its steps.
@@ -213,13 +215,15 @@ class Planner:
         while stack:
             entity = stack[-1]
             index = self._recipe[entity]
-            ingredients = graph.recipes[index, :2].tolist() if index >= 0 else []
+            is_start = index < 0
+            ingredients = [] if is_start else graph.recipes[index, :2].tolist()
             missing = [part for part in ingredients if part not in done]
             if missing:
                 stack.extend(reversed(missing))
                 continue
             stack.pop()
-            if entity not in done and index >= 0:
+            # An entity that two recipes need is on the stack twice, and made once.
+            if entity not in done and not is_start:
                 steps.append(index)
             done.add(entity)
         labels = graph.recipe_labels(graph.recipes[steps])

@@ -64,17 +64,23 @@ class Reading(Record, omit_defaults=True, kw_only=True):
             >>> Reading(shape="table", delimiter=";", rows=3, kept=2, left_out=left_out).line()
             "read as table with delimiter ';'; kept 2 of 3 rows (1 repeated)"
         """
-        return for_terminal("; ".join([", ".join(self._facts()), self._rows()]))
+        facts = ", ".join(self._facts())
+        return for_terminal(f"{facts}; {self._rows()}")
 
     def _rows(self) -> str:
-        reasons = ", ".join(f"{number:,} {reason}" for reason, number in self.left_out.items())
+        """Return how many rows were kept, and why the others were not."""
         kept = f"kept {self.kept:,} of {counted(self.rows, 'row')}"
-        return f"{kept} ({reasons})" if reasons else kept
+        if not self.left_out:
+            return kept
+        reasons = [f"{number:,} {reason}" for reason, number in self.left_out.items()]
+        return f"{kept} ({', '.join(reasons)})"
 
     def _facts(self) -> Iterator[str]:
         """Yield what the line says about the file, without what goes without saying."""
-        delimiter = f" with delimiter {self.delimiter!r}" if self.delimiter else ""
-        yield f"read as {self.shape}{delimiter}"
+        shape = f"read as {self.shape}"
+        if self.delimiter:
+            shape = f"{shape} with delimiter {self.delimiter!r}"
+        yield shape
         if self.quote:
             yield f"quotes {self.quote}"
         if self.columns:

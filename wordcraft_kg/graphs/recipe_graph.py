@@ -77,11 +77,13 @@ class RecipeGraph:
         self.entities = tuple(entities)
         if any(left >= right for left, right in pairwise(self.entities)):
             raise GraphError("entity labels must be sorted and unique.")
+        # A graph without recipes may come as an empty list, which has another shape.
         recipes = np.asarray(recipes, dtype=np.int64).reshape(-1, 3)
         base = np.unique(np.asarray(base_ids, dtype=np.int64))
+        highest = len(self.entities) - 1
         for what, ids in (("recipe", recipes), ("base", base)):
-            if ids.size and not 0 <= ids.min() <= ids.max() < len(self.entities):
-                raise GraphError(f"a {what} id is outside 0 .. {len(self.entities) - 1}.")
+            if ids.size and (ids.min() < 0 or ids.max() > highest):
+                raise GraphError(f"a {what} id is outside 0 .. {highest}.")
         # Ingredients are unordered: each pair is stored once, the smaller id first.
         pairs = np.sort(recipes[:, :2], axis=1)
         rows = np.column_stack([pairs, recipes[:, 2]])
@@ -104,17 +106,18 @@ class RecipeGraph:
         index = {label: i for i, label in enumerate(entities)}
         rows = RecipeRows.of(book.recipes)
         # A label that no recipe mentions may be no entity; its place is never looked up.
-        places = (index.get(label, -1) for label in rows.labels)
-        place_of = np.fromiter(places, np.int64, len(rows.labels))
-        recipes = place_of[rows.ids]
+        ids = (index.get(label, -1) for label in rows.labels)
+        id_of_label = np.fromiter(ids, np.int64, len(rows.labels))
+        recipes = id_of_label[rows.ids]
         labels = book.base if base is None else sorted(set(base))
         if labels is None:
             base_ids = absent(recipes[:, 2], len(entities))
         else:
             unknown = [label for label in labels if label not in index]
             if unknown:
-                hint = nearest(unknown[0], entities)
-                raise UnknownEntityError(f"base entity '{unknown[0]}' is not in {book.name}.{hint}")
+                first = unknown[0]
+                hint = nearest(first, entities)
+                raise UnknownEntityError(f"base entity '{first}' is not in {book.name}.{hint}")
             base_ids = np.array([index[label] for label in labels], dtype=np.int64)
         graph = cls(entities, recipes, base_ids, book.name)
         graph.base_is_inferred = labels is None
@@ -140,7 +143,7 @@ class RecipeGraph:
             name: name in reports.
 
         Returns:
-            the graph; equal recipes and base give equal ids and hash, whatever their order.
+            The graph; equal recipes and base give equal ids and hash, whatever their order.
 
         Raises:
             RecipeFileError: if a label cannot name an entity.
@@ -149,8 +152,10 @@ class RecipeGraph:
         """
         rows: list[list[str]] = []
         for index, row in enumerate(recipes):
-            rows.append([check_label(label, f"row {index}") for label in row])
-        return cls.from_book(RecipeBook.of(name, rows, keep_self_results=True), base)
+            where = f"row {index}"
+            rows.append([check_label(label, where) for label in row])
+        book = RecipeBook.of(name, rows, keep_self_results=True)
+        return cls.from_book(book, base)
 
     # --- contents --------------------------------------------------------------------------------
 
@@ -217,7 +222,9 @@ class RecipeGraph:
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:
-        return self.hash == other.hash if isinstance(other, RecipeGraph) else NotImplemented
+        if not isinstance(other, RecipeGraph):
+            return NotImplemented
+        return self.hash == other.hash
 
     def __hash__(self) -> int:
         return hash(self.hash)
@@ -295,18 +302,20 @@ class RecipeGraph:
         is_first = np.ones(self.num_recipes, dtype=bool)
         changes = np.diff(self.recipes[:, :2], axis=0)
         is_first[1:] = np.any(changes != 0, axis=1)
-        return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
+        first_rows = np.flatnonzero(is_first)
+        return frozen(np.append(first_rows, self.num_recipes))
 
     @cached_property
     def pair_of_recipe(self) -> Ids:
         """Pair number of each recipe, 0 to ``num_pairs`` - 1, shape (num_recipes,)."""
-        return frozen(np.repeat(np.arange(self.num_pairs), np.diff(self.pair_starts)))
+        recipes_of_pair = np.diff(self.pair_starts)
+        return frozen(np.repeat(np.arange(self.num_pairs), recipes_of_pair))
 
     @cached_property
     def _pair_keys(self) -> Ids:
         """The number ``a * num_entities + b`` of each pair, ascending like the pairs."""
-        firsts = self.recipes[self.pair_starts[:-1]]
-        return firsts[:, 0] * self.num_entities + firsts[:, 1]
+        a, b, _ = self.recipes[self.pair_starts[:-1]].T
+        return a * self.num_entities + b
 
     @cached_property
     def by_result(self) -> tuple[Ids, Ids]:
@@ -333,14 +342,20 @@ class RecipeGraph:
     def results(self, one: Entity, other: Entity) -> Ids:
         """Return the ids of all results from combining two entities, ascending, possibly empty.
 
+        Args:
+            one: id or label of an ingredient.
+            other: id or label of the other ingredient; may be the same.
+
         Raises:
             UnknownEntityError: if the graph has no such entity.
         """
         a, b = sorted((self.id_of(one), self.id_of(other)))
         # Binary search in an array; ``outcomes`` is the dictionary, for callers that ask often.
         key = a * self.num_entities + b
-        pair = int(np.searchsorted(self._pair_keys, key))
-        if pair == self.num_pairs or self._pair_keys[pair] != key:
+        known = self._pair_keys
+        pair = int(np.searchsorted(known, key))
+        is_pair = pair < len(known) and known[pair] == key
+        if not is_pair:
             return np.empty(0, dtype=np.int64)
         start, stop = self.pair_starts[pair : pair + 2]
         return self.recipes[start:stop, 2]

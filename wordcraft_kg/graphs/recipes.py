@@ -21,6 +21,7 @@ from wordcraft_kg.graphs.reading import Reading
 MAX_LABEL_LENGTH = 1_000
 """Most characters in a label; a longer label suggests another kind of file."""
 _PIECE = 2**14  # recipes that are made at once from ids
+_CONTROLS = "\x7f\x85\u2028\u2029"  # delete and line ends, beside those below 32
 
 
 class Recipe(NamedTuple):
@@ -80,6 +81,13 @@ class RecipeRows(Sequence[Recipe]):
     """
 
     def __init__(self, labels: Iterable[str], ids: Ids):
+        """Take ids of labels; nothing is checked.
+
+        Args:
+            labels: the label of each id, unique.
+            ids: shape (num_recipes, 3), int64, rows (ingredient, ingredient, result). The array
+                becomes read-only.
+        """
         self.labels = tuple(labels)
         self.ids: Ids = frozen(ids)
 
@@ -100,12 +108,16 @@ class RecipeRows(Sequence[Recipe]):
 
     def in_order(self) -> "RecipeRows":
         """Return the same rows with ids by sorted label, and ascending ingredients in each row."""
-        order = sorted(range(len(self.labels)), key=self.labels.__getitem__)
-        place = np.empty(len(order), dtype=np.int64)
-        place[order] = np.arange(len(order))
-        a, b, result = place[self.ids].T
-        rows = np.column_stack([np.minimum(a, b), np.maximum(a, b), result])
-        return RecipeRows(map(self.labels.__getitem__, order), rows)
+        label_of = self.labels.__getitem__
+        order = sorted(range(len(self.labels)), key=label_of)
+        # New id by old id: the inverse of the order.
+        new_id = np.empty(len(order), dtype=np.int64)
+        new_id[order] = np.arange(len(order))
+        a, b, result = new_id[self.ids].T
+        smaller = np.minimum(a, b)
+        larger = np.maximum(a, b)
+        rows = np.column_stack([smaller, larger, result])
+        return RecipeRows(map(label_of, order), rows)
 
     @cached_property
     def mentioned(self) -> tuple[str, ...]:
@@ -135,16 +147,20 @@ class RecipeRows(Sequence[Recipe]):
             yield from self._made(self.ids[start : start + _PIECE])
 
     def _made(self, rows: Ids) -> tuple[Recipe, ...]:
-        a, b, results = rows.T.tolist()
-        label = self.labels.__getitem__
-        return tuple(map(Recipe, map(label, a), map(label, b), map(label, results)))
+        """Return the recipes of rows of ids, shape (n, 3); by column, which is faster."""
+        ids_a, ids_b, ids_of_results = rows.T.tolist()
+        label_of = self.labels.__getitem__
+        ingredients_a = map(label_of, ids_a)
+        ingredients_b = map(label_of, ids_b)
+        results = map(label_of, ids_of_results)
+        return tuple(map(Recipe, ingredients_a, ingredients_b, results))
 
     def __eq__(self, other: object) -> bool:
         if isinstance(other, RecipeRows) and self.labels == other.labels:
             return np.array_equal(self.ids, other.ids)
-        if isinstance(other, RecipeRows | tuple):
-            return len(self) == len(other) and all(map(eq, self, other))
-        return NotImplemented
+        if not isinstance(other, RecipeRows | tuple):
+            return NotImplemented
+        return len(self) == len(other) and all(map(eq, self, other))
 
     def __hash__(self) -> int:
         # That of the tuple, which is equal.
@@ -209,16 +225,22 @@ class RecipeBook:
         """
         numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(map(_recipe_of, rows))
         ordered = numbered.in_order()
-        a, b, result = ordered.ids.T
-        is_self_result = (result == a) | (result == b)
-        num_dropped = 0 if keep_self_results else int(np.sum(is_self_result))
-        kept = ordered.ids[~is_self_result] if num_dropped else ordered.ids
+        kept = ordered.ids
+        num_dropped = 0
+        if not keep_self_results:
+            a, b, result = kept.T
+            is_self_result = (result == a) | (result == b)
+            num_dropped = int(np.sum(is_self_result))
+            # No copy of a large book that has no such row.
+            if num_dropped:
+                kept = kept[~is_self_result]
         # By id, which is by label here: texts are compared once, when their ids are given.
         recipes = RecipeRows(ordered.labels, sorted_unique(kept, (0, 1, 2)))
         num_merged = len(kept) - len(recipes)
         declared = None if base is None else tuple(sorted(set(base)))
         # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
-        idle = set(ordered.labels if num_dropped else ()).union(listed, declared or ())
+        known = ordered.labels if num_dropped else ()
+        idle = set(known).union(listed, declared or ())
         idle.difference_update(recipes.mentioned)
         return cls(name, recipes, declared, tuple(sorted(idle)), num_dropped, num_merged, sha256)
 
@@ -249,13 +271,15 @@ def label_fault(label: Any) -> str | None:
     if len(label) > MAX_LABEL_LENGTH:
         return f"a label of {len(label):,} characters; the limit is {MAX_LABEL_LENGTH:,}."
     # isprintable is a quick test; some characters that it refuses are allowed, such as U+00A0.
-    if not label.isprintable():
-        if any(ord(char) < 32 or char in "\x7f\x85\u2028\u2029" for char in label):
-            return f"the label {shown(label)} holds a tab, line break or control character."
-        if any("\ud800" <= char <= "\udfff" for char in label):
-            return f"the label {shown(label)} holds half of a character (a lone surrogate)."
-        if "\ufffe" in label or "\uffff" in label:
-            return f"the label {shown(label)} holds U+FFFE or U+FFFF, which XML cannot hold."
+    if label.isprintable():
+        return None
+    subject = f"the label {shown(label)} holds"
+    if any(ord(char) < 32 or char in _CONTROLS for char in label):
+        return f"{subject} a tab, line break or control character."
+    if any("\ud800" <= char <= "\udfff" for char in label):
+        return f"{subject} half of a character (a lone surrogate)."
+    if "\ufffe" in label or "\uffff" in label:
+        return f"{subject} U+FFFE or U+FFFF, which XML cannot hold."
     return None
 
 

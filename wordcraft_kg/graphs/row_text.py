@@ -30,19 +30,24 @@ def row_text(rows: Ids, columns: Sequence[Iterable[str]]) -> Iterator[str]:
     """
     if not len(rows):
         return
-    encoded = [[text.encode() for text in column] for column in columns]
     # Texts of all columns follow each other, so a column's ids begin behind those of the last one.
-    sizes = [len(column) for column in encoded]
-    first_of_column = np.cumsum([0, *sizes[:-1]])
-    lengths = np.array([len(text) for column in encoded for text in column])
-    letters = np.frombuffer(b"".join(map(b"".join, encoded)), np.uint8)
-    del encoded
+    texts: list[bytes] = []
+    first_of_column = []
+    for column in columns:
+        first_of_column.append(len(texts))
+        texts += [text.encode() for text in column]
+    letters = np.frombuffer(b"".join(texts), np.uint8)
     # Half the memory of usual indices, and a quarter less time.
     index_type = np.int32 if len(letters) < 2**31 else np.int64
+    lengths = np.array(list(map(len, texts)))
     lengths = lengths.astype(index_type)
+    # The letters hold all texts now; the objects would take far more memory.
+    del texts
     starts = np.cumsum(lengths, dtype=index_type) - lengths
     for first in range(0, len(rows), _PIECE):
-        cells = (rows[first : first + _PIECE] + first_of_column).ravel()
+        # Place of each cell's text, row by row: shape (rows in the piece * k,).
+        piece = rows[first : first + _PIECE] + first_of_column
+        cells = piece.ravel()
         cell_lengths = lengths[cells]
         ends = np.cumsum(cell_lengths, dtype=index_type)
         # Letter i of the piece is letter i + shift of all texts, with a shift for each cell.

@@ -68,10 +68,11 @@ class SplitConfig:
         one_of("kind", self.kind, tuple(SPLITS))
         is_share = 0 < self.train_ratio < 1
         require(self, "train_ratio", is_share, "more than 0 and less than 1, such as 0.8")
-        # 0.8 + 0.2 and the like may be a bit below 1.
         total = self.train_ratio + self.valid_ratio
-        leaves_test = self.valid_ratio >= 0 and total < 1 and not math.isclose(total, 1)
-        require(self, "valid_ratio", leaves_test, "0, or a share that leaves a test part")
+        # 0.8 + 0.2 and the like may be a bit below 1.
+        leaves_test = total < 1 and not math.isclose(total, 1)
+        is_valid = self.valid_ratio >= 0 and leaves_test
+        require(self, "valid_ratio", is_valid, "0, or a share that leaves a test part")
         whole("seed", self.seed, 0)
 
 
@@ -130,6 +131,13 @@ class Split:
         config: SplitConfig,
         draw: Draw,
     ):
+        """Bind drawn parts to a graph; most callers want :func:`make_split`.
+
+        Args:
+            graph: the recipe graph.
+            config: the settings of the draw, which are not checked against it.
+            draw: each recipe's part. Its array becomes read-only.
+        """
         self.graph = graph
         self.config = config
         self.parts = draw.parts
@@ -171,7 +179,8 @@ class Split:
     def unseen(self) -> Ids:
         """Triples that no train recipe gives, shape (T, 3), sorted."""
         full = self.graph.triples
-        return frozen(full[~is_in(full, self.partial, self.graph.num_entities)])
+        is_seen = is_in(full, self.partial, self.graph.num_entities)
+        return frozen(full[~is_seen])
 
     def triples_of(self, part: Part) -> Ids:
         """Return all triples that a part's recipes give, shape (T, 3), sorted.
@@ -191,6 +200,12 @@ class Split:
         Triples that train recipes give, too, are left out. For the test part, so are those of the
         validation recipes, on which settings may have been chosen. So are triples of half-products
         of chains, which are no facts of the game.
+
+        Args:
+            part: ``valid`` or ``test``.
+
+        Raises:
+            ValueError: if the part is unknown.
         """
         if part not in self._held_out:
             seen = self.partial
@@ -198,7 +213,8 @@ class Split:
                 seen = np.concatenate([seen, self.triples_of("valid")])
             triples = self.triples_of(part)
             is_seen = is_in(triples, seen, self.graph.num_entities)
-            self._held_out[part] = frozen(triples[~is_seen & self.is_fact(triples)])
+            is_evaluated = ~is_seen & self.is_fact(triples)
+            self._held_out[part] = frozen(triples[is_evaluated])
         return self._held_out[part]
 
     def is_fact(self, triples: Ids) -> NDArray[np.bool_]:
@@ -210,7 +226,9 @@ class Split:
         Returns:
             Shape (T,), bool.
         """
-        return np.asarray(~self.graph.is_half_product[triples[:, [0, 2]]].any(axis=1))
+        ends = triples[:, [0, 2]]  # head and tail, shape (T, 2)
+        has_half_product = self.graph.is_half_product[ends].any(axis=1)
+        return np.asarray(~has_half_product)
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
         """Return the part whose recipes give each triple.
@@ -279,8 +297,9 @@ class Split:
         facts: list[Any] = [self.graph.hash, asdict(self.config), self.moved_for_coverage]
         if SPLITS[self.config.kind].uses_kinds:
             facts.append(self.graph.kinds)
-        head = json.dumps(facts)
-        return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
+        digest = hashlib.sha256(json.dumps(facts).encode())
+        digest.update(self.parts.tobytes())
+        return digest.hexdigest()
 
     def to_json(self) -> Iterator[str]:
         """Yield the text of ``split.json``, in pieces: settings, hashes, and each part's recipes.
@@ -310,6 +329,10 @@ class Split:
 @stage("splitting the recipes")
 def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     """Split a graph's recipes; equal graphs and settings give equal splits on any machine.
+
+    Args:
+        graph: the recipe graph.
+        config: the settings.
 
     Raises:
         SplitError: if a part is empty because the graph is too small for the ratios, or the graph
@@ -367,6 +390,10 @@ def _why_empty(
 
 def groups_of(graph: RecipeGraph, kind: str) -> Ids:
     """Return each recipe's group, shape (num_recipes,), that a kind of split keeps together.
+
+    Args:
+        graph: the recipe graph.
+        kind: a name in :data:`SPLITS`.
 
     Raises:
         SplitError: for a split by kind, if the graph has no kinds of recipes.
@@ -431,14 +458,18 @@ def _rows_of(graph: RecipeGraph, recipes: Sequence[Sequence[str]]) -> Ids:
     """
     if any(len(recipe) != 3 for recipe in recipes):
         raise TypeError("a recipe is two ingredients and a result")
-    ids = graph.ids_of(chain.from_iterable(recipes)).reshape(-1, 3)
-    keys = recipe_keys(*ids.T, num_entities=graph.num_entities)
+    labels = chain.from_iterable(recipes)
+    a, b, result = graph.ids_of(labels).reshape(-1, 3).T
+    keys = recipe_keys(a, b, result, num_entities=graph.num_entities)
+    # Ascending, as the graph's recipes are sorted.
     known = recipe_keys(*graph.recipes.T, num_entities=graph.num_entities)
+    rows = np.searchsorted(known, keys)
     # Behind the last recipe is none: the last one itself differs then.
-    rows = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    rows = np.minimum(rows, len(known) - 1)
     unknown = np.flatnonzero(known[rows] != keys)
     if len(unknown):
-        raise KeyError(Recipe(*recipes[unknown[0]]))
+        first_unknown = recipes[unknown[0]]
+        raise KeyError(Recipe(*first_unknown))
     return rows
 
 
@@ -527,8 +558,10 @@ def _slots(graph: RecipeGraph) -> Ids:
     num_nodes = graph.num_recipes + len(slots)
     edges = (np.tile(recipes, 2), graph.num_recipes + slot)
     links = coo_array((np.ones(len(keys)), edges), shape=(num_nodes, num_nodes))
-    _, group = connected_components(links, directed=False)
-    return np.unique(group[recipes], return_inverse=True)[1].astype(np.int64)
+    _, component = connected_components(links, directed=False)
+    # Numbers from 0 without gaps, which components of the recipes alone may have.
+    _, group = np.unique(component[recipes], return_inverse=True)
+    return group.astype(np.int64)
 
 
 def _kinds(graph: RecipeGraph) -> Ids:
@@ -537,7 +570,8 @@ def _kinds(graph: RecipeGraph) -> Ids:
             f"{graph.name} names no kinds of recipes. Add a column named kind to the book, or "
             "choose another split."
         )
-    return np.unique(graph.kinds, return_inverse=True)[1].astype(np.int64)
+    _, group = np.unique(graph.kinds, return_inverse=True)
+    return group.astype(np.int64)
 
 
 def _none(

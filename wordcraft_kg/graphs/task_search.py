@@ -65,10 +65,12 @@ class SolutionSearch:
         self.recipes_of: list[list[tuple[int, int, int]]] = []
         for _ in range(graph.num_entities):
             self.recipes_of.append([])
-        rows = range(graph.num_recipes) if usable is None else np.flatnonzero(usable).tolist()
+        if usable is None:
+            usable = np.ones(graph.num_recipes, dtype=bool)
         pair_of = graph.pair_of_recipe.tolist()
-        for row in rows:
+        for row in np.flatnonzero(usable).tolist():
             a, b, result = self.rows[row]
+            # A recipe that needs its own result is part of no shortest plan.
             if result not in (a, b):
                 self.recipes_of[result].append((pair_of[row], a, b))
 
@@ -93,7 +95,8 @@ class SolutionSearch:
         """
         have = frozenset(map(self.graph.id_of, at_hand))
         target = self.graph.id_of(goal)
-        return self.ordered(self.shortest_ways(target, have, attempts), target, have)
+        ways = self.shortest_ways(target, have, attempts)
+        return self.ordered(ways, target, have)
 
     def shortest_ways(
         self,
@@ -132,7 +135,8 @@ class SolutionSearch:
             have: ids of the entities at hand.
             attempts: most attempts in a way.
         """
-        return self._ways(goal, self._near(have, attempts - 1), attempts, frozenset())
+        near = self._near(have, attempts - 1)
+        return self._ways(goal, near, attempts, frozenset())
 
     def _near(self, have: frozenset[int], most: int) -> list[frozenset[int] | None]:
         """Return the entities within reach of 0, 1, ... ``most`` attempts.
@@ -318,21 +322,28 @@ def make_tasks(
     accept = _Filter(search or SolutionSearch(graph), depth, split, part)
     # At depth 2 a plan is a recipe, and a recipe for an ingredient.
     most_plans = graph.recipe_counts[graph.recipes[:, :2]].sum()
-    is_complete = depth <= _ENUMERATED_DEPTH and (depth == 1 or bool(most_plans <= MAX_ENUMERATED))
+    are_few = depth == 1 or bool(most_plans <= MAX_ENUMERATED)
+    is_complete = depth <= _ENUMERATED_DEPTH and are_few
     if is_complete:
-        tasks = _accepted(sorted(set(_enumerated(accept.search, depth))), accept)
+        candidates = sorted(set(_enumerated(accept.search, depth)))
+        tasks = _accepted(candidates, accept)
     else:
-        tasks = _drawn(accept, _Draw(accept, weighting, seed), limit)
+        draw = _Draw(accept, weighting, seed)
+        tasks = _drawn(accept, draw, limit)
     if not tasks:
-        belong_to_none = f"({len(accept.mixed)} belong to no part)"
-        where = "" if part == "all" else f" in the {part} part {belong_to_none}"
+        where = ""
+        if part != "all":
+            where = f" in the {part} part ({len(accept.mixed)} belong to no part)"
         raise TaskError(f"{graph.name} has no task of depth {depth}{where}.")
+    goals = np.array([goal for goal, _ in tasks], dtype=np.int64)
+    # A plan of n attempts has n + 1 leaves at most.
+    starts = padded([start for _, start in tasks], graph.num_entities, depth + 1)
     return TaskSet(
         graph,
         depth,
         part,
-        goals=frozen(np.array([goal for goal, _ in tasks], dtype=np.int64)),
-        starts=frozen(padded([start for _, start in tasks], graph.num_entities, depth + 1)),
+        goals=frozen(goals),
+        starts=frozen(starts),
         plans=tuple(tasks.values()),
         is_complete=is_complete,
         mixed=len(accept.mixed),
@@ -400,7 +411,10 @@ def _accepted(candidates: Iterable[_Candidate], accept: _Filter) -> dict[_Candid
 
 
 def _enumerated(search: SolutionSearch, depth: int) -> Iterator[_Candidate]:
-    """Yield goals and leaves of all plans with ``depth`` attempts, 1 or 2; some not shortest."""
+    """Yield goals and leaves of all plans with ``depth`` attempts, 1 or 2; some not shortest.
+
+    A candidate may come several times, in no fixed order.
+    """
     for goal, recipes in enumerate(search.recipes_of):
         for _, x, y in recipes:
             if depth == 1:
@@ -409,12 +423,16 @@ def _enumerated(search: SolutionSearch, depth: int) -> Iterator[_Candidate]:
             # Of the last pair, either ingredient may be made; the other is at hand or made too.
             for made, other in {(x, y), (y, x)}:
                 for pair, a, b in search.recipes_of[made]:
-                    leaves = {a, b} | ({other} - {made})
-                    if goal not in leaves and made not in leaves:
-                        yield goal, tuple(sorted(leaves))
-                        # One attempt may make both ingredients of the last pair.
-                        if other in search.results(pair) and goal not in (a, b):
-                            yield goal, tuple(sorted({a, b}))
+                    leaves = {a, b}
+                    # A self pair takes the made entity twice, and nothing else.
+                    if other != made:
+                        leaves.add(other)
+                    if goal in leaves or made in leaves:
+                        continue
+                    yield goal, tuple(sorted(leaves))
+                    # One attempt may make both ingredients of the last pair.
+                    if other in search.results(pair):
+                        yield goal, tuple(sorted({a, b}))
 
 
 class _Draw:
@@ -448,9 +466,9 @@ class _Draw:
         train = PARTS.index("train")
         last: dict[int, list[tuple[int, int]]] = {}
         for row, (a, b, result) in enumerate(accept.search.rows):
-            may_end = not only_train or accept.parts[row] == train  # type: ignore[index]
-            may_end = may_end and result not in accept.halves
-            if may_end and result not in (a, b):
+            is_allowed = not only_train or accept.parts[row] == train  # type: ignore[index]
+            is_goal = result not in accept.halves and result not in (a, b)
+            if is_allowed and is_goal:
                 last.setdefault(result, []).append((a, b))
         # Goals in the order of their first recipe: the order decides what a seed draws.
         self.by_goal = list(last.items())

@@ -118,9 +118,10 @@ class TaskSet:
     @cached_property
     def hash(self) -> str:
         """SHA-256 hash of the tasks in order, in hexadecimal."""
-        known = hashlib.sha256(f"{self.graph.hash} {self.depth} {self.part} {self.plans}".encode())
-        known.update(self.starts.tobytes())
-        return known.hexdigest()
+        head = f"{self.graph.hash} {self.depth} {self.part} {self.plans}"
+        digest = hashlib.sha256(head.encode())
+        digest.update(self.starts.tobytes())
+        return digest.hexdigest()
 
     @cached_property
     def intermediates(self) -> Ids:
@@ -133,7 +134,8 @@ class TaskSet:
         for plans in self.plans:
             # A plan ends in its goal; all results before are intermediate.
             steps = itertools.chain.from_iterable(plan[:-1] for plan in plans)
-            intermediates.append(sorted({result_of[row] for row in steps}))
+            results = {result_of[row] for row in steps}
+            intermediates.append(sorted(results))
         return frozen(padded(intermediates, self.graph.num_entities))
 
     @cached_property
@@ -145,8 +147,8 @@ class TaskSet:
         pair_of = self.graph.pair_of_recipe.tolist()
         final = []
         for plans in self.plans:
-            last_rows = [plan[-1] for plan in plans]
-            final.append(sorted({pair_of[row] for row in last_rows}))
+            pairs = {pair_of[plan[-1]] for plan in plans}
+            final.append(sorted(pairs))
         return frozen(padded(final, -1))
 
     def groups_in(self, split: Split) -> Ids:
@@ -156,8 +158,15 @@ class TaskSet:
 
         Tasks of a group were held out together and are alike, so an interval resamples whole
         groups. If several plans end in different recipes, the first plan counts.
+
+        Args:
+            split: the split from which the tasks' part comes.
+
+        Raises:
+            SplitError: for a split by kind, if the graph has no kinds of recipes.
         """
-        return frozen(split.groups[[plans[0][-1] for plans in self.plans]])
+        last_recipes = [plans[0][-1] for plans in self.plans]
+        return frozen(split.groups[last_recipes])
 
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
         """Return sampling probabilities, shape (N,), that sum to 1.
@@ -192,10 +201,13 @@ def replay(
     """
     at_hand = {graph.entities[graph.id_of(entity)] for entity in start}
     for recipe in plan:
-        missing = {recipe.ingredient_a, recipe.ingredient_b} - at_hand
-        results = graph.labels(graph.results(recipe.ingredient_a, recipe.ingredient_b))
+        a, b, _ = recipe
+        missing = {a, b} - at_hand
+        # Before the check below, so that an unknown entity is named as such.
+        results = graph.labels(graph.results(a, b))
         if missing:
-            raise TaskError(f"{recipe}: {', '.join(map(quoted, sorted(missing)))} is not at hand.")
+            names = ", ".join(map(quoted, sorted(missing)))
+            raise TaskError(f"{recipe}: {names} is not at hand.")
         if recipe.result not in results:
             raise TaskError(f"{recipe}: there is no such recipe.")
         at_hand.update(results)

@@ -81,10 +81,10 @@ class TrainSample:
     @cached_property
     def hash(self) -> str:
         """SHA-256 hash of the graph and the training results."""
+        digest = hashlib.sha256(self.graph.hash.encode())
         # Little-endian integers of eight bytes on any machine.
-        return hashlib.sha256(
-            self.graph.hash.encode() + self.results.astype("<i8").tobytes()
-        ).hexdigest()
+        digest.update(self.results.astype("<i8").tobytes())
+        return digest.hexdigest()
 
 
 def check_train_sample(
@@ -115,16 +115,28 @@ def check_train_sample(
 
 
 def is_subsample(train_fraction: float, label_noise: float) -> bool:
-    """Return whether the settings omit train recipes or make results wrong."""
+    """Return whether the settings omit train recipes or make results wrong.
+
+    Args:
+        train_fraction: fraction of the train recipes to keep, above 0 and at most 1.
+        label_noise: fraction of the kept recipes with a wrong result, 0 to 1.
+    """
     return train_fraction < 1 or label_noise > 0
 
 
 def describe_train_sample(train_fraction: float, label_noise: float) -> str:
-    """Describe a train sample, as in "20 % of the train recipes"; "" for all train recipes."""
+    """Describe a train sample, as in "20 % of the train recipes"; "" for all train recipes.
+
+    Args:
+        train_fraction: fraction of the train recipes to keep, above 0 and at most 1.
+        label_noise: fraction of the kept recipes with a wrong result, 0 to 1.
+    """
     if not is_subsample(train_fraction, label_noise):
         return ""
-    wrong = f", {100 * label_noise:g} % of them with a wrong result" if label_noise else ""
-    return f"{100 * train_fraction:g} % of the train recipes{wrong}"
+    description = f"{100 * train_fraction:g} % of the train recipes"
+    if label_noise:
+        description = f"{description}, {100 * label_noise:g} % of them with a wrong result"
+    return description
 
 
 def draw_train_sample(
@@ -169,11 +181,16 @@ def draw_train_sample(
     order = rng.permutation(len(train))
     doubt = rng.permutation(len(train))
     taken = order[: round(train_fraction * len(train))]
-    folds = np.zeros(graph.num_recipes, dtype=np.int64) if of_recipe is None else of_recipe
-    # A model that leaves out the only fold would have nothing to train on.
-    needed_folds = 1 if of_recipe is None else 2
+    if of_recipe is None:
+        folds = np.zeros(graph.num_recipes, dtype=np.int64)
+        needed_folds = 1
+        expected = "at least one of them"
+    else:
+        folds = of_recipe
+        # A model that leaves out the only fold would have nothing to train on.
+        needed_folds = 2
+        expected = "some in two folds or more"
     if len(np.unique(folds[train[taken]])) < needed_folds:
-        expected = "at least one of them" if of_recipe is None else "some in two folds or more"
         raise refuse(
             "train_fraction",
             train_fraction,

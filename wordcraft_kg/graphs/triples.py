@@ -39,7 +39,8 @@ def recipe_triples(recipes: Ids) -> Ids:
     heads = np.concatenate([a, b, a, b])
     tails = np.concatenate([b, a, result, result])
     relations = np.repeat([COMBINES_WITH, COMPONENT_OF], 2 * len(recipes))
-    return sorted_unique(np.column_stack([heads, relations, tails]), (1, 0, 2))
+    triples = np.column_stack([heads, relations, tails])
+    return sorted_unique(triples, (1, 0, 2))
 
 
 def triple_keys(triples: Ids, num_entities: int) -> Ids:
@@ -59,7 +60,9 @@ def triple_keys(triples: Ids, num_entities: int) -> Ids:
 
 def triples_hash(triples: Ids) -> str:
     """Return the SHA-256 hash of triples in the given order, in hexadecimal."""
-    return hashlib.sha256(np.ascontiguousarray(triples, dtype="<i8").tobytes()).hexdigest()
+    # Little-endian integers of eight bytes on any machine.
+    numbers = np.ascontiguousarray(triples, dtype="<i8")
+    return hashlib.sha256(numbers.tobytes()).hexdigest()
 
 
 def is_in(
@@ -89,8 +92,12 @@ def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
         entities: labels by id.
     """
     # The cells before the tail: each head with one relation, then each head with the other.
-    beginnings = [f"{label}\t{relation}\t" for relation in RELATIONS for label in entities]
+    beginnings: list[str] = []
+    for name in RELATIONS:
+        beginnings += [f"{label}\t{name}\t" for label in entities]
     ends = [f"{label}\n" for label in entities]
     head, relation, tail = triples.T
-    rows = np.column_stack([relation * len(entities) + head, tail])
+    # Places of a triple's two cells, shape (T, 2).
+    beginning = relation * len(entities) + head
+    rows = np.column_stack([beginning, tail])
     yield from row_text(rows, (beginnings, ends))

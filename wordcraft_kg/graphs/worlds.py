@@ -5,6 +5,7 @@ it or not. Many worlds of one book have many such entities. ``world-7:everyday``
 wherever a book is asked for.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from hashlib import sha256
@@ -153,8 +154,8 @@ def _part_of(book: RecipeBook, graph: RecipeGraph, kept: Ids, base: Ids, named: 
     """Return a book of the recipes among ``kept`` entities, and the base, both given by ids."""
     is_kept = np.zeros(graph.num_entities, dtype=bool)
     is_kept[kept] = True
-    rows = graph.recipes[is_kept[graph.recipes].all(axis=1)]
-    recipes = graph.recipe_labels(rows)
+    is_whole = is_kept[graph.recipes].all(axis=1)
+    recipes = graph.recipe_labels(graph.recipes[is_whole])
     world = RecipeBook.of(
         f"{named}-{book.name}",
         recipes,
@@ -184,7 +185,7 @@ def _drawn_base(graph: RecipeGraph, rng: np.random.Generator, size: int) -> Ids:
         drawn = int(rng.choice(len(uses), p=chances))
         if drawn not in base:
             base.append(drawn)
-    reached = int((layers(graph, base) >= 0).sum())
+    reached = _num_reachable(graph, base)
     for _ in range(_EXCHANGES):
         # In this order: worlds of a seed must stay what they are.
         drawn = int(rng.choice(len(uses), p=chances))
@@ -193,7 +194,7 @@ def _drawn_base(graph: RecipeGraph, rng: np.random.Generator, size: int) -> Ids:
         other[place] = drawn
         if len(set(other)) < number:
             continue
-        now = int((layers(graph, other) >= 0).sum())
+        now = _num_reachable(graph, other)
         # Beyond `size` a base need not grow, so that bases differ from seed to seed.
         if now >= min(size, reached):
             base = other
@@ -201,12 +202,20 @@ def _drawn_base(graph: RecipeGraph, rng: np.random.Generator, size: int) -> Ids:
     return np.array(sorted(base), dtype=np.int64)
 
 
+def _num_reachable(graph: RecipeGraph, base: Iterable[Entity]) -> int:
+    """Return how many entities can be made from a base, the base included."""
+    is_reachable = layers(graph, base) >= 0
+    return int(is_reachable.sum())
+
+
 def _first_made(layer: Ids, rng: np.random.Generator, size: int) -> Ids:
     """Return the ids of the ``size`` entities with the fewest rounds, of the last round some."""
     # An entity needs entities of earlier rounds only, so any part of the last round will do.
     chance = rng.random(len(layer))
+    # The last key sorts first: by round, then at random.
     order = np.lexsort((chance, layer))
-    return order[layer[order] >= 0][:size]
+    made = order[layer[order] >= 0]
+    return made[:size]
 
 
 def _grown(graph: RecipeGraph, start: Ids, rng: np.random.Generator, size: int) -> Ids:
@@ -238,13 +247,15 @@ def _around_topic(graph: RecipeGraph, base: Ids, rng: np.random.Generator, size:
     """Return the entities closest to a drawn topic, with all that their derivations need."""
     planner = Planner(graph, base.tolist())
     # In Python: a cost is a whole number that may be larger than any float.
-    can_be_made = np.array([cost < float("inf") for cost in planner.costs])
+    can_be_made = np.array([cost < math.inf for cost in planner.costs])
     # A topic that no recipe uses has few neighbours.
-    topics = np.flatnonzero(can_be_made & (graph.use_counts > 0))
+    is_used = graph.use_counts > 0
+    topics = np.flatnonzero(can_be_made & is_used)
     topic = int(topics[rng.integers(len(topics))])
-    closeness = _closeness(graph, topic)
-    # Equal closeness by id; -inf where nothing makes an entity.
-    order = np.argsort(-np.where(can_be_made, closeness, -np.inf), kind="stable")
+    # The closest first, equal closeness by id; the last ones are those that nothing makes.
+    distance = np.where(can_be_made, -_closeness(graph, topic), np.inf)
+    order = np.argsort(distance, kind="stable")
+    # A dict as an ordered set.
     kept = dict.fromkeys(base.tolist())
     # Derivations cost time, so distant entities are not tried in a large book.
     tried = min(_TRIED * size, int(can_be_made.sum()))
@@ -253,9 +264,9 @@ def _around_topic(graph: RecipeGraph, base: Ids, rng: np.random.Generator, size:
             continue
         steps = planner.derivation(entity).steps
         needed = [graph.id_of(recipe.result) for recipe in steps]
-        new = [made_entity for made_entity in needed if made_entity not in kept]
+        new = [each for each in needed if each not in kept]
         if len(kept) + len(new) <= size:
-            kept.update(dict.fromkeys(new))
+            kept |= dict.fromkeys(new)
         if len(kept) == size:
             break
     return np.array(list(kept), dtype=np.int64)
@@ -304,16 +315,21 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
     chosen = rng.choice(len(book.recipes), size=number, replace=False)
     rows = [book.recipes[place] for place in chosen.tolist()]
     results = [row.result for row in rows]
-    # What each pair makes: the original's results, and the wrong ones as they are accepted.
-    originals = set(book.recipes)
     # A permutation keeps how often each entity is made.
     rng.shuffle(results)
+
+    def exchanged(place: int) -> Recipe:
+        """Return a chosen recipe with the result that it has at the moment."""
+        return rows[place]._replace(result=results[place])
+
+    # What each pair makes: the original's results, and the wrong ones as they are accepted.
+    originals = set(book.recipes)
     taken: set[Recipe] = set()
     open_rows = list(range(number))
     for _ in range(_REPAIRS):
         left = []
         for place in open_rows:
-            wrong = rows[place]._replace(result=results[place])
+            wrong = exchanged(place)
             if wrong in originals or wrong in taken or wrong.is_self_result:
                 left.append(place)
             else:
@@ -326,7 +342,7 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
             other = int(rng.integers(number))
             # An accepted row gives up its result, and is tried again with the new one.
             if other not in open_rows:
-                taken.discard(rows[other]._replace(result=results[other]))
+                taken.discard(exchanged(other))
                 open_rows.append(other)
             results[place], results[other] = results[other], results[place]
     # A result that fits nowhere stays where it was.
@@ -338,7 +354,7 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
             "exchanged; expected at least two recipes with results that fit other pairs."
         )
     replaced = {rows[place] for place in changed}
-    wrong_rows = [rows[place]._replace(result=results[place]) for place in changed]
+    wrong_rows = [exchanged(place) for place in changed]
     right_rows = [recipe for recipe in book.recipes if recipe not in replaced]
     named = f"{WRONG}-{percent}-{seed}" if seed else f"{WRONG}-{percent}"
     wrong_book = RecipeBook.of(

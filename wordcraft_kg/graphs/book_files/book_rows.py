@@ -39,6 +39,12 @@ class BookRows:
     """
 
     def __init__(self, file: OpenedFile, options: BookOptions):
+        """Take a file's entries; they are read while iterating.
+
+        Args:
+            file: the opened file, whose entries were not iterated yet.
+            options: what the user says about the file.
+        """
         self.file = file
         self.options = options
         self.kinds: dict[Recipe, str] = {}
@@ -55,12 +61,15 @@ class BookRows:
     def base(self) -> dict[str, Place] | None:
         """Declared base entities and their places."""
         base = self.file.source.base
-        return None if base is None else {self._label(label): at for label, at in base.items()}
+        if base is None:
+            return None
+        return {self._label(label): place for label, place in base.items()}
 
     @property
     def listed(self) -> dict[str, Place]:
         """Entities listed outside of recipes and their places."""
-        return {self._label(label): at for label, at in self.file.source.listed.items()}
+        listed = self.file.source.listed
+        return {self._label(label): place for label, place in listed.items()}
 
     def _label(self, cell: str) -> str:
         """Return the label of an entity that is declared or listed, which counts for nothing."""
@@ -109,7 +118,9 @@ class BookRows:
         Rows are counted as by an iteration.
         """
         source = self.file.source
-        rows = source.all_rows() if source.is_exact and not self._changes_pairs else None
+        if not source.is_exact or self._changes_pairs:
+            return None
+        rows = source.all_rows()
         if rows is not None and len(rows):
             self.rows += len(rows)
             self.arities[2] += len(rows)
@@ -137,7 +148,8 @@ class BookRows:
     ) -> Iterator[tuple[Place, list[Recipe]] | Fault]:
         """Yield a row's recipes or its fault; nothing for a row that is left out."""
         self.rows += 1
-        kind = self.file.source.kind_of.get((tuple(sorted(cells[:-1])), cells[-1]), "")
+        *parts, made = cells
+        kind = self.file.source.kind_of.get((tuple(sorted(parts)), made), "")
         labels = cells if self._cells is None else self._labels(self._cells, cells)
         blank = next((label for label in labels if not label), None)
         if blank is not None:
@@ -165,9 +177,12 @@ class BookRows:
         """Return the labels in a row's cells; two and more pieces of one thing are a pair."""
         *ingredients, result = map(cells.counted_label, row)
         labels = [label for label, _ in ingredients]
-        if len(ingredients) == 1 and ingredients[0][1] > 1:
-            labels *= 2
-        return [*labels, result[0]]
+        if len(ingredients) == 1:
+            _, pieces = ingredients[0]
+            if pieces > 1:
+                labels *= 2
+        result_label, _ = result
+        return [*labels, result_label]
 
     def _pair(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault:
         """Return a row's pair, unless its half-products are not those that chains make."""
@@ -267,6 +282,8 @@ class BookRows:
 
     def reading(self, merged: int, self_results: int, labels: Collection[str]) -> Reading:
         """Return the record of how the file was read, after the iteration.
+
+        The numbers of an iteration are complete only then.
 
         Args:
             merged: number of rows that repeat a recipe.

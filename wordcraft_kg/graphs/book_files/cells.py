@@ -65,7 +65,11 @@ class Cells:
     """
 
     def __init__(self, entries: Iterable[Entry]):
-        """Judge cells by a file's first entries."""
+        """Judge cells by a file's first entries.
+
+        Args:
+            entries: recipes, faults and rows left out; only recipes count.
+        """
         self.trimmed = 0
         self.unwrapped = 0
         self.numbers = 0
@@ -151,20 +155,26 @@ def _first_count(entries: Iterable[Entry]) -> str:
     them, rows would make what they are made of.
     """
     rows = [entry[1] for entry in entries if type(entry) is tuple]
-    times = Counter(without_markup(trim_unseen(cell)) for cell in chain.from_iterable(rows))
+    every_cell = chain.from_iterable(rows)
+    times = Counter(without_markup(trim_unseen(cell)) for cell in every_cell)
+    # Labels by the cells that hold a number of pieces beside them.
     bare: dict[str, str] = {}
     for cell in times:
         found = count_in(cell)
         if found:
-            bare[cell] = found[0]
+            label, _ = found
+            bare[cell] = label
     numbered = sum(times[cell] for cell in bare)
-    if numbered < max(_CLEAR * sum(times.values()), 1):
+    if numbered < max(_CLEAR * times.total(), 1):
         return ""
-    if sum(times[cell] for cell in _surely_counted(bare, times)) < _CLEAR * numbered:
+    surely_counted = sum(times[cell] for cell in _surely_counted(bare, times))
+    if surely_counted < _CLEAR * numbered:
         return ""  # such as 7 Up
     with_numbers = [row for row in rows if not bare.keys().isdisjoint(row)]
     mergers = sum(_is_merger(row, bare) for row in with_numbers)
-    return next(iter(bare)) if mergers <= _MOST_MERGERS * len(with_numbers) else ""
+    if mergers > _MOST_MERGERS * len(with_numbers):
+        return ""
+    return next(iter(bare))
 
 
 def _surely_counted(bare: Mapping[str, str], cells: Collection[str]) -> list[str]:
@@ -178,7 +188,8 @@ def _is_merger(row: Sequence[str], bare: dict[str, str]) -> bool:
     *ingredients, result = row
     if result in ingredients:
         return False
-    return bare.get(result, result) in {bare.get(cell, cell) for cell in ingredients}
+    bare_ingredients = {bare.get(cell, cell) for cell in ingredients}
+    return bare.get(result, result) in bare_ingredients
 
 
 # --- remarks -------------------------------------------------------------------------------------
@@ -200,7 +211,8 @@ def note_of_missing(labels: Collection[str]) -> list[str]:
     if not kept:
         return []
     names = ", ".join(map(_quoted, kept))
-    return [f"{names} kept as {'an entity' if len(kept) == 1 else 'entities'}"]
+    noun = "an entity" if len(kept) == 1 else "entities"
+    return [f"{names} kept as {noun}"]
 
 
 def note_of_numbers(labels: Collection[str]) -> list[str]:

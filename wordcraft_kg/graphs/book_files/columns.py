@@ -107,9 +107,10 @@ def roles_of_header(names: Sequence[str]) -> Roles | None:
     words = [words_of(name) for name in names]
     plain = [name.strip().lower() for name in names]
     kind = plain.index(KIND) if KIND in plain else None
-    counts = tuple(i for i, each in enumerate(words) if each & _COUNT)
+    places = range(len(names))
+    counts = tuple(i for i in places if words[i] & _COUNT)
     # A column without a name, such as that of row names in R, has no role.
-    named = [i for i, each in enumerate(words) if each and i != kind and i not in counts]
+    named = [i for i in places if words[i] and i != kind and i not in counts]
     free = [i for i in named if words[i].isdisjoint(_IGNORED)]
     found = _roles(words, free)
     if found is None:
@@ -176,9 +177,10 @@ def roles_of_option(columns: Sequence[str], names: Sequence[str] | None, width: 
     for column in columns:
         index = by_name.get(column.strip().casefold())
         # A name goes before a number: a header may hold numbers.
-        is_number = index is None and column.strip().isdecimal()
-        if is_number and 1 <= int(column) <= width:
-            index = int(column) - 1
+        if index is None and column.strip().isdecimal():
+            number = int(column)
+            if 1 <= number <= width:
+                index = number - 1
         if index is None:
             there = ", ".join(map(repr, names or ())) or f"numbers from 1 to {width}"
             hint = nearest(column, names or ())
@@ -201,27 +203,38 @@ def result_by_rows(rows: Sequence[Sequence[str]]) -> int | None:
 
     Args:
         rows: rows without a header.
+
+    Returns:
+        The index, 0 to 2; always None for fewer than 50 rows.
     """
     if len(rows) < _FEWEST_ROWS:
         return None
     num_rows = len(set(map(tuple, rows)))
     shares = []
-    for result in range(3):
-        one, other = (place for place in range(3) if place != result)
+    for place in range(3):
+        one, other = (each for each in range(3) if each != place)
         # Neither order nor repetition counts: a pair may stand in both orders.
         pairs = {frozenset((row[one], row[other])) for row in rows}
         share = len(pairs) / num_rows
-        shares.append((share, result))
-    (best, result), (second, _), _ = sorted(shares, reverse=True)
-    if best - second < _MARGIN:
+        shares.append((share, place))
+    first, second, _ = sorted(shares, reverse=True)
+    largest, result = first
+    next_largest, _ = second
+    if largest - next_largest < _MARGIN:
         return None
     # Where a pair makes several things, a column of machines looks like one of results.
     results = {row[result] for row in rows}
-    return result if are_reused(results, ingredients_of(rows, result)) else None
+    ingredients = ingredients_of(rows, result)
+    return result if are_reused(results, ingredients) else None
 
 
 def ingredients_of(rows: Sequence[Sequence[str]], result: int) -> set[str]:
-    """Return the labels of rows at all places but that of the result."""
+    """Return the labels of rows at all places but that of the result.
+
+    Args:
+        rows: rows of labels.
+        result: index of the result.
+    """
     ingredients: set[str] = set()
     for row in rows:
         ingredients.update(row[:result], row[result + 1 :])
@@ -229,8 +242,14 @@ def ingredients_of(rows: Sequence[Sequence[str]], result: int) -> set[str]:
 
 
 def are_reused(results: Set[str], ingredients: Set[str]) -> bool:
-    """Return whether enough labels of a column are ingredients, too, to be those of results."""
-    return len(results & ingredients) >= max(_REUSED * len(results), 1)
+    """Return whether enough labels of a column are ingredients, too, to be those of results.
+
+    Args:
+        results: different labels of the column.
+        ingredients: different labels of the columns of ingredients.
+    """
+    reused = results & ingredients
+    return len(reused) >= max(_REUSED * len(results), 1)
 
 
 def names_a_result(name: str) -> bool:
@@ -240,7 +259,11 @@ def names_a_result(name: str) -> bool:
 
 
 def readings(row: Sequence[str]) -> str:
-    """Return two readings of a row of three cells, for a refusal."""
+    """Return two readings of a row of three cells, for a refusal.
+
+    Args:
+        row: exactly three cells.
+    """
     a, b, c = row
     return f"{a} + {b} = {c} (`columns` 1,2,3) or {b} + {c} = {a} (`columns` 2,3,1)"
 
@@ -255,9 +278,10 @@ def repeated_cells(names: Sequence[str], roles: Roles, rows: Sequence[Sequence[s
     """
     repeated = []
     for column in (*roles.ingredients, *roles.results):
+        name = names[column]
         below = {row[column] for row in rows if len(row) > column}
-        if names[column] in below:
-            repeated.append(names[column])
+        if name in below:
+            repeated.append(name)
     return repeated
 
 
@@ -265,7 +289,9 @@ def repeated_cells(names: Sequence[str], roles: Roles, rows: Sequence[Sequence[s
 def names_ingredient(key: str) -> bool:
     """Return whether a key of an object names an ingredient, such as ``first`` or ``b``."""
     words = words_of(key)
-    return bool(words & (_INGREDIENT | _WEAK_INGREDIENT)) and not words & (_IGNORED | _COUNT)
+    is_ingredient = bool(words & (_INGREDIENT | _WEAK_INGREDIENT))
+    is_other = bool(words & (_IGNORED | _COUNT))
+    return is_ingredient and not is_other
 
 
 @lru_cache(maxsize=10_000)

@@ -9,6 +9,7 @@ import stat
 import zipfile
 import zlib
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -63,8 +64,11 @@ class Content(NamedTuple):
 def read_bytes(path: Path) -> bytes:
     """Read a file's bytes.
 
+    Args:
+        path: a regular file; a device or a pipe might never end.
+
     Raises:
-        RecipeFileError: if it is missing, too large or unreadable.
+        RecipeFileError: if it is missing, too large, unreadable or no regular file.
     """
     if path.is_dir():
         raise RecipeFileError(
@@ -72,12 +76,14 @@ def read_bytes(path: Path) -> bytes:
             "folder, or a folder of Minecraft recipes."
         )
     try:
-        if path.exists() and not path.is_file():
-            raise RecipeFileError(
-                f"{path} is not a regular file; give a recipe book (.csv, .tsv, .json)."
-            )
-        if path.exists() and (size := path.stat().st_size) > MAX_BOOK_SIZE:
-            raise RecipeFileError(f"{path} has {size:,} bytes; the limit is {MAX_BOOK_SIZE:,}.")
+        if path.exists():
+            if not path.is_file():
+                raise RecipeFileError(
+                    f"{path} is not a regular file; give a recipe book (.csv, .tsv, .json)."
+                )
+            size = path.stat().st_size
+            if size > MAX_BOOK_SIZE:
+                raise RecipeFileError(f"{path} has {size:,} bytes; the limit is {MAX_BOOK_SIZE:,}.")
         return path.read_bytes()
     except FileNotFoundError:
         raise RecipeFileError(
@@ -132,10 +138,20 @@ def opened(path: Path, data: bytes) -> Content:
 
 
 def json_members(path: Path, data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield names and bytes of all JSON files in a zip archive, in the order of their names."""
+    """Yield names and bytes of all JSON files in a zip archive, in the order of their names.
+
+    Args:
+        path: the file, for errors.
+        data: its bytes, see :func:`is_zip`.
+
+    Raises:
+        RecipeFileError: while iterating, for a damaged or encrypted archive, one with links or
+            paths out of it, and for data that expand too much.
+    """
+    members = sorted(_members(path, data), key=attrgetter("filename"))
     archive = zipfile.ZipFile(io.BytesIO(data))
     total = 0
-    for entry in sorted(_members(path, data), key=lambda entry: entry.filename):
+    for entry in members:
         if not entry.filename.lower().endswith(".json"):
             continue
         content = _member_bytes(path, archive, entry)
@@ -146,7 +162,16 @@ def json_members(path: Path, data: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def zip_names(path: Path, data: bytes) -> list[str]:
-    """Return the names of the files in a zip archive, without links and hidden files."""
+    """Return the names of the files in a zip archive, without hidden files.
+
+    Args:
+        path: the file, for errors.
+        data: its bytes, see :func:`is_zip`.
+
+    Raises:
+        RecipeFileError: for a damaged archive, one with links, paths out of it or too many files,
+            and for a spreadsheet or document, which is a zip archive, too.
+    """
     return [entry.filename for entry in _members(path, data)]
 
 
@@ -156,6 +181,7 @@ def _may_be_book(name: str) -> bool:
 
 
 def _members(path: Path, data: bytes) -> list[zipfile.ZipInfo]:
+    """Return the files in an archive that may be content, see :func:`zip_names` for errors."""
     try:
         entries = zipfile.ZipFile(io.BytesIO(data)).infolist()
     except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError, UnicodeError) as error:

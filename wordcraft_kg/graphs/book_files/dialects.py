@@ -95,40 +95,61 @@ def guess_dialect(path: Path, lines: Sequence[str], delimiter: str | None, usual
         if width >= 3 and number > len(rows) / 2:
             mostly.append(dialect)
     fitting = with_header or even or mostly
+    if not fitting:
+        return _dialect(lines, usual)
     if len(fitting) > 1:
-        readings = " or ".join(
-            f"{cells_of(lines[-1], each)} ({DELIMITERS[each.delimiter]})" for each in fitting[:2]
-        )
-        raise refusal(
-            path, f"two delimiters fit: {readings}", "table", "Choose one with `delimiter`."
-        )
-    return fitting[0] if fitting else _dialect(lines, usual)
+        readings = []
+        for dialect in fitting[:2]:
+            cells = cells_of(lines[-1], dialect)
+            readings.append(f"{cells} ({DELIMITERS[dialect.delimiter]})")
+        seen = f"two delimiters fit: {' or '.join(readings)}"
+        raise refusal(path, seen, "table", "Choose one with `delimiter`.")
+    return fitting[0]
 
 
 def _dialect(lines: Sequence[str], delimiter: str) -> Dialect:
+    """Return the dialect with a delimiter: its quotes and frames, by lines that are not blank."""
     stripped = [line.strip() for line in lines]
-    is_framed = delimiter == "|" and all(line[0] == line[-1] == "|" for line in stripped)
-    quote = '"'
+    is_framed = False
+    if delimiter == "|":
+        is_framed = all(line.startswith("|") and line.endswith("|") for line in stripped)
     # A label may hold an apostrophe; quotes of a dialect begin and end every row.
     inner = [line.strip(f"{delimiter} ") for line in stripped]
-    if all(len(line) > 1 and line[0] == line[-1] == "'" for line in inner):
-        quote = "'"
+    is_single = all(_is_between(line, "'") for line in inner)
+    quote = "'" if is_single else '"'
     return Dialect(delimiter, quote, is_framed)
+
+
+def _is_between(line: str, sign: str) -> bool:
+    """Return whether a line begins with a sign and ends in another one of the same kind."""
+    return len(line) > 1 and line.startswith(sign) and line.endswith(sign)
 
 
 def cells_of(line: str, dialect: Dialect) -> list[str]:
     """Return the cells of a row, without spaces around them; spaces within quotes stay.
 
     A row with a quote that does not end is split at delimiters, see :func:`strict_cells`.
+
+    Args:
+        line: the row, with or without its line end.
+        dialect: how the row is written.
     """
     try:
         return strict_cells(line, dialect)
     except csv.Error:
-        return [cell.strip(" ") for cell in line.rstrip("\r\n").split(dialect.delimiter)]
+        cells = line.rstrip("\r\n").split(dialect.delimiter)
+        return [cell.strip(" ") for cell in cells]
 
 
 def strict_cells(line: str, dialect: Dialect) -> list[str]:
     """Return the cells of a row, without spaces around them; spaces within quotes stay.
+
+    Args:
+        line: the row, with or without its line end.
+        dialect: how the row is written.
+
+    Returns:
+        The cells; empty for a blank row.
 
     Raises:
         csv.Error: if a quote does not end, or text follows its end.
@@ -158,11 +179,13 @@ def trimmed(line: str, delimiter: str, quote: str = '"') -> str:
         quote: character around cells that may hold the delimiter.
     """
     has_inner_space = f"{delimiter} " in line or f" {delimiter}" in line
-    has_outer_space = line[:1] == " " or line.rstrip("\r\n")[-1:] == " "
+    has_outer_space = line.startswith(" ") or line.rstrip("\r\n").endswith(" ")
     # The pattern is slow, and most rows of a large book have no spaces around cells.
     if not has_inner_space and not has_outer_space:
         return line
-    return _cell_pattern(delimiter, quote).sub(lambda cell: cell[1].strip(" "), line)
+    pattern = _cell_pattern(delimiter, quote)
+    # Group 1 is the cell after any spaces, with those at its end if it has no quotes.
+    return pattern.sub(lambda cell: cell[1].strip(" "), line)
 
 
 @cache

@@ -11,8 +11,10 @@ _LIMIT = 100_000  # characters in a line
 
 def is_directive(line: str) -> bool:
     """Return whether a comment declares base entities, or lists entities."""
+    if not line.startswith("#"):
+        return False
     key, colon, _ = line[1:].partition(":")
-    return bool(line.startswith("#") and colon and key.strip().lower() in ("base", "entities"))
+    return bool(colon) and key.strip().lower() in ("base", "entities")
 
 
 def read_directive(source: RowSource, number: int, line: str) -> Fault | None:

@@ -28,5 +28,7 @@ def foreign_format(text: str) -> str | None:
         ('YAML', None)
     """
     sample = text[:_SAMPLE]
-    flags = re.IGNORECASE | re.MULTILINE
-    return next((name for name, sign in _FORMATS.items() if re.search(sign, sample, flags)), None)
+    for name, sign in _FORMATS.items():
+        if re.search(sign, sample, re.IGNORECASE | re.MULTILINE):
+            return name
+    return None

@@ -30,6 +30,9 @@ def refusal(path: Path | str, seen: str, anchor: str, remedy: str = "") -> Recip
         seen: what was seen, and what is missing.
         anchor: key of :data:`SHAPES`: the nearest readable shape.
         remedy: a sentence about what to do; empty if the readable shape says it.
+
+    Returns:
+        The error, which names the nearest readable shape and the guide.
     """
     hint = f" {remedy}" if remedy else ""
     return RecipeFileError(

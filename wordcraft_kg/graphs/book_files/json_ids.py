@@ -23,19 +23,31 @@ def names_beside(path: Path, value: Mapping[str, Any], inner: str) -> dict[Any, 
         path: the file, for errors.
         value: the object around elements and recipes.
         inner: the key of the recipes.
+
+    Returns:
+        Names by id, see :func:`names_of_ids`; empty if no element stands there.
+
+    Raises:
+        RecipeFileError: if two names have one id.
     """
-    ids: list[tuple[Any, Mapping[str, Any]]] = []
-    for key, each in value.items():
-        if key == inner or key.lower() not in _NAME_LISTS:
-            continue
-        if isinstance(each, dict):
-            ids += [(i, _as_row(name)) for i, name in each.items()]
-        elif isinstance(each, list) and all(isinstance(name, str) for name in each):
-            # As a text, because keys of JSON are texts.
-            ids += [(str(i), {"name": name}) for i, name in enumerate(each)]
-        elif isinstance(each, list):
-            ids += [(row.get("id"), row) for row in each if isinstance(row, dict)]
-    return names_of_ids(path, ids)
+    rows: list[tuple[Any, Mapping[str, Any]]] = []
+    for key, elements in value.items():
+        if key != inner and key.lower() in _NAME_LISTS:
+            rows += _rows_with_ids(elements)
+    return names_of_ids(path, rows)
+
+
+def _rows_with_ids(elements: Any) -> list[tuple[Any, Mapping[str, Any]]]:
+    """Return ids, perhaps None, with objects that hold the names; none for another value."""
+    if isinstance(elements, dict):
+        return [(identifier, _as_row(name)) for identifier, name in elements.items()]
+    if not isinstance(elements, list):
+        return []
+    if all(isinstance(name, str) for name in elements):
+        # The index as a text, because keys of JSON are texts.
+        return [(str(index), {"name": name}) for index, name in enumerate(elements)]
+    objects = [row for row in elements if isinstance(row, dict)]
+    return [(row.get("id"), row) for row in objects]
 
 
 def _as_row(value: Any) -> Mapping[str, Any]:
@@ -45,17 +57,24 @@ def _as_row(value: Any) -> Mapping[str, Any]:
 def names_of_ids(path: Path, rows: Iterable[tuple[Any, Mapping[str, Any]]]) -> dict[Any, str]:
     """Return names by id, for digits also by their number.
 
+    Args:
+        path: the file, for errors.
+        rows: ids with objects that hold a name. Rows without a name, or with an id that is neither
+            a number nor a text, are passed over.
+
+    Returns:
+        Names by id; the id ``"7"`` gives the keys ``"7"`` and ``7``.
+
     Raises:
         RecipeFileError: if two names have one id.
     """
     names: dict[Any, str] = {}
     for identifier, row in rows:
-        texts = [row[key] for key in TEXT_KEYS if isinstance(row.get(key), str)]
+        name = _first_text(row)
         # True and false are integers to Python, but no ids.
         is_id = isinstance(identifier, (int, str)) and not isinstance(identifier, bool)
-        if not texts or not is_id:
+        if name is None or not is_id:
             continue
-        name = texts[0]
         keys: list[int | str] = [identifier]
         if isinstance(identifier, str) and _is_digits(identifier):
             # Keys of JSON are texts, even where recipes name the same elements by numbers.
@@ -69,6 +88,15 @@ def names_of_ids(path: Path, rows: Iterable[tuple[Any, Mapping[str, Any]]]) -> d
     return names
 
 
+def _first_text(row: Mapping[str, Any]) -> str | None:
+    """Return an object's name that is a text, the usual key first; None without one."""
+    for key in TEXT_KEYS:
+        name = row.get(key)
+        if isinstance(name, str):
+            return name
+    return None
+
+
 def _is_digits(text: str) -> bool:
     # Longer numbers are no ids, and int() refuses thousands of digits.
     return text.isascii() and text.isdigit() and len(text) < 20
@@ -79,11 +107,16 @@ def with_names(path: Path, found: FoundShape, names: Mapping[Any, str]) -> Found
 
     Args:
         path: the file, for errors.
-        found: the shape.
+        found: the shape; its recipes are read here, so that all of them can be judged first.
         names: names by id; empty without any.
 
+    Returns:
+        The shape with ``names``; the given one if it has names, if ``names`` is empty, or if no
+        recipe names an entity by id.
+
     Raises:
-        RecipeFileError: if only some of the values are ids.
+        RecipeFileError: if recipes name entities by id, and an ingredient is neither an id nor a
+            name.
     """
     if not names or found.names:
         return found
@@ -105,7 +138,8 @@ def with_names(path: Path, found: FoundShape, names: Mapping[Any, str]) -> Found
     if unknown:
         others = map(str, strange - ids)
         missing = min(others)[:60]
-        raise refusal(path, f"recipes name elements by id, but none has the id {missing!r}", "json")
+        seen = f"recipes name elements by id, but none has the id {missing!r}"
+        raise refusal(path, seen, "json")
     if all(isinstance(each, int) for each in ids):
         # A label of digits, such as '7', is no id where ids are numbers.
         names = {key: name for key, name in names.items() if isinstance(key, int)}

@@ -40,23 +40,26 @@ def property_keys(rows: Iterable[Mapping[str, Any]], labels: Collection[str]) ->
     filled = [row for row in rows if row]
     if not filled:
         return []
-    named = [key for key in first_keys(filled) if names_property(key) and key not in labels]
+    unlabelled = [key for key in first_keys(filled) if key not in labels]
+    named = list(filter(names_property, unlabelled))
     if named and not any(row.keys().isdisjoint(named) for row in filled):
         return named
-    is_alike = all(row.keys() == filled[0].keys() for row in filled)
+    first = filled[0]
+    is_alike = all(row.keys() == first.keys() for row in filled)
     # Different objects share a key more easily by chance than equal ones.
     fewest = 2 if is_alike else _FEW
     if len(filled) < fewest:
         return []
-    common = set(filled[0]).intersection(*filled).difference(labels)
-    return [key for key in filled[0] if key in common]
+    common = set(first).intersection(*filled).difference(labels)
+    return [key for key in first if key in common]
 
 
 def pair_keys(value: Mapping[str, Any]) -> list[str]:
     """Return the keys of an object's ingredients, such as ``a`` and ``b``; empty without two."""
     keys = []
     for key, each in value.items():
-        may_be_label = isinstance(each, (str, int, dict)) and not isinstance(each, bool)
+        is_bool = isinstance(each, bool)  # to Python, an integer
+        may_be_label = isinstance(each, (str, int, dict)) and not is_bool
         if may_be_label and names_ingredient(key):
             keys.append(key)
     return keys if len(keys) > 1 else []
@@ -105,6 +108,10 @@ def common_sign(values: Sequence[Any]) -> str:
 
 def refuse_joined(path: Path, values: Sequence[Any]) -> None:
     """Refuse texts that all hold a sign such as a comma: they may be labels or pairs.
+
+    Args:
+        path: the file, for errors.
+        values: texts, or lists of texts; empty ones do not count.
 
     Raises:
         RecipeFileError: with both readings of the first text.

@@ -115,8 +115,8 @@ def hypergraph(part: JsonPart) -> FoundShape | None:
         return None
     found = recipes_of_hif(part.value, str(part.path))
     raws = []
-    for number, row in enumerate(found.rows, start=1):
-        kind = found.kinds[number - 1]
+    # For people, edges count from 1.
+    for number, (row, kind) in enumerate(zip(found.rows, found.kinds, strict=True), start=1):
         raws.append(RawRecipe(f"edge {number}", row, row[:-1], row[-1], kind))
     known = frozenset(found.listed)
     return FoundShape(
@@ -146,33 +146,42 @@ def save_or_dump(part: JsonPart) -> FoundShape | None:
         RecipeFileError: if an item's ``text`` is no text, or two items have one id.
     """
     value = part.value
-    if not isinstance(value, dict) or not isinstance(value.get("items"), list):
+    if not isinstance(value, dict):
         return None
-    items = value["items"]
+    items = value.get("items")
+    if not isinstance(items, list) or not items:
+        return None
     recipes = value.get("recipes")
     # A dump names things by their index in ``items``; a save keeps recipes with each item.
-    if items and isinstance(recipes, list) and all(map(_is_index_row, recipes)):
-        names = {i: own_name(item) for i, item in enumerate(items)}
-        raws = (RawRecipe(f"recipes[{i}]", row, row[:-1], row[-1]) for i, row in enumerate(recipes))
-        return _infinite_craft("a dump of Infinite Craft", raws, names)
-    if not items or not all(isinstance(item, dict) and "text" in item for item in items):
+    if isinstance(recipes, list) and all(map(_is_index_row, recipes)):
+        names = {index: own_name(item) for index, item in enumerate(items)}
+        return _infinite_craft("a dump of Infinite Craft", _index_recipes(recipes), names)
+    if not all(isinstance(item, dict) and "text" in item for item in items):
         return None
     if not all(isinstance(item["text"], str) for item in items):
         raise refusal(part.path, "an item whose 'text' is no text", "infinite-craft")
-    ids = ((item.get("id", i), item) for i, item in enumerate(items))
+    # An item without an id is named by its index.
+    ids = ((item.get("id", index), item) for index, item in enumerate(items))
     names = names_of_ids(part.path, ids)
+    return _infinite_craft("a save of Infinite Craft", _saved_recipes(items), names)
 
-    def saved() -> Raws:
-        for i, item in enumerate(items):
-            # First items, such as water, have no recipes, or null.
-            pairs = item.get("recipes") or []
-            if isinstance(pairs, list):
-                yield from _listed_pairs(pairs, f"items[{i}]", item["text"])
-            else:
-                here = f"items[{i}].recipes"
-                yield Fault(here, "row", f"{here} is {shown(pairs)}; expected a list of pairs.")
 
-    return _infinite_craft("a save of Infinite Craft", saved(), names)
+def _index_recipes(rows: Sequence[Sequence[int]]) -> Raws:
+    """Yield the recipes of a dump: indices of ingredients, and last of the result."""
+    for index, row in enumerate(rows):
+        yield RawRecipe(f"recipes[{index}]", row, row[:-1], row[-1])
+
+
+def _saved_recipes(items: Sequence[Mapping[str, Any]]) -> Raws:
+    """Yield the recipes of a save, which stand with each item."""
+    for index, item in enumerate(items):
+        # First items, such as water, have no recipes, or null.
+        pairs = item.get("recipes") or []
+        if isinstance(pairs, list):
+            yield from _listed_pairs(pairs, f"items[{index}]", item["text"])
+        else:
+            here = f"items[{index}].recipes"
+            yield Fault(here, "row", f"{here} is {shown(pairs)}; expected a list of pairs.")
 
 
 def _is_index_row(row: Any) -> bool:
@@ -181,14 +190,22 @@ def _is_index_row(row: Any) -> bool:
 
 
 def older_save(part: JsonPart) -> FoundShape | None:
-    """An older save of Infinite Craft: elements, and recipes by result."""
+    """Return the recipes of an older save of Infinite Craft: elements, and recipes by result.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read; None for another layout.
+    """
     value = part.value
-    if not isinstance(value, dict) or not isinstance(value.get("elements"), list):
+    if not isinstance(value, dict):
         return None
+    elements = value.get("elements")
     recipes = value.get("recipes")
-    if not isinstance(recipes, dict):
+    if not isinstance(elements, list) or not isinstance(recipes, dict):
         return None
-    names = {i: own_name(item) for i, item in enumerate(value["elements"])}
+    names = {index: own_name(element) for index, element in enumerate(elements)}
     raws = recipes_of_results(recipes.items(), "recipes")
     found = _infinite_craft("an older save of Infinite Craft", raws, names)
     # Its recipes name elements by their texts, so that a number is a label.
@@ -199,7 +216,14 @@ def older_save(part: JsonPart) -> FoundShape | None:
 def _infinite_craft(
     shape: str, raws: Iterable[RawRecipe | Fault | LeftOut], names: Mapping[Any, Any]
 ) -> FoundShape:
+    """Return a shape in which integers are indices, and Nothing is no entity.
+
+    Args:
+        shape: name of the shape, for people.
+        raws: the entries.
+        names: what each index stands for; values that are no texts are faults where they are used.
+    """
     labels = [label for label in names.values() if isinstance(label, str)]
-    is_world = set(INFINITE_CRAFT_BASE) <= set(labels)
-    base = INFINITE_CRAFT_BASE if is_world else None
+    has_whole_base = set(INFINITE_CRAFT_BASE) <= set(labels)
+    base = INFINITE_CRAFT_BASE if has_whole_base else None
     return FoundShape(shape, raws, labels, base=base, names=names, indices=True, nothing=True)

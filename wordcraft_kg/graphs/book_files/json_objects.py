@@ -50,12 +50,21 @@ Raws = Iterator[RawRecipe | Fault | LeftOut]
 
 
 def recipes_by_result(part: JsonPart) -> FoundShape | None:
-    """An object of recipes by result: pairs, a pair, a sum, or null for a base entity.
+    """Return the recipes of an object by result: pairs, a pair, a sum, or null for a base entity.
 
     Pairs may also be partners and results, with the ingredient as key; the labels tell.
 
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read; keys without a recipe are listed entities. None for
+        another shape.
+
     Raises:
-        RecipeFileError: if the labels do not tell, or the lists may be columns or about the book.
+        RecipeFileError: if the labels do not tell, the lists may be columns or about the book, or
+            every text may be one label or a pair.
+        ConfigError: if the option `columns` names no place of a pair.
     """
     value = part.value
     if not isinstance(value, dict) or not value:
@@ -92,8 +101,10 @@ def _holds_things(value: Any) -> bool:
         return False
     things = [each for each in value if isinstance(each, dict)]
     keys = set(map(plain_key, first_keys(things)))
+    has_result = not keys.isdisjoint(RESULT_KEYS)
     has_name = not keys.isdisjoint(TEXT_KEYS)
-    return bool(keys & RESULT_KEYS) or (has_name and bool(keys & RECIPE_KEYS))
+    has_recipe = not keys.isdisjoint(RECIPE_KEYS)
+    return has_result or (has_name and has_recipe)
 
 
 def _refuse_about(path: Path, value: Mapping[str, Any]) -> None:
@@ -113,11 +124,13 @@ def _refuse_columns(path: Path, value: Mapping[str, Any]) -> None:
     filled = [each for each in value.values() if each]
     lengths = set(map(len, filled))
     are_alike = len(filled) > 1 and len(lengths) == 1
-    if are_alike and all(map(_is_long, filled)):
-        keys = ", ".join(map(repr, islice(value, 6)))
-        seen = f"lists of {len(filled[0]):,} labels under {keys}"
-        remedy = "If they are columns, name them with `columns`."
-        raise refusal(path, f"{seen}; they may be columns, or ingredients", "json", remedy)
+    if not are_alike or not all(map(_is_long, filled)):
+        return
+    (length,) = lengths
+    shown_keys = ", ".join(map(repr, islice(value, 6)))
+    seen = f"lists of {length:,} labels under {shown_keys}"
+    remedy = "If they are columns, name them with `columns`."
+    raise refusal(path, f"{seen}; they may be columns, or ingredients", "json", remedy)
 
 
 def _is_long(value: Any) -> bool:
@@ -145,7 +158,8 @@ def rows_by_key(items: Iterable[tuple[Any, Any]]) -> list[list[str]]:
             if len(row) != len(PAIR_PLACES):
                 return []
             if all(isinstance(label, str) for label in row):
-                rows.append([label.strip() for label in row])
+                labels = [label.strip() for label in row]
+                rows.append(labels)
         if len(rows) >= LOOKED_AT:
             break
     return rows
@@ -187,7 +201,15 @@ def with_result_at(raws: Raws, place: int) -> Raws:
 
 
 def amounts_by_result(part: JsonPart) -> FoundShape | None:
-    """An object of numbers of ingredients by result: ``{"torch": {"stick": 1, "coal": 1}}``."""
+    """Return the recipes of numbers by result: ``{"torch": {"stick": 1, "coal": 1}}``.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read; None for another shape, such as objects whose keys may
+        be properties.
+    """
     value = part.value
     if not isinstance(value, dict) or not value:
         return None
@@ -195,6 +217,7 @@ def amounts_by_result(part: JsonPart) -> FoundShape | None:
     if not all(isinstance(row, dict) and row for row in rows):
         return None
     numbers = chain.from_iterable(row.values() for row in rows)
+    # By type: true is an instance of int, but no number of pieces.
     if not all(type(number) is int and number > 0 for number in numbers):
         return None
     if property_keys(rows, value.keys()):
@@ -207,13 +230,20 @@ def amounts_by_result(part: JsonPart) -> FoundShape | None:
 
 
 def results_by_two_keys(part: JsonPart) -> FoundShape | None:
-    """An object ``{a: {b: result}}``, with several results as a list, and null for none.
+    """Return the recipes of ``{a: {b: result}}``, with a list for several results, null for none.
 
     A key such as combinations may stand between: ``{a: {"combinations": {b: result}}}``.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read; None for another shape.
 
     Raises:
         RecipeFileError: if inner keys may be properties of things, or the labels do not tell which
             of the three is the result.
+        ConfigError: if the option `columns` names no place (outer, inner or value).
     """
     value = part.value
     if not isinstance(value, dict) or not value:
@@ -225,7 +255,8 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
     # A thing with null makes nothing, and is an entity all the same.
     filled = {key: each or {} for key, each in value.items()}
     partners, around, ignored = without_wrapper(filled)
-    leaves = list(chain.from_iterable(inner.values() for inner in partners.values()))
+    values = (inner.values() for inner in partners.values())
+    leaves = list(chain.from_iterable(values))
     results = list(map(made_by, leaves))
     # Objects with values of other kinds are another shape, unless they hold properties.
     is_nested = any(results) and None not in results
@@ -235,28 +266,38 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
     _refuse_properties(part.path, partners, property_keys(partners.values(), labels))
     if not is_nested:
         return None
-    rows: list[list[str]] = []
-    # Enough to tell which label is the result; all rows of a large book would take seconds.
-    for one, inner in islice(partners.items(), LOOKED_AT):
-        rows += [[one, other, made] for other, made in inner.items() if isinstance(made, str)]
+    rows = _judged_rows(partners)
     # A key such as combinations tells that the inner keys are partners; one such as data does not.
     is_told = not around or plain_key(around) in PARTNERS
-    place = chosen_place(part, rows, _NESTED_PLACES, likely=2, must_tell=not is_told)
+    usual = _NESTED_PLACES.index("value")
+    place = chosen_place(part, rows, _NESTED_PLACES, likely=usual, must_tell=not is_told)
     columns: tuple[str, ...] = ()
-    if place != 2 or part.columns:
+    if place != usual or part.columns:
         columns = places_in_order(_NESTED_PLACES, place)
     raws = _of_two_keys(partners, part.where, place)
     return FoundShape("results by two keys", raws, columns=columns, ignored=ignored)
+
+
+def _judged_rows(partners: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+    """Return rows (outer key, inner key, value) by which the place of the result is judged."""
+    rows: list[list[str]] = []
+    # Enough to tell which label is the result; all rows of a large book would take seconds.
+    for one, inner in islice(partners.items(), LOOKED_AT):
+        for other, made in inner.items():
+            if isinstance(made, str):
+                rows.append([one, other, made])
+    return rows
 
 
 def _is_wrapper_of_sums(value: Mapping[str, Any]) -> bool:
     """Return whether a single key stands around sums: ``{"cache": {"water+earth": "mud"}}``."""
     if len(value) > 1:
         return False
-    inner = next(iter(value.values())) or {}
+    (inner,) = value.values()
     if not inner:
         return False
-    return bool(_common_joiners(inner)) or all(map(is_sum, inner.values()))
+    has_sums_as_keys = bool(_common_joiners(inner))
+    return has_sums_as_keys or all(map(is_sum, inner.values()))
 
 
 def without_wrapper(
@@ -264,24 +305,31 @@ def without_wrapper(
 ) -> tuple[Mapping[str, Mapping[str, Any]], str, tuple[str, ...]]:
     """Return the partners of things without the key around them, such as combinations.
 
+    Args:
+        things: an object for each thing; empty for a thing that makes nothing.
+
     Returns:
         Partners and results by thing, the key that was around them, and the keys beside it. Things
         stay as they are, with an empty key, if no such key is around the partners of all.
     """
-    filled = [inner for inner in things.values() if inner]
-    keys: dict[str, None] = {}
     # Dicts in place of sets: what is left out is named in the order of the file.
+    keys: dict[str, None] = {}
     around: dict[str, None] = {}
-    for inner in filled:
+    for inner in things.values():
         keys |= dict.fromkeys(inner)
-        around |= dict.fromkeys(key for key, each in inner.items() if isinstance(each, dict))
-    key = next(iter(around), "")
-    if len(around) != 1 or plain_key(key) not in _PERHAPS_PARTNERS:
+        for key, each in inner.items():
+            if isinstance(each, dict):
+                around[key] = None
+    if len(around) != 1:
         return things, "", ()
-    unwrapped = {thing: inner.get(key) or {} for thing, inner in things.items()}
+    (wrapper,) = around
+    if plain_key(wrapper) not in _PERHAPS_PARTNERS:
+        return things, "", ()
+    unwrapped = {thing: inner.get(wrapper) or {} for thing, inner in things.items()}
     if not all(isinstance(partners, dict) for partners in unwrapped.values()):
         return things, "", ()
-    return unwrapped, key, tuple(each for each in keys if each != key)
+    del keys[wrapper]
+    return unwrapped, wrapper, tuple(keys)
 
 
 def _of_two_keys(partners: Mapping[str, Mapping[str, Any]], where: str, result_place: int) -> Raws:
@@ -306,23 +354,32 @@ def _refuse_properties(
     if not keys:
         return
     key = keys[0]
-    one = next(each for each, inner in value.items() if inner and key in inner)
-    made = shown(value[one][key])
+    thing = next(each for each, inner in value.items() if inner and key in inner)
+    made = shown(value[thing][key])
     names = ", ".join(repr(each[:40]) for each in keys[:6])
+    as_property = f"{thing[:40]!r} has {key[:40]!r} {made}"
+    as_recipe = f"{thing[:40]} + {key[:40]} = {made}"
     raise refusal(
         path,
-        f"objects with the keys {names}, which may be properties ({one[:40]!r} has {key[:40]!r} "
-        f"{made}) or ingredients ({one[:40]} + {key[:40]} = {made}); recipes in a known shape are "
-        "missing",
+        f"objects with the keys {names}, which may be properties ({as_property}) or ingredients "
+        f"({as_recipe}); recipes in a known shape are missing",
         "json",
     )
 
 
 def results_by_sum(part: JsonPart) -> FoundShape | None:
-    """An object of results by a key such as ``"water+earth"``.
+    """Return the recipes of an object of results by a key such as ``"water+earth"``.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read; a key with null or an empty text is left out. None for
+        another shape.
 
     Raises:
-        RecipeFileError: if the keys could be parted in two ways, or either side may be the result.
+        RecipeFileError: if the keys could be parted in two ways, only some are lists of labels, or
+            either side may be the result.
     """
     value = part.value
     if not isinstance(value, dict) or not value:
@@ -331,7 +388,8 @@ def results_by_sum(part: JsonPart) -> FoundShape | None:
     parts = _parts_of_keys(part.path, list(value))
     if parts is None or None in results:
         return None
-    made_of = {key: made for key, made in zip(value, results, strict=True) if made}
+    results_of_key = zip(value, results, strict=True)
+    made_of = {key: made for key, made in results_of_key if made}
     _refuse_sums_on_both_sides(part.path, made_of)
     _refuse_several_results(part.path, made_of)
 
@@ -347,11 +405,14 @@ def results_by_sum(part: JsonPart) -> FoundShape | None:
 
 
 def _refuse_sums_on_both_sides(path: Path, made_of: Mapping[str, Sequence[Any]]) -> None:
-    every = list(chain.from_iterable(made_of.values()))
-    if every and all(map(is_sum, every)):
-        key, made = next(iter(made_of.items()))
-        seen = f"sums on either side: {key[:60]!r} may make {shown(made[0])}, or be made of it"
-        raise refusal(path, seen, "json")
+    """Refuse keys that are sums with results that are all sums: either may be the result."""
+    results = list(chain.from_iterable(made_of.values()))
+    if not results or not all(map(is_sum, results)):
+        return
+    first_key = next(iter(made_of))
+    first_result = shown(results[0])
+    seen = f"sums on either side: {first_key[:60]!r} may make {first_result}, or be made of it"
+    raise refusal(path, seen, "json")
 
 
 def _refuse_several_results(path: Path, made_of: Mapping[str, Sequence[Any]]) -> None:
@@ -359,12 +420,11 @@ def _refuse_several_results(path: Path, made_of: Mapping[str, Sequence[Any]]) ->
 
     Labels with such signs are usual, and several labels may be the ingredients.
     """
-    if not made_of:
+    if not made_of or not all(len(results) > 1 for results in made_of.values()):
         return
-    key, made = next(iter(made_of.items()))
-    is_label = "," in key or "&" in key
-    if is_label and all(len(each) > 1 for each in made_of.values()):
-        seen = f"{key[:60]!r} may be made of {shown(made)}, or be a sum that makes them"
+    key, results = next(iter(made_of.items()))
+    if "," in key or "&" in key:
+        seen = f"{key[:60]!r} may be made of {shown(results)}, or be a sum that makes them"
         raise refusal(path, seen, "json")
 
 
@@ -377,20 +437,22 @@ def _parts_of_keys(path: Path, keys: Sequence[str]) -> list[list[str]] | None:
     Raises:
         RecipeFileError: if keys could be parted in two ways, or only some are lists.
     """
-    if all(key[:1] in ("(", "[") and key[-1:] in (")", "]") for key in keys):
+    if all(key.startswith(("(", "[")) and key.endswith((")", "]")) for key in keys):
         return _lists_in_keys(path, keys)
     joiners = _common_joiners(keys)
     # " + " holds "+": the longer one is meant.
     if " + " in joiners and "+" in joiners:
         joiners.remove("+")
     if len(joiners) > 1:
-        seen = f"keys such as {keys[0][:60]!r} could be parted at {joiners[0]!r} or {joiners[1]!r}"
+        one, other, *_ = joiners
+        seen = f"keys such as {keys[0][:60]!r} could be parted at {one!r} or {other!r}"
         raise refusal(path, seen, "json")
     if not joiners:
         return None
+    (joiner,) = joiners
     parts = []
     for key in keys:
-        labels = key.split(joiners[0])
+        labels = key.split(joiner)
         parts.append([label.strip() for label in labels])
     return parts
 

@@ -63,7 +63,11 @@ class Records(NamedTuple):
         return first_keys(self.rows)
 
     def values(self, keys: Sequence[str]) -> list[Any]:
-        """Return the values under some keys, object by object; None where a key is missing."""
+        """Return the values under some keys, object by object; None where a key is missing.
+
+        Args:
+            keys: the keys, in the order of the values of one object.
+        """
         values: list[Any] = []
         for row in self.rows:
             values += [row.get(key) for key in keys]
@@ -88,28 +92,65 @@ class _Roles(NamedTuple):
 
 
 def one_record(part: JsonPart) -> FoundShape | None:
-    """One recipe, an object with keys like columns, such as the only one of JSON lines."""
+    """Return the one recipe of an object with keys like columns, such as a single JSON line.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipe; None for another shape, such as values that are sums.
+
+    Raises:
+        RecipeFileError: see :func:`recipes_of_records`.
+        ConfigError: if the option `columns` names no key.
+    """
     value = part.value
     if not isinstance(value, dict) or not value:
         return None
     values = list(value.values())
     is_flat = all(isinstance(each, (str, int, type(None))) for each in values)
-    if not is_flat or any("+" in str(each) for each in values):
+    has_sum = any("+" in str(each) for each in values)
+    if not is_flat or has_sum:
         return None
-    return recipes_of_records(Records(part, [value], [part.where or "the object"]))
+    place = part.where or "the object"
+    return recipes_of_records(Records(part, [value], [place]))
 
 
 def list_of_records(part: JsonPart) -> FoundShape | None:
-    """A list of objects: an entity with its recipes, or a recipe with keys like columns."""
+    """Return the recipes of a list of objects: entities with recipes, or recipes with keys.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes; None for another shape.
+
+    Raises:
+        RecipeFileError: see :func:`recipes_of_records`.
+        ConfigError: if the option `columns` names no key.
+    """
     value = part.value
-    if not isinstance(value, list) or not value or not all(isinstance(row, dict) for row in value):
+    if not isinstance(value, list) or not value:
+        return None
+    if not all(isinstance(row, dict) for row in value):
         return None
     places = [f"{part.where}[{index}]" for index in range(len(value))]
     return recipes_of_records(Records(part, value, places))
 
 
 def records_by_name(part: JsonPart) -> FoundShape | None:
-    """An object of objects: entities, or recipes, by name."""
+    """Return the recipes of an object of objects: entities, or recipes, by name.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes; None for another shape.
+
+    Raises:
+        RecipeFileError: see :func:`recipes_of_records`.
+        ConfigError: if the option `columns` names no key.
+    """
     value = part.value
     if not isinstance(value, dict) or not value:
         return None
@@ -126,7 +167,16 @@ def records_by_name(part: JsonPart) -> FoundShape | None:
 
 
 def recipes_of_records(records: Records) -> FoundShape | None:
-    """Return the recipes of records, by the names of their keys; None if these do not tell."""
+    """Return the recipes of records, by the names of their keys; None if these do not tell.
+
+    Args:
+        records: objects of one kind.
+
+    Raises:
+        RecipeFileError: if every ingredient may be one label or several, two keys may both name
+            the result, the labels do not tell which of three is the result, or ids are not clear.
+        ConfigError: if the option `columns` names no key.
+    """
     roles = _roles(records)
     columns = records.part.columns
     are_things = bool(roles.recipes) and bool(roles.outputs or roles.names)
@@ -155,7 +205,10 @@ def _roles(records: Records) -> _Roles:
     keys = records.keys
     recipes = _recipe_keys(records.rows)
     outputs = [key for key in keys if plain_key(key) in RESULT_KEYS]
-    names = [key for key in NAME_KEYS if any(map(is_name, records.values([key])))]
+    names = []
+    for key in NAME_KEYS:
+        if any(map(is_name, records.values([key]))):
+            names.append(key)
     if not recipes and outputs:
         others = [key for key in keys if key not in outputs]
         recipes = _only_recipe_key(records, others)
@@ -201,8 +254,9 @@ def _has_columns(value: Mapping[str, Mapping[str, Any]]) -> bool:
     keys = [key for key in first_keys(rows) if key not in value]
     roles = roles_of_header(keys)
     if roles is not None:
-        used = {keys[i] for i in (*roles.ingredients, *roles.results[:1])}
-        return all(used <= row.keys() for row in rows)
+        # One result is enough; further keys of results may be missing here and there.
+        needed = {keys[i] for i in (*roles.ingredients, *roles.results[:1])}
+        return all(needed <= row.keys() for row in rows)
     pair = pair_keys(rows[0])
     if not pair or not value.keys().isdisjoint(pair):
         return False
@@ -228,29 +282,31 @@ def _rows_of_cells(records: Records) -> FoundShape | None:
     if len(parts) == 1:
         refuse_joined(records.part.path, records.values(parts))
 
+    expected = f"{', '.join(parts)} and {', '.join(made)}"
+
     def raws() -> Iterator[RawRecipe | Fault]:
         for row, place in zip(records.rows, records.places, strict=True):
-            ingredients = _flat(row[key] for key in parts if row.get(key) not in (None, ""))
+            filled = [row[key] for key in parts if row.get(key) not in (None, "")]
+            ingredients = _flat(filled)
             results: list[Any] = []
             for key in made:
                 results += results_of(row.get(key), True)
             # One piece is what a recipe without a number means, so that nothing is lost.
             dropped = sum(row.get(key) not in (None, "", 1, "1") for key in counts)
             if not ingredients or not results:
-                expected = f"{', '.join(parts)} and {', '.join(made)}"
                 message = f"{place} is {shown(row)}; expected {expected}."
                 yield Fault(place, "row", message, "keys")
                 continue
             for result in results:
                 yield RawRecipe(place, row, ingredients, result, counts=dropped)
 
-    ignored = tuple(key for key in keys if key not in (*parts, *made))
+    read = (*parts, *made)
     return FoundShape(
         "a list of objects",
         raws(),
-        columns=(*parts, *made),
+        columns=read,
         num_results=len(made),
-        ignored=ignored,
+        ignored=tuple(key for key in keys if key not in read),
     )
 
 
@@ -270,7 +326,7 @@ def _told_roles(records: Records) -> Roles | None:
     return Roles(ingredients, (result,))
 
 
-def _flat(values: Iterator[Any]) -> list[Any]:
+def _flat(values: Sequence[Any]) -> list[Any]:
     """Return values with those in lists one by one."""
     flat: list[Any] = []
     for value in values:
@@ -292,24 +348,28 @@ def _partners(records: Records, roles: _Roles) -> FoundShape | None:
     """Things with their partners and the results: ``{"combinations": {"earth": "mud"}}``."""
     if roles.outputs or len(roles.recipes) != 1:
         return None
-    (key,) = roles.recipes
+    (recipe_key,) = roles.recipes
+    name_key = roles.names[0]
     by_name: dict[str, dict[str, Any]] = {}
     for row in records.rows:
-        partners = row.get(key) or {}
-        name = row.get(roles.names[0])
+        partners = row.get(recipe_key) or {}
+        name = row.get(name_key)
         is_map = isinstance(partners, dict) and not pair_keys(partners)
         if not is_map or not isinstance(name, str) or name in by_name:
             return None
         made = list(partners.values())
         # Numbers are amounts of an ingredient, no results.
-        if None in map(made_by, made) or any(type(each) is int for each in made):
+        has_numbers = any(type(each) is int for each in made)
+        if has_numbers or None in map(made_by, made):
             return None
-        by_name[name] = {key: partners}
-    if not without_wrapper(by_name)[1]:
+        by_name[name] = {recipe_key: partners}
+    _, wrapper, _ = without_wrapper(by_name)
+    if not wrapper:
         return None
     found = results_by_two_keys(records.part._replace(value=by_name))
     if found is not None:
-        found.ignored = tuple(each for each in records.keys if each not in (key, roles.names[0]))
+        read = (recipe_key, name_key)
+        found.ignored = tuple(key for key in records.keys if key not in read)
     return found
 
 
@@ -321,11 +381,12 @@ def _entities(records: Records, roles: _Roles) -> FoundShape:
     made = _made_key(records, roles)
     ids = [(row.get("id"), row) for row in records.rows]
     names = names_of_ids(path, ids)
+    has_outputs = bool(roles.outputs)
     raws: list[RawRecipe | Fault | LeftOut] = []
     listed: list[Any] = []
     for row, place in zip(records.rows, records.places, strict=True):
-        results = results_of(row.get(made), bool(roles.outputs))
-        if not results and roles.outputs and roles.names:
+        results = results_of(row.get(made), has_outputs)
+        if not results and has_outputs and roles.names:
             # Some tools leave out the product of a recipe that is called like it.
             results = results_of(row.get(roles.names[0]), False)
         values = [row[key] for key in roles.recipes if row.get(key)]
@@ -339,11 +400,11 @@ def _entities(records: Records, roles: _Roles) -> FoundShape:
         elif not held:
             raws.append(LeftOut(place, "without a recipe"))
             # A thing by its name is an entity of the book also without a recipe.
-            if not roles.outputs:
+            if not has_outputs:
                 listed += results
         # All ways to make a thing stand in its one object.
+        here = f"{place}.{roles.recipes[0]}"
         for pair in chain.from_iterable(held):
-            here = f"{place}.{roles.recipes[0]}"
             raws += [RawRecipe(here, pair, pair, result) for result in results]
     columns = (*roles.recipes, made)
     ignored = tuple(key for key in records.keys if key not in columns)
@@ -370,7 +431,9 @@ def _result_place(records: Records, roles: _Roles, names: Mapping[Any, str]) -> 
         return 0
     items = []
     for row in records.rows:
-        items += [(row.get(roles.names[0]), row.get(key)) for key in roles.recipes]
+        name = row.get(roles.names[0])
+        for key in roles.recipes:
+            items.append((name, row.get(key)))
     rows = rows_by_key(items)
     # Ids of ingredients, beside a name, say nothing about the result.
     in_pairs = set(chain.from_iterable(row[1:] for row in rows))
@@ -390,22 +453,25 @@ def _made_key(records: Records, roles: _Roles) -> str:
         return roles.names[0]
     if not roles.names:
         return roles.outputs[0]
-    name = roles.names[0]
-    output = roles.outputs[0]
+    name_key = roles.names[0]
+    output_key = roles.outputs[0]
     used = _used_names(records, roles.recipes)
+    # Records called like their result, and records called like an ingredient of any record.
     alike = 0
     others: list[Mapping[str, Any]] = []
     for row in records.rows:
-        results = list(map(own_name, results_of(row.get(output), True)))
-        if row.get(name) in results:
+        name = row.get(name_key)
+        results = list(map(own_name, results_of(row.get(output_key), True)))
+        if name in results:
             alike += 1
-        elif results and is_name(row.get(name)) and row[name] in used:
+        elif results and is_name(name) and name in used:
             others.append(row)
     if len(others) > alike:
-        row = others[0]
-        seen = f"{name!r} {shown(row[name])} and {output!r} {shown(row[output])} both name things"
+        name = shown(others[0][name_key])
+        output = shown(others[0][output_key])
+        seen = f"{name_key!r} {name} and {output_key!r} {output} both name things"
         raise refusal(records.part.path, f"{seen}; either may be what is made", "json")
-    return output
+    return output_key
 
 
 def _used_names(records: Records, recipe_keys: Sequence[str]) -> set[Any]:

@@ -99,9 +99,15 @@ class JsonRecipes(RowSource):
     def __init__(self, path: Path, text: str, columns: Sequence[str] | None = None):
         """Parse the text and find its shape.
 
+        Args:
+            path: the file, for errors.
+            text: its text.
+            columns: the option `columns`; None to guess.
+
         Raises:
-            RecipeFileError: if it is not JSON or has no readable shape; the message says what was
-                seen.
+            RecipeFileError: if it is not JSON or has no readable shape, with what was seen; or if
+                what stands outside of recipes, such as the base, is no label.
+            ConfigError: if the shape has no columns and ``columns`` is given, or names none.
         """
         super().__init__()
         self._path = path
@@ -198,12 +204,13 @@ class JsonRecipes(RowSource):
         if fault:
             return Fault(raw.where, "label", f"{raw.where}: {fault}")
         *ingredients, result = labels
-        known = self.kind_of.setdefault((tuple(sorted(ingredients)), result), raw.kind)
-        if known != raw.kind:
-            recipe = f"{' + '.join(ingredients)} -> {result}"
-            kinds = f"the kind '{raw.kind}' here, and '{known}' above"
-            return Fault(raw.where, "row", f"{raw.where}: {recipe} has {kinds}.")
-        return None
+        parts = tuple(sorted(ingredients))
+        known = self.kind_of.setdefault((parts, result), raw.kind)
+        if known == raw.kind:
+            return None
+        recipe = f"{' + '.join(ingredients)} -> {result}"
+        kinds = f"the kind '{raw.kind}' here, and '{known}' above"
+        return Fault(raw.where, "row", f"{raw.where}: {recipe} has {kinds}.")
 
     def _unknown(self, label: Any, where: str) -> str | None:
         fault = label_fault(label)
@@ -291,19 +298,19 @@ def _groups(part: JsonPart) -> FoundShape | None:
 def _parts(part: JsonPart) -> list[JsonPart]:
     """Return the groups in a value: lists or objects by key, or the only ones in a list's rows."""
     value = part.value
-    if isinstance(value, dict):
-        return [
-            part._replace(value=each, where=f"{part.where}['{key}']")
-            for key, each in value.items()
-            if each and isinstance(each, (dict, list))
-        ]
     parts = []
-    for index, row in enumerate(value if isinstance(value, list) else ()):
-        inner = _filled_keys(row)
-        if len(inner) != 1:
-            return []
-        (key,) = inner
-        parts.append(part._replace(value=row[key], where=f"{part.where}[{index}].{key}"))
+    if isinstance(value, dict):
+        for key in _filled_keys(value):
+            where = f"{part.where}['{key}']"
+            parts.append(part._replace(value=value[key], where=where))
+    elif isinstance(value, list):
+        for index, row in enumerate(value):
+            inner = _filled_keys(row)
+            if len(inner) != 1:
+                return []
+            (key,) = inner
+            where = f"{part.where}[{index}].{key}"
+            parts.append(part._replace(value=row[key], where=where))
     return parts
 
 
@@ -335,5 +342,7 @@ def _unwrapped(value: Any) -> str | None:
     named = [key for key in inner if key.lower() in WRAPPERS]
     # Elements may be listed next to their recipes.
     recipes = [key for key in named if key.lower() not in ENTITY_LISTS]
-    chosen = next((keys for keys in (named, recipes) if len(keys) == 1), inner)
-    return chosen[0] if len(chosen) == 1 else None
+    for keys in (named, recipes, inner):
+        if len(keys) == 1:
+            return keys[0]
+    return None

@@ -28,9 +28,23 @@ MOST_COLUMNS = 20
 
 
 def rows_of_labels(part: JsonPart) -> FoundShape | None:
-    """A list of lists ``[a, b, result]``, like a table without a header."""
+    """Return the recipes of a list of lists ``[a, b, result]``, a table perhaps with a header.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read, with a fault for each row of another width; None for
+        another shape.
+
+    Raises:
+        RecipeFileError: if neither a header nor the rows tell which column is the result.
+        ConfigError: if the option `columns` names no column.
+    """
     value = part.value
-    if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
+    if not isinstance(value, list) or not value:
+        return None
+    if not all(isinstance(row, list) for row in value):
         return None
     if all(map(_is_parted, value)):
         return _parted_rows(part)
@@ -53,13 +67,15 @@ def rows_of_labels(part: JsonPart) -> FoundShape | None:
             for result in results or [""]:
                 yield RawRecipe(here, row, ingredients, result)
 
-    titles = rows[0] if start else [f"place {i + 1}" for i in range(width)]
+    has_header = start > 0
+    titles = rows[0] if has_header else [f"place {i + 1}" for i in range(width)]
+    ignored = [title for i, title in enumerate(titles) if i not in roles.used]
     return FoundShape(
         "a list of lists",
         raws(),
         columns=tuple(titles[i] for i in (*roles.ingredients, *roles.results)),
         num_results=len(roles.results),
-        ignored=tuple(title for i, title in enumerate(titles) if i not in roles.used),
+        ignored=tuple(ignored),
     )
 
 
@@ -106,33 +122,60 @@ def _roles_of_lists(part: JsonPart, rows: Sequence[Sequence[str]]) -> tuple[Role
         return roles_of_option(part.columns, names, width), int(has_header)
     if header is not None:
         return header, 1
-    full = part.with_names([row for row in rows if len(row) == 3])
-    result = result_place(full) if width == 3 and full else None
+    result = None
+    if width == 3:
+        full = part.with_names([row for row in rows if len(row) == 3])
+        result = result_place(full)
     if result is None:
         seen = f"a list of lists of {width} labels, and nothing tells which is the result"
-        two = f": {readings(names)}" if width == 3 else ""
+        if width == 3:
+            seen = f"{seen}: {readings(names)}"
         remedy = "Choose with `columns`, numbers with the result last."
-        raise refusal(part.path, seen + two, "json", remedy)
+        raise refusal(part.path, seen, "json", remedy)
     ingredients = tuple(place for place in range(3) if place != result)
     return Roles(ingredients, (result,)), 0
 
 
 def split_table(part: JsonPart) -> FoundShape | None:
-    """A table as pandas writes it with its columns apart: ``{"columns": [], "data": [[]]}``."""
+    """Return the recipes of a table as pandas writes it: ``{"columns": [], "data": [[]]}``.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, as those of a list of lists with a header; None for another layout.
+
+    Raises:
+        RecipeFileError: if neither the columns nor the rows tell which column is the result.
+        ConfigError: if the option `columns` names no column.
+    """
     value = part.value
-    if not isinstance(value, dict) or not isinstance(value.get("columns"), list):
+    if not isinstance(value, dict):
         return None
+    header = value.get("columns")
     rows = value.get("data")
-    if not isinstance(rows, list):
+    if not isinstance(header, list) or not isinstance(rows, list):
         return None
-    return rows_of_labels(part._replace(value=[value["columns"], *rows], where="data"))
+    return rows_of_labels(part._replace(value=[header, *rows], where="data"))
 
 
 # --- objects of columns --------------------------------------------------------------------------
 
 
 def columns_of_cells(part: JsonPart) -> FoundShape | None:
-    """An object of columns, each a list of cells, or an object of cells by row."""
+    """Return the recipes of an object of columns, each with a list of cells or cells by row.
+
+    Args:
+        part: a value in the file.
+
+    Returns:
+        The recipes, made as they are read; None for another shape.
+
+    Raises:
+        RecipeFileError: if the keys may be columns or results, or a single column of ingredients
+            may hold labels or pairs.
+        ConfigError: if the option `columns` names no column.
+    """
     value = part.value
     if not isinstance(value, dict) or not 2 < len(value) <= MOST_COLUMNS:
         return None
@@ -149,13 +192,17 @@ def columns_of_cells(part: JsonPart) -> FoundShape | None:
     # From columns to rows: a record for the cells of one row.
     rows = []
     for row in zip(*cells, strict=True):
-        rows.append(dict(zip(keys, row, strict=True)))
+        record = dict(zip(keys, row, strict=True))
+        rows.append(record)
     places = [f"{part.where}[{index}]" for index in range(len(rows))]
     found = recipes_of_records(Records(part, rows, places))
-    return None if found is None else replace(found, shape="columns")
+    if found is None:
+        return None
+    return replace(found, shape="columns")
 
 
 def _are_columns(part: JsonPart, keys: Sequence[str]) -> bool:
+    """Return whether the option `columns`, or else the keys' names, tell that keys are columns."""
     if part.columns is None:
         return roles_of_header(keys) is not None
     return part.columns[0] in keys
@@ -166,14 +213,16 @@ def _cells_by_column(values: Sequence[Any]) -> list[list[Any]] | None:
     first = values[0]
     if not first:
         return None
-    if all(isinstance(each, list) and len(each) == len(first) for each in values):
+    if all(isinstance(column, list) and len(column) == len(first) for column in values):
         cells = list(values)
-    elif all(isinstance(each, dict) and each.keys() == first.keys() for each in values):
+    elif all(isinstance(column, dict) and column.keys() == first.keys() for column in values):
         cells = []
-        for each in values:
+        for column in values:
             # Rows may stand in another order in each column.
-            cells.append([each[row] for row in first])
+            cells.append([column[row] for row in first])
     else:
         return None
-    is_flat = not any(isinstance(cell, (list, dict)) for cell in chain.from_iterable(cells))
-    return cells if is_flat else None
+    every_cell = chain.from_iterable(cells)
+    if any(isinstance(cell, (list, dict)) for cell in every_cell):
+        return None
+    return cells

@@ -13,11 +13,16 @@ _JUDGED_LINES = 1_000  # lines by which JSON lines are told from damaged JSON
 def load_json(path: Path, text: str) -> tuple[Any, bool]:
     """Parse JSON, or JSON lines as a list.
 
+    Args:
+        path: the file, for errors.
+        text: the whole text.
+
     Returns:
         The value, and whether it was JSON lines.
 
     Raises:
-        RecipeFileError: with the line of the first fault.
+        RecipeFileError: if it is neither, with the line of the first fault; or for JSON that no
+            book can be, such as an object with a key twice.
     """
     try:
         return _loads(path, text), False
@@ -38,7 +43,8 @@ def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
         line: number of the text's line in the file; None for a text that is the whole file.
 
     Raises:
-        RecipeFileError: if it is not JSON; the message names the line.
+        RecipeFileError: if it is not JSON, with the line; or for JSON that no book can be, such as
+            an object with a key twice.
     """
     try:
         return _loads(path, text)
@@ -58,11 +64,11 @@ def _are_json_lines(text: str) -> bool:
 
 
 def _parsed_lines(path: Path, text: str) -> list[Any]:
-    return [
-        parsed_json(path, line, number)
-        for number, line in enumerate(_lines_of(text), 1)
-        if line.strip()
-    ]
+    values = []
+    for number, line in enumerate(_lines_of(text), start=1):
+        if line.strip():
+            values.append(parsed_json(path, line, number))
+    return values
 
 
 def _not_json(path: Path | str, line: int, error: json.JSONDecodeError) -> RecipeFileError:
@@ -78,12 +84,12 @@ def _loads(path: Path | str, text: str) -> Any:
     """
 
     def without_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        keys = dict(pairs)
-        if len(keys) < len(pairs):
+        value = dict(pairs)
+        if len(value) < len(pairs):
             counts = Counter(key for key, _ in pairs)
-            twice = next(key for key, count in counts.items() if count > 1)
-            raise RecipeFileError(f"{path}: the key '{twice}' occurs twice in one object.")
-        return keys
+            repeated = [key for key in value if counts[key] > 1]
+            raise RecipeFileError(f"{path}: the key '{repeated[0]}' occurs twice in one object.")
+        return value
 
     try:
         return json.loads(text, object_pairs_hook=without_duplicate_keys)

@@ -1,6 +1,6 @@
 """What single JSON values stand for: entities, recipes, results, numbers of pieces."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, islice
 from typing import Any
 
@@ -79,7 +79,8 @@ def is_sum(value: Any) -> bool:
 def summands(text: str) -> list[str]:
     """Return the parts of a sum; a plus without spaces is part of a label if there is one with."""
     sign = " + " if " + " in text else "+"
-    return [part.strip() for part in text.split(sign)]
+    parts = text.split(sign)
+    return [part.strip() for part in parts]
 
 
 def pairs_of(value: Any) -> list[Sequence[Any]]:
@@ -102,13 +103,15 @@ def pairs_of(value: Any) -> list[Sequence[Any]]:
     if all(isinstance(each, (str, int)) or is_entity(each) for each in value):
         return [value]
     if all(map(_is_counted, value)):
-        return [[{"name": label, "count": number} for label, number in value]]
+        ingredients = _with_counts(value)
+        return [ingredients]
     if all(isinstance(each, list) for each in value):
         return list(value)
     if all(isinstance(each, dict) for each in value):
         pairs = [pairs_of(each) for each in value]
         # One object that is no recipe must not vanish among others.
-        return list(chain.from_iterable(pairs)) if all(pairs) else []
+        if all(pairs):
+            return list(chain.from_iterable(pairs))
     return []
 
 
@@ -122,7 +125,8 @@ def _pairs_of_object(value: Mapping[str, Any]) -> list[Sequence[Any]]:
     if is_entity(value):
         return [[value]]
     if value and all(isinstance(each, (int, float)) for each in value.values()):
-        return [[{"name": key, "count": number} for key, number in value.items()]]
+        ingredients = _with_counts(value.items())
+        return [ingredients]
     if any(isinstance(value.get(key), str) for key in TEXT_KEYS):
         return []  # a thing with its own recipes
     recipes: list[Sequence[Any]] = []
@@ -130,6 +134,11 @@ def _pairs_of_object(value: Mapping[str, Any]) -> list[Sequence[Any]]:
         if plain_key(key) in RECIPE_KEYS:
             recipes += pairs_of(each)
     return recipes
+
+
+def _with_counts(pieces: Iterable[tuple[Any, Any]]) -> list[dict[str, Any]]:
+    """Return an object with name and count for each label and its number of pieces."""
+    return [{"name": label, "count": number} for label, number in pieces]
 
 
 def has_count(value: Any) -> bool:
@@ -144,8 +153,10 @@ def _is_counted(value: Any) -> bool:
     if not isinstance(value, list) or len(value) != 2:
         return False
     label, number = value
+    if not isinstance(label, str):
+        return False
     is_number = isinstance(number, (int, float)) and not isinstance(number, bool)
-    return isinstance(label, str) and is_number and 0 < number < _MOST_PIECES
+    return is_number and 0 < number < _MOST_PIECES
 
 
 # --- results -------------------------------------------------------------------------------------
@@ -195,14 +206,18 @@ def results_of(value: Any, is_output: bool) -> list[Any]:
         value: the value under the key of results, or of the name.
         is_output: whether the key names results, so that a list holds several, and an object
             numbers by product; a name is one result.
+
+    Returns:
+        The results, not yet checked; empty for null, an empty text or an empty list.
     """
     if isinstance(value, list) and is_output:
         if all(map(_is_counted, value)):
-            return [{"name": label, "count": number} for label, number in value]
+            return _with_counts(value)
         return [each for each in value if each not in (None, "")]
     if is_output and isinstance(value, dict) and not is_entity(value):
         return list(value)  # numbers by product
-    return [] if value in (None, "", []) else [value]
+    is_empty = value in (None, "", [])
+    return [] if is_empty else [value]
 
 
 # --- words for refusals --------------------------------------------------------------------------
@@ -215,11 +230,13 @@ def described(value: Any) -> str:
             return "an empty JSON object"
         return f"a JSON object with {len(value):,} keys ({_first_keys(value)})"
     if isinstance(value, list):
-        if value and all(isinstance(each, dict) for each in value):
+        size = f"{len(value):,}"
+        if not value:
+            return f"a JSON list of {size} values"
+        if all(isinstance(each, dict) for each in value):
             keys = _first_keys(value[0])
-            return f"a JSON list of {len(value):,} objects, the first with the keys {keys}"
-        first = f", the first {shown(value[0])}" if value else ""
-        return f"a JSON list of {len(value):,} values{first}"
+            return f"a JSON list of {size} objects, the first with the keys {keys}"
+        return f"a JSON list of {size} values, the first {shown(value[0])}"
     return f"a JSON value, {shown(value)}"
 
 

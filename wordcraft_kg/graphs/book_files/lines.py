@@ -81,7 +81,11 @@ class _Sides(NamedTuple):
 
 
 def looks_like_lines(lines: list[str]) -> bool:
-    """Return whether most lines, which are not blank, have a sum and a sign."""
+    """Return whether at least half of the lines have a sum and a sign; headings do not count.
+
+    Args:
+        lines: lines that are not blank; without any, the answer is False.
+    """
     content = [line for line in lines if not _is_heading(line)]
     sums = [line for line in content if _is_recipe(line[:_LIMIT])]
     return bool(content) and len(sums) >= _ENOUGH * len(content)
@@ -101,8 +105,13 @@ class SumLines(RowSource):
     def __init__(self, path: Path, text: str):
         """Find on which side the sums are.
 
+        Args:
+            path: the file, for errors.
+            text: its text.
+
         Raises:
-            RecipeFileError: if they are on both sides, or most lines begin or end alike.
+            RecipeFileError: if they are on both sides, an arrow points at a sum, or many lines
+                begin or end with what may be a mark.
         """
         super().__init__()
         self._path = path
@@ -228,23 +237,40 @@ def _often(pattern: re.Pattern[str], ends: Sequence[str], others: Sequence[str])
     """Return what the pattern finds in many of the labels at an end, and seldom in the others.
 
     Numbers count as equal.
+
+    Args:
+        pattern: ``_PREFIX`` or ``_SUFFIX``.
+        ends: first or last label of each line.
+        others: all other labels.
+
+    Returns:
+        The first such mark; None without one.
     """
-
-    def found_in(labels: Sequence[str]) -> list[str]:
-        search = pattern.match if pattern is _PREFIX else pattern.search
-        # A label that is a sign as a whole, such as an emoji, has no mark.
-        return [each[0] for each in map(search, labels) if each and each[0] != each.string]
-
-    found = found_in(ends)
-    in_others = found_in(others)
+    marks = _marks_in(ends, pattern)
+    in_others = _marks_in(others, pattern)
     if len(in_others) > _MOSTLY * len(others):
         return None  # labels of this file begin or end so, such as with an emoji each
     elsewhere = Counter(map(_without_digits, in_others))
-    for shape, number in Counter(map(_without_digits, found)).most_common(1):
+    # The most frequent mark alone: a loop of one round, or of none without marks.
+    for shape, number in Counter(map(_without_digits, marks)).most_common(1):
         share = number / len(ends)
-        if share >= _OFTEN and elsewhere[shape] <= _SELDOM * share * len(others):
-            return next(each for each in found if _without_digits(each) == shape)
+        # As many as there would be if the mark were part of labels, and a tenth of these.
+        expected_elsewhere = share * len(others)
+        is_seldom = elsewhere[shape] <= _SELDOM * expected_elsewhere
+        if share >= _OFTEN and is_seldom:
+            return next(mark for mark in marks if _without_digits(mark) == shape)
     return None
+
+
+def _marks_in(labels: Sequence[str], pattern: re.Pattern[str]) -> list[str]:
+    """Return what a pattern finds at the beginnings, or at the ends, of labels."""
+    search = pattern.match if pattern is _PREFIX else pattern.search
+    marks = []
+    for found in map(search, labels):
+        # A label that is a sign as a whole, such as an emoji, has no mark.
+        if found and found[0] != found.string:
+            marks.append(found[0])
+    return marks
 
 
 def _without_digits(text: str) -> str:
@@ -302,16 +328,19 @@ def _sides(line: str) -> _Sides | None:
 def _summands(text: str) -> list[str]:
     """Return the parts of a sum; a plus without spaces is part of a label if there is one with."""
     sign = " + " if " + " in text else "+"
-    return [_unwrapped(part) for part in text.split(sign)]
+    parts = text.split(sign)
+    return [_unwrapped(part) for part in parts]
 
 
 def _unwrapped(text: str) -> str:
     """Return a text without quotes or markup around all of it."""
     text = text.strip()
     for start, end in _WRAPPERS:
+        if not text.startswith(start) or not text.endswith(end):
+            continue
         inner = text[len(start) : -len(end)]
-        is_wrapped = text.startswith(start) and text.endswith(end) and inner.strip()
         # A link with two names, or two quoted labels, stay as they are, and are refused.
-        if is_wrapped and start not in inner and end not in inner and "|" not in inner:
+        has_sign = start in inner or end in inner or "|" in inner
+        if inner.strip() and not has_sign:
             return inner.strip()
     return text

@@ -34,13 +34,22 @@ class MinecraftRecipes(RowSource):
     shape = "Minecraft recipes"
 
     def __init__(self, files: Iterable[tuple[str, bytes]]):
-        """Take names and bytes of JSON files, in the order of their names."""
+        """Take the files; they are parsed while iterating.
+
+        Args:
+            files: names and bytes of JSON files, in the order of their names.
+        """
         super().__init__()
         self._files = files
         self.is_exact = True
 
     def __iter__(self) -> Iterator[Entry]:
-        """Yield recipes, invalid files, and files of other kinds of recipes."""
+        """Yield recipes, invalid files, and files of other kinds of recipes.
+
+        Raises:
+            RecipeFileError: if the iterable of files raises it, as :func:`json_members` does for a
+                damaged archive. What is wrong with a single recipe is a fault instead.
+        """
         for name, data in self._files:
             if is_recipe_file(name):
                 yield from self._recipes(name, data)
@@ -66,8 +75,12 @@ class MinecraftRecipes(RowSource):
         self.counts_dropped += _number_of_counts(value, parts, results[0])
         for ingredients in choices:
             labels = [*ingredients, *_choices(results[0])]
-            fault = next(filter(None, map(label_fault, labels)), None)
-            yield Fault(name, "label", f"{name}: {fault}") if fault else (name, labels)
+            faults = filter(None, map(label_fault, labels))
+            first_fault = next(faults, None)
+            if first_fault is None:
+                yield name, labels
+            else:
+                yield Fault(name, "label", f"{name}: {first_fault}")
 
 
 def _parsed(name: str, data: bytes) -> dict[str, Any] | Fault:
@@ -108,6 +121,12 @@ def is_recipe_file(name: str) -> bool:
 def folder_files(folder: Path) -> list[Path]:
     """Return the recipe files below a folder, sorted; links are not followed.
 
+    Args:
+        folder: the folder. If it is called recipe or recipes, each JSON file below it is a recipe.
+
+    Returns:
+        The files; empty if there are none. Folders that cannot be listed are passed over.
+
     Raises:
         RecipeFileError: if there are too many, as below a folder that was meant to be another.
     """
@@ -125,10 +144,14 @@ def folder_files(folder: Path) -> list[Path]:
                 continue
             if child.is_dir():
                 pending.append(child)
-            elif not child.is_file():
+                continue
+            if not child.is_file():
                 continue  # a pipe would be waited for without end
-            elif inside or is_recipe_file(child.relative_to(folder).as_posix()):
-                found += [child] if child.suffix.lower() == ".json" else []
+            name = child.relative_to(folder).as_posix()
+            # Below a folder called recipes each JSON file is a recipe.
+            is_json = child.suffix.lower() == ".json"
+            if is_json and (inside or is_recipe_file(name)):
+                found.append(child)
             if len(found) > _MAX_FILES:
                 raise RecipeFileError(f"{folder}: more than {_MAX_FILES:,} recipe files.")
     return sorted(found)
@@ -140,6 +163,9 @@ def read_folder(folder: Path, files: Iterable[Path]) -> Iterator[tuple[str, byte
     Args:
         folder: the folder, to which names are relative.
         files: the files, from :func:`folder_files`.
+
+    Yields:
+        Name and bytes of each file, in the given order.
 
     Raises:
         RecipeFileError: if a file cannot be read, or is too large for one recipe.
@@ -165,25 +191,36 @@ def _why_left_out(parts: Sequence[Any], results: Sequence[Any]) -> str:
         return "with several results"
     if not all(map(_choices, parts)):
         return "with an ingredient of an unknown kind"
-    return "" if len(_choices(results[0])) == 1 else "without ingredients or result"
+    if len(_choices(results[0])) != 1:
+        return "without ingredients or result"
+    return ""
 
 
 def _parts(value: dict[str, Any]) -> list[Any]:
     """Return a recipe's ingredients as they are, one for each piece; empty if there are none."""
-    if isinstance(value.get("key"), dict) and isinstance(value.get("pattern"), list):
-        return _cells(value["key"], value["pattern"])
-    if isinstance(value.get("ingredients"), list):
-        return value["ingredients"]
+    # Crafting with a shape: signs in a pattern, and what each sign stands for.
+    key = value.get("key")
+    pattern = value.get("pattern")
+    if isinstance(key, dict) and isinstance(pattern, list):
+        return _cells(key, pattern)
+    # Crafting without a shape.
+    ingredients = value.get("ingredients")
+    if isinstance(ingredients, list):
+        return ingredients
+    # Smithing.
     if "base" in value and "addition" in value:
-        return [value[key] for key in ("template", "base", "addition") if value.get(key)]
+        slots = (value.get(slot) for slot in ("template", "base", "addition"))
+        return [part for part in slots if part]
+    # Smelting, stonecutting and such.
     return [value["ingredient"]] if "ingredient" in value else []
 
 
 def _cells(key: dict[str, Any], pattern: list[Any]) -> list[Any]:
     """Return the ingredients in a pattern's cells; a space is an empty cell."""
-    if " " in key or not all(isinstance(row, str) for row in pattern):
+    is_text = all(isinstance(row, str) for row in pattern)
+    if not is_text or " " in key:
         return [_DAMAGED]
-    signs = [sign for sign in "".join(pattern) if sign != " "]
+    signs = "".join(pattern).replace(" ", "")
     if not set(signs) <= key.keys():
         return [_DAMAGED]
     return [key[sign] for sign in signs]
@@ -210,13 +247,14 @@ def _recipes_of(slots: Sequence[Sequence[str]]) -> Iterable[tuple[str, ...]]:
 def _number_of_counts(value: dict[str, Any], parts: Sequence[Any], result: Any) -> int:
     """Return how many numbers of pieces a recipe has that its set of ingredients does not keep."""
     dropped = 0
-    for each in (*parts, result, value):
-        if isinstance(each, dict):
-            dropped += any(each.get(key, 1) != 1 for key in _COUNT_KEYS)
+    for holder in (*parts, result, value):
+        if isinstance(holder, dict):
+            numbers = [holder.get(key, 1) for key in _COUNT_KEYS]
+            dropped += any(number != 1 for number in numbers)
     # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.
     if len(parts) > 2:
-        repeated = Counter(tuple(_choices(part)) for part in parts)
-        dropped += sum(number > 1 for number in repeated.values())
+        pieces_of_thing = Counter(tuple(_choices(part)) for part in parts)
+        dropped += sum(number > 1 for number in pieces_of_thing.values())
     return dropped
 
 
@@ -231,8 +269,10 @@ def _choices(part: Any) -> list[str]:
         return [part] if part else []
     if isinstance(part, dict):
         for key in _ENTITY_KEYS:
-            if isinstance(part.get(key), str) and part[key]:
-                return [f"#{part[key]}" if key == "tag" else part[key]]
+            label = part.get(key)
+            if isinstance(label, str) and label:
+                # As in the game's files: a tag stands for several items.
+                return [f"#{label}" if key == "tag" else label]
     return []
 
 

@@ -62,8 +62,16 @@ class OpenedFile:
 def open_source(path: Path, options: BookOptions) -> OpenedFile:
     """Find a file's container, encoding and shape.
 
+    Args:
+        path: a file, or a folder of Minecraft recipes.
+        options: what the user says about the file; it goes before any guess.
+
+    Returns:
+        The file with its entries, which are read only while iterating.
+
     Raises:
         RecipeFileError: if the file cannot be read, or its shape is unknown or not certain.
+        ConfigError: if the option `columns` names no column, or the shape has none.
     """
     if path.is_dir():
         files = folder_files(path)
@@ -84,11 +92,14 @@ def open_source(path: Path, options: BookOptions) -> OpenedFile:
 
 def _is_data_pack(path: Path, data: bytes) -> bool:
     """Return whether an archive holds recipes of Minecraft."""
-    names = list(filter(is_recipe_file, zip_names(path, data)))
-    if len(names) != 1:
-        return bool(names)
+    recipe_names = list(filter(is_recipe_file, zip_names(path, data)))
+    if len(recipe_names) != 1:
+        return bool(recipe_names)
     # A single file may be a recipe book, in a folder called recipes.
-    return any(looks_like_recipe(*file) for file in json_members(path, data) if file[0] in names)
+    for name, content in json_members(path, data):
+        if name in recipe_names and looks_like_recipe(name, content):
+            return True
+    return False
 
 
 def _hash_of(contents: Sequence[tuple[str, bytes]]) -> str:
@@ -105,7 +116,8 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> RowS
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
     named = Path(path.stem + ending)
     is_lines = delimiter is None and _are_lines(text)
-    if ending in _JSON_ENDINGS or (text.lstrip()[:1] in ("{", "[") and _is_json(path, text)):
+    begins_like_json = text.lstrip()[:1] in ("{", "[")
+    if ending in _JSON_ENDINGS or (begins_like_json and _is_json(path, text)):
         return JsonRecipes(path, text, options.columns)
     if is_lines and options.columns is not None:
         seen = "lines a + b = c, which have no columns"

@@ -50,6 +50,10 @@ class BookOptions:
         case: ``keep``, or ``fold`` for labels in lower case.
         ingredients: ``two`` refuses recipes of three and more, ``chain`` makes them chains of
             half-products, see :mod:`~wordcraft_kg.graphs.chains`.
+
+    Raises:
+        ConfigError: for a value outside of these.
+        RecipeFileError: if ``single_ingredient`` is no label.
     """
 
     single_ingredient: str | None = None

@@ -45,19 +45,28 @@ def result_place(rows: Sequence[Sequence[str]], likely: int | None = None) -> in
     # Where people seldom write the result, both judgements must agree.
     is_usual = likely is None or likely == by_pairs
     is_undisputed = by_contradictions is None and is_usual
-    return by_pairs if is_undisputed or by_contradictions == by_pairs else None
+    if is_undisputed or by_contradictions == by_pairs:
+        return by_pairs
+    return None
 
 
 def _least_contradicted(rows: Sequence[Sequence[str]], likely: int | None) -> int | None:
-    counts = [(contradictions(rows, place), place) for place in range(3)]
-    (fewest, place), (second, _), _ = sorted(counts)
+    """Return the place whose reading the rows contradict clearly least, or None."""
+    counts = []
+    for place in range(3):
+        count = contradictions(rows, place)
+        counts.append((count, place))
+    first, second, _ = sorted(counts)
+    fewest, place = first
+    next_fewest, _ = second
     if place == likely:
-        return place if second > _CLEAR * fewest else None
-    # A column of machines makes few contradictions, but machines are no ingredients.
-    if second <= _CLEAR * fewest + _UNLIKELY:
+        return place if next_fewest > _CLEAR * fewest else None
+    if next_fewest <= _CLEAR * fewest + _UNLIKELY:
         return None
+    # A column of machines makes few contradictions, but machines are no ingredients.
     results = {row[place] for row in rows}
-    return place if are_reused(results, ingredients_of(rows, place)) else None
+    ingredients = ingredients_of(rows, place)
+    return place if are_reused(results, ingredients) else None
 
 
 def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
@@ -136,14 +145,21 @@ def chosen_place(
         return told
     # Of three readings the first and the last are those that people write.
     other = told if told is not None else 2 - likely
-    readings = " or ".join(_reading(rows[0], names, place) for place in (likely, other))
-    labels = ", ".join(repr(label[:40]) for label in rows[0])
-    seen = f"{labels} may be {readings}"
+    first_row = rows[0]
+    one_reading = _reading(first_row, names, likely)
+    other_reading = _reading(first_row, names, other)
+    labels = ", ".join(repr(label[:40]) for label in first_row)
+    seen = f"{labels} may be {one_reading} or {other_reading}"
     raise refusal(part.path, seen, "json", "Choose with `columns`.")
 
 
 def places_in_order(names: Sequence[str], result: int) -> tuple[str, ...]:
-    """Return the names of places with that of the result last."""
+    """Return the names of places with that of the result last.
+
+    Args:
+        names: what stands at each place.
+        result: index of the result's place.
+    """
     others = [name for place, name in enumerate(names) if place != result]
     return (*others, names[result])
 

@@ -32,6 +32,10 @@ def number_plain_rows(
         delimiter: one character between cells.
         quote: character around cells that are not plain.
         has_fault: returns a true value for a cell that is no label; each cell is judged once.
+
+    Returns:
+        The rows, with labels numbered in the order in which they are met. None also for a table
+        without rows.
     """
     # Blanks around cells are looked for below; a blank between cells would be one of them.
     if delimiter == " " or not delimiter.isascii():
@@ -45,13 +49,17 @@ def number_plain_rows(
         start = end
         if not _is_plain(piece, delimiter, quote):
             return None
+        # All cells of the piece in one list: a line end parts cells as a delimiter does.
         cells = piece.removesuffix("\n").replace("\n", delimiter).split(delimiter)
-        pieces.append(np.fromiter(map(number_of.__getitem__, cells), np.int64, len(cells)))
+        numbers = map(number_of.__getitem__, cells)
+        pieces.append(np.fromiter(numbers, np.int64, len(cells)))
     if not pieces:
         return None
     if any(has_fault(label) or is_half_product(label) for label in number_of):
         return None
-    return RecipeRows(number_of, np.concatenate(pieces).reshape(-1, 3))
+    # Three cells each, in file order: shape (num_rows, 3).
+    ids = np.concatenate(pieces).reshape(-1, 3)
+    return RecipeRows(number_of, ids)
 
 
 def _is_plain(piece: str, delimiter: str, quote: str) -> bool:
@@ -63,10 +71,15 @@ def _is_plain(piece: str, delimiter: str, quote: str) -> bool:
     if piece[0] == " " or piece[-1] == " ":
         return False
     letters = np.frombuffer(piece.encode(errors="surrogatepass"), np.uint8)
+    between_cells = ord(delimiter)
     line_end = ord("\n")
-    marks = letters[(letters == ord(delimiter)) | (letters == line_end)]
+    # The signs that part cells, in file order. In UTF-8 no other character holds their bytes.
+    is_mark = (letters == between_cells) | (letters == line_end)
+    marks = letters[is_mark]
     if letters[-1] != line_end:
         marks = np.append(marks, np.uint8(line_end))
-    # Two delimiters, then the line's end; a line without cells has none.
-    row = (ord(delimiter), ord(delimiter), line_end)
-    return len(marks) % 3 == 0 and bool(np.all(marks.reshape(-1, 3) == row))
+    if len(marks) % 3 != 0:
+        return False
+    # A row of three cells has two delimiters, then the line's end: shape (num_rows, 3).
+    row = (between_cells, between_cells, line_end)
+    return bool(np.all(marks.reshape(-1, 3) == row))

@@ -45,9 +45,13 @@ def read_book(
         name: the book's name; None uses the file's or folder's name.
         options: what a user says about the file, see :class:`BookOptions`.
 
+    Returns:
+        The book, with the record of how it was read in ``reading``.
+
     Raises:
-        RecipeFileError: naming the line or JSON key with the first error.
-        ConfigError: for an option outside its values.
+        RecipeFileError: naming the line or JSON key with the first error; also if the file cannot
+            be read, its shape is not certain, or it has no recipe to keep.
+        ConfigError: for an option outside its values, or `columns` that the file does not have.
     """
     path = Path(path)
     if (path / "graph.json").is_file():
@@ -67,19 +71,24 @@ def read_book(
     entities = book.entities
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, entities)
     if makes_nothing(book.recipes):
-        reasons = ", ".join(f"{number:,} {reason}" for reason, number in reading.left_out.items())
+        left_out = [f"{number:,} {reason}" for reason, number in reading.left_out.items()]
+        why = "half-products only" if book.recipes else "no rows"
+        if left_out:
+            why = ", ".join(left_out)
         raise RecipeFileError(
-            f"{path} has no recipe to keep (read as {reading.shape}; "
-            f"{reasons or ('half-products only' if book.recipes else 'no rows')}). "
-            f"See {GUIDE}."
+            f"{path} has no recipe to keep (read as {reading.shape}; {why}). See {GUIDE}."
         )
     base = rows.base
-    for label, line in (base or {}).items():
-        if isinstance(line, int) and label not in entities:
-            raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
-    declared = None if base is None else tuple(sorted(base))
+    declared = None
+    if base is not None:
+        # Places in JSON are no lines; JSON checks its base when it is opened.
+        for label, line in base.items():
+            if isinstance(line, int) and label not in entities:
+                raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
+        declared = tuple(sorted(base))
     kinds = {}
     if rows.kinds:
+        # Recipes that the book left out have no kind in it.
         kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     logging.getLogger(__name__).info("%s: %s", path, reading.line())
     return replace(book, base=declared, kinds=kinds, reading=reading)
@@ -93,7 +102,12 @@ def _without_faults(path: Path, rows: BookRows) -> Iterator[Recipe]:
 
 
 def place_of(path: Path, fault: Fault) -> str:
-    """Return a fault's message with its file and line; places in JSON are in the message."""
+    """Return a fault's message with its file and line; places in JSON are in the message.
+
+    Args:
+        path: the file.
+        fault: an entry that is no recipe.
+    """
     if isinstance(fault.place, int):
         return f"{path}, line {fault.place}: {fault.message}"
     return f"{path}: {fault.message}"
@@ -108,7 +122,12 @@ def book_name(path: Path) -> str:
 
 
 def unknown_base(label: str, known: Any) -> str:
-    """Return the error message for a base entity that is not among the ``known`` labels."""
+    """Return the error message for a base entity that is not among the known labels.
+
+    Args:
+        label: the base entity.
+        known: labels of all entities, of which the most similar one is named.
+    """
     return (
         f"the base entity '{label}' is in no recipe.{nearest(label, known)} "
         f"If it is meant, list it as well: # entities: {label}"

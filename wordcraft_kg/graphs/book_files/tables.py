@@ -99,7 +99,8 @@ class Table(RowSource):
             usual: the delimiter of the file's ending.
 
         Raises:
-            RecipeFileError: if the columns cannot be told; the message shows the readings.
+            RecipeFileError: if two delimiters fit or the columns cannot be told, with the readings;
+                or if the text is no table.
             ConfigError: if ``columns`` are not in the table.
         """
         super().__init__()
@@ -211,11 +212,14 @@ class Table(RowSource):
         Raises:
             RecipeFileError: naming the line.
         """
+        # The usual delimiter first, and each once.
         signs = [delimiter] if delimiter else dict.fromkeys((usual, *DELIMITERS))
         for number, line in self._comments:
+            # A space after the mark is what a comment has, and a label with # has not.
+            if line[1:2].isspace():
+                continue
             for sign in signs:
-                is_row = sign in line and line.count(sign) == first.count(sign)
-                if is_row and not line[1:2].isspace():
+                if sign in line and line.count(sign) == first.count(sign):
                     raise refusal(
                         self._path,
                         f"line {number} begins with # and has the cells of a row: it may be a "
@@ -251,11 +255,12 @@ class Table(RowSource):
         parts: set[str] = set()
         for i in self._roles.ingredients:
             parts.update(_column(rows, i))
+        # Where ingredients are numbers as well, such as ids, numbers are labels.
+        are_ids = all(map(_NUMBER.fullmatch, parts))
         for i in self._roles.results:
             cells = _column(rows, i)
-            # Ingredients may be numbers as well, such as ids.
-            is_numeric = bool(cells) and all(map(_NUMBER.fullmatch, cells))
-            is_numeric = is_numeric and not all(map(_NUMBER.fullmatch, parts))
+            has_only_numbers = bool(cells) and all(map(_NUMBER.fullmatch, cells))
+            is_numeric = has_only_numbers and not are_ids
             is_told = names_a_result(names[i]) or are_reused(set(cells), parts)
             if is_numeric or not is_told:
                 why = "holds only numbers" if is_numeric else "is not named as results"
@@ -285,6 +290,7 @@ class Table(RowSource):
                     )
 
     def _following(self, limit: int) -> list[str]:
+        """Return lines below the first row, at most as many as the limit."""
         number = 0 if self._first is None else self._first[0]
         lines = []
         for index, line in enumerate(io.StringIO(self._text, newline=""), start=1):
@@ -312,7 +318,8 @@ class Table(RowSource):
         first_row, *others = rows
         seen = ", ".join(repr(cell[:40]) for cell in first_row[:8])
         delimiter = self._dialect.delimiter
-        named = f"a table with {DELIMITERS.get(delimiter, repr(delimiter))}"
+        delimiters = DELIMITERS.get(delimiter, repr(delimiter))
+        named = f"a table with {delimiters}"
         remedy = "Name the columns of ingredients and, last, of the result with `columns`."
         self._check_title(others)
         if len(first_row) == 2 and any("+" in cell for cell in first_row):
@@ -321,7 +328,7 @@ class Table(RowSource):
         if max(map(len, rows)) == 1:
             raise refusal(
                 self._path,
-                f"no table, because {named[13:]} give 1 column ({seen}), and no lines a + b = c "
+                f"no table, because {delimiters} give 1 column ({seen}), and no lines a + b = c "
                 "with a sign such as = or ->",
                 "lines",
                 "Another delimiter is named with `delimiter`.",
@@ -342,10 +349,11 @@ class Table(RowSource):
             numeric = [i for i in range(3) if all(map(_NUMBER.fullmatch, _column(below, i)))]
         # Three columns of numbers are ids; a single one holds weights or such.
         if len(numeric) == 1:
+            (column,) = numeric
             raise refusal(
                 self._path,
-                f"{named} whose column {numeric[0] + 1} ({first_row[numeric[0]][:40]!r}) holds "
-                "only numbers, such as weights or ids; a column of results is missing",
+                f"{named} whose column {column + 1} ({first_row[column][:40]!r}) holds only "
+                "numbers, such as weights or ids; a column of results is missing",
                 "table",
                 remedy,
             )
@@ -367,7 +375,8 @@ class Table(RowSource):
             )
         self._names = None
         self._width = 3
-        self._roles = Roles(tuple(i for i in range(3) if i != result), (result,))
+        ingredients = tuple(i for i in range(3) if i != result)
+        self._roles = Roles(ingredients, (result,))
 
     def _judged_rows(self) -> list[list[str]]:
         """Return the cells of the first rows, without rules, blank rows and blank ends of rows."""
@@ -477,16 +486,18 @@ class Table(RowSource):
         return self._dialect.delimiter == "|" and all(_RULE.fullmatch(cell) for cell in cells)
 
     def _name_columns(self) -> None:
+        """Note the names of columns for the announcement; a number stands for a missing name."""
         roles = self._roles
         self.num_results = len(roles.results)
-        numbered = [f"column {i + 1}" for i in range(self._width)]
-        names = numbered
-        unnamed = numbered
-        if self._names is not None:
-            names = self._names
-            unnamed = [name or f"column {i + 1}" for i, name in enumerate(names)]
+        names = self._names
+        if names is None:
+            names = [f"column {i + 1}" for i in range(self._width)]
         self.columns = tuple(names[i] for i in (*roles.ingredients, *roles.results))
-        self.ignored = tuple(name for i, name in enumerate(unnamed) if i not in roles.used)
+        ignored = []
+        for i, name in enumerate(names):
+            if i not in roles.used:
+                ignored.append(name or f"column {i + 1}")
+        self.ignored = tuple(ignored)
 
     # --- the rows ---------------------------------------------------------------------------------
 
@@ -578,9 +589,10 @@ class Table(RowSource):
             yield Fault(number, "row", message, "merged")
             return
         if self._joiner and ingredients:
-            parts = [part.strip() for part in ingredients[0].split(self._joiner)]
-            ingredients = parts
-            message = alternatives(parts) or self._not_parted(parts)
+            # One cell holds all ingredients.
+            parts = ingredients[0].split(self._joiner)
+            ingredients = [part.strip() for part in parts]
+            message = alternatives(ingredients) or self._not_parted(ingredients)
             if message:
                 yield Fault(number, "row", message, "alternatives")
                 return
@@ -624,7 +636,11 @@ class Table(RowSource):
         """
         first, *others = self._roles.ingredients
         is_grid = len(others) + 1 > _MOST_WITHOUT_GRID
-        if self._is_own or is_grid or cells[first] or not any(cells[i] for i in others):
+        if self._is_own or is_grid:
+            return None
+        is_first_blank = not cells[first]
+        is_other_filled = any(cells[i] for i in others)
+        if not is_first_blank or not is_other_filled:
             return None
         row = self._dialect.delimiter.join(cells)
         return (
@@ -702,7 +718,10 @@ def _column(rows: Sequence[Sequence[str]], index: int) -> list[str]:
 
 
 def _is_own(line: str, delimiter: str) -> bool:
-    return tuple(map(str.strip, line.rstrip("\r\n").split(delimiter))) in _OWN
+    """Return whether a line is the header of our own tables."""
+    cells = line.rstrip("\r\n").split(delimiter)
+    names = tuple(cell.strip() for cell in cells)
+    return names in _OWN
 
 
 def _too_long(line: str) -> str:

@@ -62,8 +62,11 @@ class Decoded(NamedTuple):
 def check_encoding(encoding: str | None) -> None:
     """Check that Python knows a text encoding.
 
+    Args:
+        encoding: its name; None, which stands for a guess, is always right.
+
     Raises:
-        ConfigError: if it does not.
+        ConfigError: if it does not, or the encoding is one of names or source code, not of files.
     """
     if encoding is None:
         return
@@ -86,7 +89,7 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
     Args:
         path: the file, for errors.
         data: the bytes.
-        encoding: the encoding; None to guess.
+        encoding: the encoding, one that :func:`check_encoding` accepts; None to guess.
 
     Raises:
         RecipeFileError: for an empty or binary file, for bytes that do not fit ``encoding``, and if
@@ -95,10 +98,10 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
     mark = next((mark for mark in _MARKS if data.startswith(mark)), b"")
     name = encoding or _MARKS.get(mark) or _guess(path, data)
     if mark and encoding and not _fits_mark(encoding, _MARKS[mark]):
+        marked = _MARKS[mark].removesuffix("-sig")
         raise refusal(
             path,
-            f"it begins with the byte order mark of {_MARKS[mark].removesuffix('-sig')}, and "
-            f"`encoding` is {encoding}",
+            f"it begins with the byte order mark of {marked}, and `encoding` is {encoding}",
             "encodings",
             "Leave `encoding` out.",
         )
@@ -143,11 +146,16 @@ def _guess(path: Path, data: bytes) -> str:
 
 def _wide(path: Path, data: bytes) -> str:
     """Return which kind of UTF-16 bytes with zeros are, or refuse them as binary."""
-    half = len(data) // 2
-    for name, zeros in (("utf-16-le", data[1::2]), ("utf-16-be", data[::2])):
-        others = data[::2] if name == "utf-16-le" else data[1::2]
-        if half and zeros.count(0) > _MANY_ZEROS * half and not others.count(0):
-            return name
+    even = data[::2]
+    odd = data[1::2]
+    many = _MANY_ZEROS * len(odd)
+    # In most scripts many characters, such as spaces and line ends, are below 256. One byte of
+    # their two is zero: the second one in little endian, the first one in big endian. The other
+    # byte is never zero in usual text, but often in binary files.
+    if odd.count(0) > many and not even.count(0):
+        return "utf-16-le"
+    if odd and even.count(0) > many and not odd.count(0):
+        return "utf-16-be"
     raise refusal(path, "a binary file (it holds zero bytes), not text", "encodings")
 
 
@@ -198,18 +206,22 @@ def _is_plausible(text: str) -> bool:
 
 
 def _is_word(word: str) -> bool:
+    """Return whether a word looks as people write it, see :func:`_is_plausible`."""
     scripts = set()
     before = ""
     for char in word:
         if char in _PUNCTUATION:
             before = ""
             continue
-        if not char.isalpha() and not char.isdigit() and not char.isascii():
+        is_sign = not char.isalpha() and not char.isdigit()
+        if is_sign and not char.isascii():
             return False
         if char.isalpha():
+            # A letter's name begins with its script, as in LATIN SMALL LETTER A.
             script = unicodedata.name(char, "").partition(" ")[0]
             scripts.add("CJK" if script in _JAPANESE else script)
-        if before.islower() and char.isupper() and not char.isascii():
+        is_capital_inside = before.islower() and char.isupper()
+        if is_capital_inside and not char.isascii():
             return False
         before = char
     accented = sum(not char.isascii() for char in word)
@@ -220,6 +232,8 @@ def _is_word(word: str) -> bool:
 
 
 def _reading(data: bytes, name: str, start: int) -> str:
-    first = data.rfind(b"\n", 0, start) + 1
-    line = data[first : start + 30].decode(name, errors="replace").splitlines()[0]
+    """Return the line around a byte as an encoding reads it, for a refusal."""
+    line_start = data.rfind(b"\n", 0, start) + 1
+    around = data[line_start : start + 30].decode(name, errors="replace")
+    line = around.splitlines()[0]
     return f"{for_terminal(line[:60])!r} as {name}"

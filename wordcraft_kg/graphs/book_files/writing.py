@@ -5,6 +5,7 @@ import io
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,28 +25,34 @@ def write_book(book: RecipeBook, path: Path) -> None:
 
     Args:
         book: the book.
-        path: file to write; its ending chooses the format.
+        path: file to write; its ending chooses the format. A link is followed.
 
     Raises:
         RecipeFileError: if the ending is another; nothing is written.
+        OutputExistsError: if the path is a device, a pipe or a socket, or leads nowhere.
+        OSError: if the file cannot be written.
     """
     ending = path.suffix.lower()
     target = output_target(path)
     if ending == ".json":
         write_atomically(target, book_json(book))
     elif ending in (".csv", ".tsv"):
-        directives = [("base", book.base), ("entities", book.idle or None)]
-        head = [
-            f"# {key}: {_csv_line(labels, ',')}" for key, labels in directives if labels is not None
-        ]
-        write_atomically(
-            target,
-            [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t", book.kinds)],
-        )
+        delimiter = "," if ending == ".csv" else "\t"
+        lines = recipe_table(book.recipes, delimiter, book.kinds)
+        write_atomically(target, chain(_directives(book), lines))
     else:
         raise RecipeFileError(
             f"{path}: unknown ending '{ending}'; a recipe book is written as .csv, .tsv or .json."
         )
+
+
+def _directives(book: RecipeBook) -> Iterator[str]:
+    """Yield comments that declare the base, also an empty one, and entities without a recipe."""
+    # Between commas also above a table with tabs, as the reader of comments expects.
+    if book.base is not None:
+        yield f"# base: {_csv_line(book.base, ',')}"
+    if book.idle:
+        yield f"# entities: {_csv_line(book.idle, ',')}"
 
 
 def recipe_table(
@@ -58,7 +65,8 @@ def recipe_table(
         delimiter: one character between cells.
         kinds: kind of reasoning by recipe; None or empty for a table without this column.
     """
-    yield delimiter.join((*CSV_HEADER, KIND) if kinds else CSV_HEADER) + "\n"
+    header = (*CSV_HEADER, KIND) if kinds else CSV_HEADER
+    yield delimiter.join(header) + "\n"
     rows = RecipeRows.of(recipes)
     has_quotes = any(_needs_quotes(label, delimiter) for label in rows.labels)
     if not kinds and not has_quotes:
@@ -79,14 +87,27 @@ def recipe_table(
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
-    """Yield a book in our JSON layout, one recipe per line; ``extra`` adds top-level keys."""
+    """Yield a book in our JSON layout, one recipe per line.
+
+    Args:
+        book: the book.
+        extra: further top-level keys, with values of JSON.
+
+    Raises:
+        TypeError: if a value of ``extra`` is none of JSON.
+        ValueError: if a number of ``extra`` is infinite or not a number.
+    """
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
-    yield f'{{\n"format": {dump(_JSON_FORMAT)},\n"name": {dump(book.name)},\n'
+    yield "{\n"
+    yield f'"format": {dump(_JSON_FORMAT)},\n'
+    yield f'"name": {dump(book.name)},\n'
     if book.kinds:
         extra["kinds"] = [book.kinds.get(recipe, "") for recipe in book.recipes]
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
-    yield f'"base": {dump(book.base)},\n"entities": {dump(book.entities)},\n"recipes": [\n'
+    yield f'"base": {dump(book.base)},\n'
+    yield f'"entities": {dump(book.entities)},\n'
+    yield '"recipes": [\n'
     rows = RecipeRows.of(book.recipes)
     # Each label is encoded once, not in each of its recipes.
     yield from json_recipes(rows.ids, list(map(dump, rows.labels)))
@@ -106,6 +127,11 @@ def _csv_line(labels: Iterable[str], delimiter: str) -> str:
 
 
 def _needs_quotes(cell: str, delimiter: str) -> bool:
-    has_sign = delimiter in cell or '"' in cell or cell[:1] in ("#", "\ufeff")
+    """Return whether the reader would take a cell without quotes for something else."""
+    if delimiter in cell or '"' in cell:
+        return True
+    # A comment, or the mark at the start of a file.
+    if cell.startswith(("#", "\ufeff")):
+        return True
     # The reader strips blanks around a cell that has no quotes.
-    return has_sign or cell != cell.strip() or cell != trim_unseen(cell)
+    return cell != cell.strip() or cell != trim_unseen(cell)

@@ -74,17 +74,19 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
         network: the graph from outside the book.
         entities: labels in id order.
         recipes: train recipes, ids of shape (n, 3), which are the contexts of senses.
+
+    Returns:
+        The likeliest sense of each entity, of equally likely ones the last in the network's order.
     """
     joined = _joined(network, entities)
     spelled = [_spelling(label, network, joined) for label in entities]
     methods = tuple(method for method, _ in spelled)
     senses_of = [network.spellings.get(text, ()) for _, text in spelled]
     # Two labels seldom mean the same: pirate is not the pirate ship, if both are entities.
-    taken = {
-        senses[0]
-        for method, senses in zip(methods, senses_of, strict=True)
-        if method != "head word" and len(senses) == 1
-    }
+    taken = set()
+    for method, senses in zip(methods, senses_of, strict=True):
+        if method != "head word" and len(senses) == 1:
+            taken.add(senses[0])
     nodes = np.full(len(entities), -1)
     confidences = np.zeros(len(entities))
     rows: list[tuple[int, int]] = []
@@ -109,8 +111,9 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
             chances = _softmax(log_prior, owner)
         # Sorted by chance, so the likeliest sense of an entity is the last one written.
         order = np.lexsort((chances, owner))
-        nodes[owner[order]] = sense[order]
-        confidences[owner[order]] = chances[order]
+        entity_of_place = owner[order]
+        nodes[entity_of_place] = sense[order]
+        confidences[entity_of_place] = chances[order]
     of_methods = [METHODS.get(method, 0.0) for method in methods]
     return Alignment(nodes, methods, confidences * of_methods)
 
@@ -129,6 +132,9 @@ def with_overrides(
         entities: labels in id order.
         overrides: names of nodes by label, with or without the network's prefix; an empty name
             leaves a label out.
+
+    Returns:
+        A new alignment, in which a named node has confidence 1.
 
     Raises:
         KnowledgeFileError: for an unknown label or node.
@@ -154,10 +160,10 @@ def with_overrides(
                 f"{network.source} has no node '{name}' (for '{label}'). Expected a node as in "
                 "the second column of alignment.tsv, or nothing to leave the label out."
             )
-        place = entities.index(label)
-        nodes[place] = node
-        confidences[place] = 1.0 if name else 0.0
-        methods[place] = "override" if name else "left out"
+        entity = entities.index(label)
+        nodes[entity] = node
+        confidences[entity] = 1.0 if name else 0.0
+        methods[entity] = "override" if name else "left out"
     return Alignment(nodes, tuple(methods), confidences)
 
 
@@ -273,6 +279,7 @@ def _sense_chances(
         cosines = products.sum(1)
         in_book = 1 + np.bincount(fields, chances)
         # A field's share in the book over its share among all senses.
+        # In this order: the last bits of the shares depend on it.
         ratio = in_book / in_book.sum() * in_all.sum() / in_all
         log_ratio = np.log(ratio)
         logs = log_prior + _CONTEXT * cosines + _FIELD * log_ratio[fields]
@@ -289,8 +296,8 @@ def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_a
         power: power of the idf; a larger power favours rare words.
 
     Returns:
-        unit vectors, shape (S, V): a sense's own text counts twice, the texts of direct neighbours
-        once.
+        Unit vectors, shape (S, V): a sense's own text counts twice, the texts of direct neighbours
+        once. A sense without a word has a row of zeros.
     """
     words = network.word_counts
     size = len(network.nodes)

@@ -103,12 +103,18 @@ class KnowledgeTables:
         return KnowledgeTables(record, tuple(tables))
 
     def coverage(self, entities: Sequence[str]) -> float:
-        """Return the share of labels that the source describes: labels with a cell other than 0."""
+        """Return the share of labels that the source describes: labels with a cell other than 0.
+
+        Args:
+            entities: labels, also others than the folder's; of none, the share is 0.
+        """
         is_known = torch.zeros(len(self.record.entities), dtype=torch.bool)
         for table in self.tables:
             has_value = table != 0
             # By column and by row: an entity may be a result only, or an ingredient only.
-            is_known |= has_value.any(0) | has_value.any(1)
+            is_ingredient = has_value.any(1)
+            is_result = has_value.any(0)
+            is_known |= is_ingredient | is_result
         known = set(compress(self.record.entities, is_known.tolist()))
         num_described = sum(label in known for label in entities)
         return num_described / max(len(entities), 1)
@@ -179,11 +185,15 @@ def read_knowledge(folder: str | Path) -> KnowledgeTables:
 def knowledge_files(folder: str | Path) -> RunFiles:
     """Return access to the files of a knowledge folder, each checked by hash when it is read.
 
+    Args:
+        folder: the knowledge folder.
+
     Raises:
-        ArtefactError: as :func:`read_knowledge`.
+        ArtefactError: if the folder is unfinished, incomplete, damaged or of another kind.
     """
     folder = Path(folder)
-    return RunFiles(folder, read_finished_run(folder, EXPECTED, KNOWLEDGE))
+    run = read_finished_run(folder, EXPECTED, KNOWLEDGE)
+    return RunFiles(folder, run)
 
 
 def check_same_split(spec: str, opened: OpenedGraph) -> None:

@@ -67,14 +67,16 @@ class Network:
 
     def singulars(self, text: str) -> Iterator[str]:
         """Yield possible base forms of a :func:`plain` text, by its last word: exceptions first."""
-        before, blank, last = text.rpartition(" ")
-        for single in self.exceptions.get(last, ()):
-            yield before + blank + single
-        for ending, new in _ENDINGS.items():
+        words_before, blank, last = text.rpartition(" ")
+        before = words_before + blank
+        for singular in self.exceptions.get(last, ()):
+            yield before + singular
+        for ending, replacement in _ENDINGS.items():
             # A stem of one letter is no word: as is no plural of a.
             shortest = len(ending) + 2
             if last.endswith(ending) and len(last) >= shortest:
-                yield text.removesuffix(ending) + new
+                stem = last.removesuffix(ending)
+                yield before + stem + replacement
 
     def base_form(self, word: str) -> str:
         """Return a word's base form, or the word if the network has no spelling for any."""
@@ -124,6 +126,9 @@ class Network:
             relation: name of the relation.
             edges: its edges, shape (M', 2): head and tail.
             weights: their weights, shape (M',).
+
+        Returns:
+            A new network, which shares what was counted for this one.
         """
         heads, tails = edges.T
         # The new relation gets the next id.
@@ -147,7 +152,11 @@ class Network:
     def links(self, names: Sequence[str] = ()) -> sparse.csr_array:
         """Return weights of edges as a matrix from heads to tails, shape (N, N).
 
-        Weights of several edges between two nodes add up. Without ``names``, all relations count.
+        Weights of several edges between two nodes add up.
+
+        Args:
+            names: relations that count; all of them if it is empty. Names that the network lacks
+                are ignored; without a known one, the matrix holds zeros alone.
         """
         heads, relations, tails = self.edges.T
         weights = self.weights
@@ -178,18 +187,18 @@ def unique_edges(
         sizes: numbers of nodes and of relations.
 
     Returns:
-        distinct edges and their weights.
+        Distinct edges, sorted by head, relation and tail, and their weights.
     """
     num_nodes, num_relations = sizes
-    is_loop = edges[:, 0] == edges[:, 2]
-    head, relation, tail = edges[~is_loop].T
+    is_kept = edges[:, 0] != edges[:, 2]
+    head, relation, tail = edges[is_kept].T
     # One integer for each edge sorts faster than rows of three.
     keys = (head * num_relations + relation) * num_nodes + tail
     unique_keys, place = np.unique(keys, return_inverse=True)
     # Back from the integers: the tail is the last digit, the relation the one before.
     rest, tails = np.divmod(unique_keys, num_nodes)
     heads, relations = np.divmod(rest, num_relations)
-    sums = np.bincount(place, weights[~is_loop], minlength=len(unique_keys))
+    sums = np.bincount(place, weights[is_kept], minlength=len(unique_keys))
     distinct_edges = np.column_stack([heads, relations, tails])
     # Without edges, bincount has counted in integers.
     return distinct_edges, sums.astype(np.float64)

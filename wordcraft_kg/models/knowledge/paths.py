@@ -46,6 +46,9 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
         network: a network with definitions.
         alignment: the node of each entity.
         entities: labels in id order.
+
+    Returns:
+        The network with the further relation :data:`DESCRIBED_BY`; the given one stays as it is.
     """
     phrases = _phrases(network, alignment, entities)
     # Sorted, because sets have no order that is the same in every process.
@@ -109,6 +112,10 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
 
     ``S W^k S'`` for k steps, with ``W = D^-1/2 (A + A') D^-1/2`` and the nodes' degrees D: an edge
     of a node with many edges says less.
+
+    Args:
+        network: the graph from outside the book.
+        alignment: the node of each entity, with its confidence.
     """
     size = len(network.nodes)
     # Half the memory of 64 bits; walks are rounded to 16 bits later.
@@ -150,7 +157,7 @@ def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats])
         walks: shape (E, E) each, from :func:`hops`.
 
     Returns:
-        descriptions and values, shape (E, E), from 0 to 1.
+        Descriptions and values, shape (E, E), from 0 to 1.
     """
     own = alignment.matrix(len(network.nodes))
     paths = _damped(walks)

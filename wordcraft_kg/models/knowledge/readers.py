@@ -139,10 +139,13 @@ class _Collected:
             weight: positive weight.
         """
         nodes = self.nodes
-        relations = self.relations
-        self.ids.append(nodes.setdefault(head, len(nodes)))
-        self.ids.append(relations.setdefault(relation, len(relations)))
-        self.ids.append(nodes.setdefault(tail, len(nodes)))
+        head_id = nodes.setdefault(head, len(nodes))
+        relation_id = self.relations.setdefault(relation, len(self.relations))
+        # After the head, which may have become a node just now.
+        tail_id = nodes.setdefault(tail, len(nodes))
+        self.ids.append(head_id)
+        self.ids.append(relation_id)
+        self.ids.append(tail_id)
         self.weights.append(weight)
 
     def network(self, source: str, prefix: str) -> Network:

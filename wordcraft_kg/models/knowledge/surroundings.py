@@ -128,8 +128,9 @@ class Surroundings:
             for label in self._labels.get(tail, [name]):
                 facts[head].append((phrase, label))
         for node, labels in self._labels.items():
+            first_facts = facts[node][:MOST_FACTS]
             for label in labels:
-                for phrase, other in facts[node][:MOST_FACTS]:
+                for phrase, other in first_facts:
                     yield label, phrase, other
 
     def _classes(self) -> Iterator[tuple[int, int, int]]:
@@ -143,12 +144,12 @@ class Surroundings:
         for node in self._labels:
             # The list grows while it is read: breadth first, each class once.
             classes = list(direct_classes[node])
-            for one in classes:
-                for higher in direct_classes[one]:
+            for current in classes:
+                for higher in direct_classes[current]:
                     if higher not in classes:
                         classes.append(higher)
-            for one in classes:
-                yield node, relation, one
+            for each in classes:
+                yield node, relation, each
 
     def _names(self, node: int) -> Iterable[str]:
         if node in self._labels:
@@ -189,6 +190,9 @@ def reach_of(walks: Sequence[NDArray[np.floating]], recipes: Ids, seed: int = 0)
         walks: weights of walks with 1, 2 and 3 steps, shape (E, E) each.
         recipes: ids of shape (n, 3).
         seed: seed of the random triples, of which there are n, and at least 10,000.
+
+    Returns:
+        Shares from 0 to 1; those of recipes are 0 if there are none.
     """
     # Shares of fewer triples would vary by chance.
     number = max(len(recipes), 10_000)

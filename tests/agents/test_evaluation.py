@@ -318,6 +318,23 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     )
 
 
+def test_a_limit_below_one_is_refused(opened):
+    world = World(opened, WordCraftConfig(part="test"))
+    for limit in (0, -1):
+        with refuses("limit"):
+            Evaluator(world, limit=limit)
+        with refuses("limit"):
+            play_all(world, {"random": random_entity}, limit=limit)
+
+
+def test_no_table_for_a_task_is_refused_by_each_way_to_play(opened):
+    world = World(opened, WordCraftConfig(part="test"))
+    with refuses("distractor_seeds"):
+        Evaluator(world, distractor_seeds=0)
+    with refuses("distractor_seeds"):
+        play_all(world, {"random": random_entity}, distractor_seeds=0)
+
+
 def test_figures_are_means_over_tasks_and_draws(opened):
     world = World(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2))
     result = Evaluator(world, distractor_seeds=4)(scripted)

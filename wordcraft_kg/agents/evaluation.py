@@ -150,12 +150,18 @@ class Evaluator:
     ):
         """Create an environment for each of at most ``limit`` tasks.
 
-        ``distractor_seeds`` are tables per task, by default
-        :func:`~wordcraft_kg.envs.evaluation_tables.default_seeds`.
+        Args:
+            world: graph, tasks and settings.
+            distractor_seeds: tables per task; None for
+                :func:`~wordcraft_kg.envs.evaluation_tables.default_seeds`.
+            limit: most tasks; of more, evenly spaced ones are played. None for no limit.
 
         Raises:
-            ConfigError: if ``distractor_seeds`` is below 1, or the episodes do not fit into memory.
+            ConfigError: if ``distractor_seeds`` or ``limit`` is below 1, or the episodes do not fit
+                into memory.
         """
+        if limit is not None:
+            whole("limit", limit, 1)
         self.tasks = sampled_tasks(world, limit)
         warn_of_sample(world, self.tasks, limit)
         if distractor_seeds is None:

@@ -15,7 +15,7 @@ from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
@@ -396,17 +396,19 @@ def play_all(
         For each number of distractors and player a record of all tasks, then one of each group.
 
     Raises:
-        ConfigError: for a seed out of range, or too few entities in the graph for so many
-            distractors.
+        ConfigError: for a seed out of range, ``limit`` or ``distractor_seeds`` below 1, or too few
+            entities in the graph for so many distractors.
         ActionError: if a player chooses a number that is not a slot.
         LeakError: if a player would score a task by a model trained on the task's recipes.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
+    whole("limit", limit, 1)
     tasks = sampled_tasks(world, limit)
     warn_of_sample(world, tasks, limit)
     if distractor_seeds is None:
         distractor_seeds = default_seeds(len(world.tasks))
+    whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
     for amount in dict.fromkeys(distractors):
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks))
         for name, player in players.items():

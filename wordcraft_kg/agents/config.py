@@ -414,5 +414,7 @@ class AgentConfig(RunConfig):
         is_mlp = self.policy.policy == "mlp"
         policy = PolicyConfig("mlp") if is_mlp else PolicyConfig(use=self.policy.use)
         followed = AgentConfig("", self.scorer, self.tasks, policy, preset).values()
-        default |= {name: followed[name] for name in PAPER}
-        return {name: value for name, value in self.values().items() if default.get(name) != value}
+        for name in PAPER:
+            default[name] = followed[name]
+        values = self.values()
+        return {name: value for name, value in values.items() if default.get(name) != value}

@@ -236,8 +236,13 @@ class Evaluator:
     def _termination(self, selection: Ids, action: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""
         is_twice = (selection == action) & (action != self.engine.nothing)
-        is_right = ((self._parts == selection[:, None]) | (self._parts == action[:, None])).any(1)
-        makes = self.engine.pairs(selection, action) != self.engine.world.graph.num_pairs
+        # Shape (N, P): whether an ingredient of a plan's last recipe is one of the pair.
+        is_selected = self._parts == selection[:, None]
+        is_added = self._parts == action[:, None]
+        is_right = (is_selected | is_added).any(1)
+        # One above all pairs stands for a pair without a result.
+        no_pair = self.engine.world.graph.num_pairs
+        makes = self.engine.pairs(selection, action) != no_pair
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
 
 
@@ -275,7 +280,8 @@ def evaluate(
         >>> result.success.shape, 0 <= result.metrics().mean <= 1
         ((63, 1), True)
     """
-    world = World.of(graph, settings if isinstance(graph, World) else {"part": "test", **settings})
-    return Evaluator(world, distractor_seeds=distractor_seeds)(
-        PolicyPlayer(player) if isinstance(player, Policy) else player
-    )
+    if not isinstance(graph, World):
+        settings = {"part": "test", **settings}
+    world = World.of(graph, settings)
+    evaluator = Evaluator(world, distractor_seeds=distractor_seeds)
+    return evaluator(PolicyPlayer(player) if isinstance(player, Policy) else player)

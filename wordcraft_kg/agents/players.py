@@ -134,8 +134,10 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         """
         # Empty slots get a valid id for the scorer, and their scores are replaced below.
         last = nothing - 1
-        scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double()
+        first = a.clamp(max=last)
+        second = b.clamp(max=last)
         # float64, because in float32 so small a difference vanishes beside a score of 100.
+        scores = score_recipes(first, second, goal).double()
         scores = scores - 1e-6 * (a == b)
         return scores.masked_fill(b == nothing, -torch.inf)
 
@@ -179,7 +181,9 @@ def nearest_words(graph: RecipeGraph) -> Player:
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
         # Cosines differ by at most 2, so the selection is repeated only if alone on the table.
-        cosines = np.einsum("nd,nsd->ns", unit[state.goal], unit[state.table])
+        of_goals = unit[state.goal]
+        of_slots = unit[state.table]
+        cosines = np.einsum("nd,nsd->ns", of_goals, of_slots)
         return _best(state, cosines - 3.0 * is_selected, rng)
 
     return choose
@@ -197,8 +201,9 @@ def fewest_uses(split: Split) -> Player:
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
         # Any other entity comes before the selection, which is repeated only if alone on the table.
-        scores = np.where(is_selected, -np.inf, -uses[state.table].astype(float))
-        scores = np.maximum(scores, -1.0 - uses.max())
+        lowest = -1.0 - uses.max()
+        rarity = -uses[state.table].astype(float)
+        scores = np.where(is_selected, lowest, rarity)
         return _best(state, scores, rng)
 
     return choose
@@ -231,8 +236,8 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
         scores = torch.zeros(table.shape)
         keys = key[:, None].expand_as(table)
         # Without a selection, u knows nothing: all slots have score 0.
-        known = (table != nothing) & (keys != nothing)
-        scores[known] = facts.score(table[known], relation, keys[known])
+        has_both = (table != nothing) & (keys != nothing)
+        scores[has_both] = facts.score(table[has_both], relation, keys[has_both])
         return scores
 
     return {
@@ -428,23 +433,26 @@ def play_all(
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
             masks = {"": np.ones(len(tasks), dtype=bool)}
-            masks |= {group: mask[tasks] for group, mask in (groups or {}).items()}
+            for group, mask in (groups or {}).items():
+                masks[group] = mask[tasks]
             for group, mask in masks.items():
-                if mask.any():
-                    of_group = success[mask]
-                    low, high = task_bootstrap(of_group, world.groups[tasks[mask]])
-                    rows.append(
-                        PlayerSuccess(
-                            player=name,
-                            distractors=amount,
-                            episodes=of_group.size,
-                            success=float(of_group.mean()),
-                            low=low,
-                            high=high,
-                            by_plan=float(by_plan[mask].mean()),
-                            goals=group,
-                        )
+                if not mask.any():
+                    continue
+                of_group = success[mask]
+                resampled = world.groups[tasks[mask]]
+                low, high = task_bootstrap(of_group, resampled)
+                rows.append(
+                    PlayerSuccess(
+                        player=name,
+                        distractors=amount,
+                        episodes=of_group.size,
+                        success=float(of_group.mean()),
+                        low=low,
+                        high=high,
+                        by_plan=float(by_plan[mask].mean()),
+                        goals=group,
                     )
+                )
     return tuple(rows)
 
 

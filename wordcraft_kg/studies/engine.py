@@ -331,7 +331,9 @@ def run_study(
 
     Raises:
         ConfigError: for a study fault, or ``jobs`` out of range.
-        ArtefactError: if another study runs in the folder.
+        RecipeFileError: if a recipe book is missing.
+        ArtefactError: if another study runs in the folder, or a pack of the store is damaged.
+        FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; the same call resumes.
 
     Example:

@@ -50,7 +50,8 @@ _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 def is_done(task: Task, root: Path) -> bool:
     """Return whether a task has results in the results folder ``root``.
 
-    Raise ArtefactError for damaged results.
+    Raises:
+        ArtefactError: if the results are damaged.
     """
     if not (task.folder(root) / METRICS_FILE).exists():
         return False
@@ -61,7 +62,12 @@ def is_done(task: Task, root: Path) -> bool:
 def check_whole(task: Task, root: Path) -> bool:
     """Return whether a finished task's graph or model exists, not only copied metrics.
 
-    Raise ArtefactError if it is damaged.
+    Args:
+        task: a done task of the kind "graphs" or "scorers".
+        root: results folder.
+
+    Raises:
+        ArtefactError: if the graph, the model or its results are damaged.
     """
     folder = task.folder(root)
     if task.kind == "graphs":

@@ -620,6 +620,8 @@ def explain_episodes(
         TaskError: if the world has no task with the goal.
         ConfigError: if the task does not exist, or the policy has other slots.
         LeakError: if a model would score tasks with recipes from its training data.
+        GraphMismatchError: if the tasks belong to another graph or split than a cross-fitted
+            scorer.
     """
     explainer = Explainer(policy, world, outside=outside)
     if task is not None:

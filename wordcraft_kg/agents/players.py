@@ -97,7 +97,8 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     """Return a player of the slot with the highest summed score, as in Jiang et al. 2020.
 
     Ties are broken at random. The player raises LeakError if a source would score a task by a model
-    trained on the task's recipes.
+    trained on the task's recipes, and GraphMismatchError if the tasks belong to another graph or
+    split than a cross-fitted scorer.
     """
 
     def choose(state: State, rng: np.random.Generator) -> Ids:

@@ -328,6 +328,10 @@ class RecipeKnowledge(nn.Module):
         Returns:
             shape (F, B, P), float32, in the order of :data:`~.pair_features.FEATURES`, then those
             of :data:`~.pair_features.OF_ENCODER` if there is an encoder.
+
+        Raises:
+            IndexError: for an entity id out of range.
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         # Compiled loops are imported late: numba takes as long to import as all the rest.
         from wordcraft_kg.models.scorers.neighbours import feature_loops
@@ -424,6 +428,10 @@ class RecipeKnowledge(nn.Module):
 
         Returns:
             shape (B, A), float32. Scores of empty slots, and of tables without a key, mean nothing.
+
+        Raises:
+            IndexError: for an entity id out of range, where no table of scores is stored.
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         if self._link_table(relation).numel():
             return self._from_table(relation, model, table, key[:, None])
@@ -516,7 +524,11 @@ class RecipeKnowledge(nn.Module):
         return table
 
     def link_rows(self, model: int = 0) -> LinkRows:
-        """Return what computes the features of a model's links."""
+        """Return what computes the features of a model's links; made at the first call.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
+        """
         if model not in self._link_rows:
             self._link_rows[model] = LinkRows(self.lists(model))
         return self._link_rows[model]
@@ -541,6 +553,9 @@ class RecipeKnowledge(nn.Module):
 
         Returns:
             shape (B, N), or (B, E), float32.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         size = self.num_entities
         table = self._link_table(relation)
@@ -626,6 +641,9 @@ class RecipeKnowledge(nn.Module):
         Returns:
             recipes, ids (R, 3); similarity of their results to the goal, shape (R,); and of their
             ingredients to a and b in both orders, shape (R,) each.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 
@@ -708,6 +726,7 @@ class RecipeKnowledge(nn.Module):
 
         Raises:
             IndexError: for an id out of range.
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 
@@ -769,6 +788,9 @@ class RecipeKnowledge(nn.Module):
 
         Returns:
             shape (B, A, A), in nats, symmetric; -inf for pairs with an empty slot.
+
+        Raises:
+            IndexError, ArtefactError: as :meth:`features`.
         """
         # A pair is scored once and looked up for both orders of its slots.
         features = self.features(goal, table, model)
@@ -810,6 +832,9 @@ class RecipeKnowledge(nn.Module):
             goal: id of the result.
             model: number of the model.
             limit: maximum number of recipes.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         supporting, like_goal, straight, crossed = self.support_of(a, b, goal, model)
         orders = torch.stack([straight, crossed])

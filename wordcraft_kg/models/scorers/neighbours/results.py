@@ -93,6 +93,9 @@ def results_of(
     Returns:
         ids, shape (n, C), int64, E where there are fewer; and scores in nats, shape (n, C), -inf
         likewise: log-odds against each other; recipe scores without an encoder.
+
+    Raises:
+        ArtefactError: if stored recipes or words name entities that are not there.
     """
     lists = knowledge.lists(model)
     nothing = knowledge.num_entities

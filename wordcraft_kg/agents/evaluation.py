@@ -192,6 +192,9 @@ class Evaluator:
         Raises:
             ConfigError: if no distractors are found that the distractor policy allows.
             LeakError: if a policy would score a task by a model trained on the task's recipes.
+            GraphMismatchError: if the tasks belong to another graph or split than a policy's
+                cross-fitted scorer.
+            ActionError: if a player chooses a number that is not a slot.
         """
         shape = (len(self.tasks), self.distractor_seeds)
         success = np.zeros(shape, dtype=bool)
@@ -206,11 +209,13 @@ class Evaluator:
             state = engine.pose(self.tasks, distractor_seed, seed=EVALUATION_SEED)
             rng = np.random.default_rng([EVALUATION_SEED, distractor_seed])
             while (running := state.attempts_left > 0).any():
-                slots = player(state, rng)
-                # Read before the step, which clears the selection at the end of an attempt.
-                selection = state.selection
-                action = state.table[rows, slots]
-                state, step = engine.step_once(state, slots)
+                # A step clears the selection at the end of an attempt, so the state before it tells
+                # the pair. The step comes first: it refuses a number that is not a slot.
+                before = state
+                slots = player(before, rng)
+                state, step = engine.step_once(before, slots)
+                selection = before.selection
+                action = before.table[rows, slots]
                 actions[running, distractor_seed] += 1
                 success[:, distractor_seed] |= step.outcome == GOAL
                 by_plan[:, distractor_seed] |= step.by_plan
@@ -273,6 +278,8 @@ def evaluate(
         RecipeFileError: if there is no such graph, or a book cannot be read.
         ArtefactError: if a graph folder is damaged.
         LeakError: if a policy would score a task by a model trained on the task's recipes.
+        GraphMismatchError: if the tasks belong to another graph or split than the policy's
+            cross-fitted scorer.
 
     Example:
         >>> settings = {"num_distractors": 2, "distractor_seeds": 1}

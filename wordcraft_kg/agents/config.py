@@ -403,8 +403,11 @@ class AgentConfig(RunConfig):
     def describe_preset(self) -> str:
         """Return the preset and the values that it decides, in a line."""
         values = self.values()
-        shown = ", ".join(f"{name.replace('_', ' ')} {values[name]}" for name in PAPER)
-        return f"{self.trainer.preset}: {shown}"
+        shown = []
+        for name in PAPER:
+            words = name.replace("_", " ")
+            shown.append(f"{words} {values[name]}")
+        return f"{self.trainer.preset}: {', '.join(shown)}"
 
     def differing(self) -> dict[str, Any]:
         """Return the settings that differ from the defaults and the preset's values, by name."""

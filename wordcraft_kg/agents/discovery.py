@@ -625,10 +625,12 @@ def summarise_curves(
         run), and ``repeated``, the share of attempts that repeat a pair.
     """
     last = int(curves["attempt"].max())
-    at = sorted({last, *(mark for mark in marks if mark <= last)})
-    so_far = curves.groupby(["player", "run"], sort=False)["repeated"].cumsum()
-    curves = curves.assign(repeated=so_far)
-    groups = curves[curves["attempt"].isin(at)].groupby(["player", "attempt"], sort=False)
+    chosen = {mark for mark in marks if mark <= last} | {last}
+    # Repeated attempts so far, in each run.
+    runs = curves.groupby(["player", "run"], sort=False)
+    so_far = curves.assign(repeated=runs["repeated"].cumsum())
+    is_chosen = so_far["attempt"].isin(sorted(chosen))
+    groups = so_far[is_chosen].groupby(["player", "attempt"], sort=False)
     table = groups.agg(
         mean=("known", "mean"), error=("known", "sem"), repeated=("repeated", "mean")
     ).reset_index()

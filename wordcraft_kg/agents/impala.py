@@ -403,7 +403,9 @@ class Impala:
             for name, parameter in self.policy.named_parameters():
                 parameter.copy_(state[f"policy.{name}"])
         self.optimizer.state[self._flat] = self._restored_optimizer(state)
-        saved = {name: state[f"engine.{name}"].numpy() for name in self.envs.saved()}
+        saved = {}
+        for name in self.envs.saved():
+            saved[name] = state[f"engine.{name}"].numpy()
         self.envs = self.envs.restored(saved)
         self._snapshots.clear()
         snapshots: dict[int, Weights] = {}

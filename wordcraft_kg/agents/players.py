@@ -273,8 +273,9 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     graph = split.graph
     some = fact_sources(graph, split.partial)
     everything = fact_sources(graph, graph.triples)
-    loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
-    no_self = fact_sources(graph, graph.triples[~loops])
+    heads, relations, tails = graph.triples.T
+    is_self_pair = (relations == COMBINES_WITH) & (heads == tails)
+    no_self = fact_sources(graph, graph.triples[~is_self_pair])
     train = split.recipes("train")
     plans = BestPlan.of_recipes(graph.num_entities, train)
     return {

@@ -282,7 +282,8 @@ def _check_runs(
         raise ConfigError(f"no common seed for {names}, {_point(point)}")
     if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
         raise ConfigError(f"no learning curves for {names}")
-    if claim.measure == "success" and len({results.tasks_of(run) for run in runs}) > 1:
+    tasks = {results.tasks_of(run) for run in runs}
+    if claim.measure == "success" and len(tasks) > 1:
         raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
 
 
@@ -312,8 +313,11 @@ def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
     if measure == "same_twice":
         return [run.terminations["same_twice"]]
     if measure == "early":
+        early = _EARLY * run.steps
+        distances = [abs(step - early) for step, _ in run.curve]
         # The nearest point of the curve; of two equally near ones, the earlier.
-        _, success = min(run.curve, key=lambda point: abs(point[0] - _EARLY * run.steps))
+        nearest = distances.index(min(distances))
+        _, success = run.curve[nearest]
         return [success]
     _, end = other.curve[-1]
     level = _REACHED * end

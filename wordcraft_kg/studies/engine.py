@@ -281,7 +281,11 @@ def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
             if not (root / address / RUN_FILE).exists():
                 left[address] = plan.tasks[address]
     factors = {sort: median(ratios) for sort, ratios in measured.items()}
-    return sum(_usual(task) * factors.get(_sort(task), 1.0) for task in left.values()) / 3600
+    seconds_left = 0.0
+    for task in left.values():
+        # A kind of which nothing was measured here takes its usual time.
+        seconds_left += _usual(task) * factors.get(_sort(task), 1.0)
+    return seconds_left / 3600
 
 
 def _sort(task: Task) -> str:

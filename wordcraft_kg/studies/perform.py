@@ -231,8 +231,11 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
     part: TaskPart = "test" if "test" in summary.success else "train"
     lines = read_metrics(files.bytes("metrics.jsonl"), folder / "metrics.jsonl")
     name = f"{part}_success"
-    # Five digits hold a share of all tasks, and keep a study with thousands of points small.
-    curve = tuple((row.step, round(row.figures[name], 5)) for row in lines if name in row.figures)
+    curve = []
+    for row in lines:
+        if name in row.figures:
+            # Five digits hold a share of all tasks, and keep studies with many points small.
+            curve.append((row.step, round(row.figures[name], 5)))
     distractor_seeds = summary.success[part].distractor_seeds
     played = [task for task in read_episodes(folder) if task.part == part]
     return RunMetrics(
@@ -244,7 +247,7 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
         terminations={str(name): share for name, share in summary.outcomes[part].items()},
         won="".join(str(round(task.success * distractor_seeds)) for task in played),
         distractor_seeds=distractor_seeds,
-        curve=curve,
+        curve=tuple(curve),
         steps=summary.steps,
         steps_per_second=summary.steps_per_second,
     )

@@ -130,10 +130,11 @@ def _check_nodes(ray: Any, plan: "Plan", expected: Expected) -> None:
         resources = node["Resources"]
         offers.append((int(resources.get("CPU", 0)), int(resources.get("GPU", 0))))
     for task in plan.tasks.values():
+        needed = _gpus(task)
         # A task runs on one node: cores of several nodes do not add up.
-        if not any(cpus >= task.threads and gpus >= _gpus(task) for cpus, gpus in offers):
+        if not any(cpus >= task.threads and gpus >= needed for cpus, gpus in offers):
             raise ConfigError(
-                f"'{task.title}' needs {task.threads} cores and {_gpus(task)} GPUs of one node, "
+                f"'{task.title}' needs {task.threads} cores and {needed} GPUs of one node, "
                 f"but the nodes have (cores, GPUs) {offers}; change `threads` or `device`."
             )
     check = ray.remote(Expected.check)

@@ -366,9 +366,9 @@ def scatters_of(
 
 
 def _others(point: PointMetrics) -> Values:
-    return {
-        name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")
-    }
+    """Return a point's settings without those of the scorer."""
+    prefix = f"{SCORER}."
+    return {name: value for name, value in point.values.items() if not name.startswith(prefix)}
 
 
 def _is_in_sample(results: StudyResults, point: PointMetrics, entry: VariantMetrics) -> bool:
@@ -415,9 +415,11 @@ def _label(point: PointMetrics, variant: str) -> str:
             values[name.removeprefix(prefix)] = value
     # Settings at their full value do not distinguish points; a point with all of them needs a
     # label, too.
-    differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}
-    first = dict(list(values.items())[:1])
+    differing = [name for name in values if values[name] != _EVERYTHING.get(name)]
+    first = list(values)[:1]
     shown: list[str] = []
-    for name, value in (differing or first).items():
-        shown.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
+    for name in differing or first:
+        value = values[name]
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        shown.append(f"{name} {text}")
     return ", ".join(shown) or variant

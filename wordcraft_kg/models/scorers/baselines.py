@@ -250,7 +250,8 @@ class VoteScorer(Scorer):
         check_table("counting the votes for triples", size)
         # n_xc + eps for all x and c; the last key is the sentinel.
         dense = torch.full((size, size), self.unseen, dtype=torch.float64, device=self.device)
-        dense.view(-1)[self._keys[:-1]] += self._counts[:-1]
+        cells = self._keys[:-1]
+        dense.view(-1)[cells] += self._counts[:-1]
         made = self._made + 1
         weighted = dense / made
         # Self pairs have eps as their second factor, so they are summed apart from the product.

@@ -85,7 +85,8 @@ class EntityFeatures:
         """Vectors scaled to length 1, for cosines by dot product; zeros stay zero."""
         norms = np.linalg.norm(self.vectors, axis=1, keepdims=True)
         # The smallest normal number instead of 0 leaves zero vectors zero.
-        unit: NDArray[np.float32] = self.vectors / np.maximum(norms, np.finfo(np.float32).tiny)
+        tiny = np.finfo(np.float32).tiny
+        unit: NDArray[np.float32] = self.vectors / np.maximum(norms, tiny)
         unit.flags.writeable = False
         return unit
 
@@ -465,7 +466,8 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
     words = sorted(rows)
     lines = [f"line {rows[word][0]}" for word in words]
     # The shape is needed if no word was found: an empty array has one dimension.
-    vectors = np.array([rows[word][1] for word in words]).reshape(-1, dimensions)
+    table = [rows[word][1] for word in words]
+    vectors = np.array(table).reshape(-1, dimensions)
     return _checked(path, lines, words, vectors)
 
 

@@ -175,7 +175,8 @@ def scaled_factors(
     loops = (x * y).sum(dim=1)
     size = len(x)
     pairs = max(size * (size - 1), 1)
-    mean = (x.sum(dim=0) @ y.sum(dim=0) - loops.sum()) / pairs
+    total = x.sum(dim=0) @ y.sum(dim=0)
+    mean = (total - loops.sum()) / pairs
     of_all = ((x.T @ x) * (y.T @ y)).sum()
     square = of_all - (loops**2).sum()
     variance = square / pairs - mean**2
@@ -326,11 +327,13 @@ def _rank_knots(
     wanted = np.linspace(1, ends[-1], KNOTS)
     steps = np.searchsorted(ends, wanted)
     # Beside a score that many pairs share, ranks jump: its neighbours are knots as well.
-    beside = np.concatenate([steps - 1, steps, steps + 1]).clip(0, len(values) - 1)
-    chosen = np.unique(beside)
+    beside = np.concatenate([steps - 1, steps, steps + 1])
+    within = beside.clip(0, len(values) - 1)
+    chosen = np.unique(within)
     # The last knot fills the row: a shape that does not depend on the scores.
     missing = 3 * KNOTS - len(chosen)
-    filled = np.concatenate([chosen, np.full(missing, chosen[-1])])
+    padding = np.full(missing, chosen[-1])
+    filled = np.concatenate([chosen, padding])
     knots = torch.from_numpy(values[filled])
     heights = torch.from_numpy(standard[filled].astype(np.float32))
     return knots, heights

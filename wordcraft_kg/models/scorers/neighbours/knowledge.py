@@ -279,7 +279,8 @@ class RecipeKnowledge(nn.Module):
             ArtefactError: if stored recipes or words name entities that are not there.
         """
         if model not in self._lists:
-            recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
+            of_model = self.recipes[self.seen[model]]
+            recipes = of_model.cpu().numpy().astype(np.int64)
             near_words = self.near_words.cpu().numpy()
             # An agent's folder may come from anywhere, and compiled loops check no bounds.
             size = len(self.vectors)
@@ -560,7 +561,9 @@ class RecipeKnowledge(nn.Module):
         size = self.num_entities
         table = self._link_table(relation)
         if table.numel():
-            scores = table[model][:, entities].T if heads else table[model][entities]
+            # Row = head: with candidates as heads, the entities are columns.
+            by_entity = table[model].T if heads else table[model]
+            scores = by_entity[entities]
             if candidates is not None:
                 scores = scores.gather(1, candidates)
             return scores.float()

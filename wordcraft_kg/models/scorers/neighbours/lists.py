@@ -128,7 +128,10 @@ def nearest_words(
         first: entity with the first list; the lists of others are known already.
     """
     size = len(vectors)
-    width = min(count, max(size - 1, 0)) if vectors.shape[1] else 0
+    has_words = vectors.shape[1] > 0
+    # All others at most; an empty book has none.
+    num_others = max(size - 1, 0)
+    width = min(count, num_others) if has_words else 0
     near = np.full((size - first, width), -1, dtype=np.int32)
     if not width:
         return near

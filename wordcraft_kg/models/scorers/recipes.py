@@ -186,9 +186,11 @@ class RecipeScorer(StoredScorer):
         """
         lists = self.knowledge.lists()
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
+        of_heads = lists.pair_left if is_pair else lists.left
+        # Without the entities of other books, which come last.
         size = len(self.entities)
-        left = torch.from_numpy(lists.pair_left if is_pair else lists.left)[:size]
-        right = torch.from_numpy(lists.right)[:size]
+        left = torch.from_numpy(of_heads[:size])
+        right = torch.from_numpy(lists.right[:size])
         return left.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:

@@ -99,11 +99,10 @@ class EntityRoles:
             ids and cosines, nearest first, without the entity itself; ties are in id order.
         """
         # The cosine of joined vectors is the mean of the roles' cosines, weighted by lengths.
-        products = self._total * self._total[entity]
         # Without scores, weights are 0, not NaN.
-        products = np.maximum(products, 1e-12)
-        of_roles_lengths = self.lengths * self.lengths[entity]
-        weights = of_roles_lengths / products[:, None]
+        products = np.maximum(self._total * self._total[entity], 1e-12)
+        role_products = self.lengths * self.lengths[entity]
+        weights = role_products / products[:, None]
         of_roles = [self.alike(entity, relation, side) for relation, side in ROLES]
         # Shape (E, 4).
         cosines = np.stack(of_roles, axis=1)

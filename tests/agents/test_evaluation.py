@@ -15,6 +15,7 @@ from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
 from wordcraft_kg.agents.players import play_all, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs import evaluation_tables
 from wordcraft_kg.envs.batch import BatchEngine
@@ -316,6 +317,35 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     assert Evaluator(world, distractor_seeds=1, limit=limit).tasks.tolist() == list(
         range(0, 63, step)
     )
+
+
+def test_a_limit_below_one_is_refused(opened):
+    world = World(opened, WordCraftConfig(part="test"))
+    for limit in (0, -1):
+        with refuses("limit"):
+            Evaluator(world, limit=limit)
+        with refuses("limit"):
+            play_all(world, {"random": random_entity}, limit=limit)
+
+
+@pytest.mark.parametrize("slot", [-1, 99])
+def test_a_number_that_is_no_slot_is_an_action_error(opened, slot):
+    def wrong(state, rng):
+        return np.full(len(state.goal), slot)
+
+    world = World(opened, WordCraftConfig(part="test"))
+    with pytest.raises(ActionError, match=str(slot)):
+        Evaluator(world, distractor_seeds=1, limit=5)(wrong)
+    with pytest.raises(ActionError, match=str(slot)):
+        play_all(world, {"wrong": wrong}, distractor_seeds=1, limit=5)
+
+
+def test_no_table_for_a_task_is_refused_by_each_way_to_play(opened):
+    world = World(opened, WordCraftConfig(part="test"))
+    with refuses("distractor_seeds"):
+        Evaluator(world, distractor_seeds=0)
+    with refuses("distractor_seeds"):
+        play_all(world, {"random": random_entity}, distractor_seeds=0)
 
 
 def test_figures_are_means_over_tasks_and_draws(opened):

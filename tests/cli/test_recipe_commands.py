@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from wordcraft_kg import load_scorer, open_graph
+from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.evaluation.queries import RecipeQuery, parse_query
 
 LABELS = {"flour", "water", "dough", "cocoa bean", "c++", "_x", "a->b"}
@@ -212,6 +213,18 @@ def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
     view = view_open_recipe(RecipeScoring.of(model), RecipeQuery(a, b, None), 80)
     assert {row.known for row in view.top} == {None}
     assert result in [row.result for row in view.top if row.in_sample]
+
+
+@pytest.mark.parametrize("slots", [("flour", "waater", "dough"), ("flour", "waater", None)])
+def test_an_unknown_label_of_a_recipe_is_an_unknown_entity(scorer, slots):
+    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, score_recipe_queries
+    from wordcraft_kg.evaluation.scores import ScoringModel
+
+    scoring = RecipeScoring.of(ScoringModel(scorer, None, None, "no graph"))
+    with pytest.raises(UnknownEntityError, match=r"no entity 'waater' .*'water'"):
+        scoring.rows(RecipeQuery(*slots))
+    with pytest.raises(UnknownEntityError, match="no entity 'waater'"):
+        list(score_recipe_queries(scoring, [RecipeQuery(*slots)], 3))
 
 
 @pytest.mark.slow

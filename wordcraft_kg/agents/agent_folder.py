@@ -112,11 +112,14 @@ class OpenedAgent(AgentRun):
         None without another book, or if the scorer's folder is gone. A folder that has changed
         gives a warning.
         """
+        scorer = self.config.scorer
         weights = self.run.inputs.get("scorer")
-        if self.config.scorer is None or weights is None or not Path(self.config.scorer).is_dir():
+        if scorer is None or weights is None:
+            return None
+        if not Path(scorer).is_dir():
             return None
         try:
-            history = read_history(self.config.scorer, weights)
+            history = read_history(scorer, weights)
         except WordCraftKGError as error:
             logging.getLogger(__name__).warning("no results by goals of other books: %s", error)
             return None

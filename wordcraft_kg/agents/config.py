@@ -403,8 +403,11 @@ class AgentConfig(RunConfig):
     def describe_preset(self) -> str:
         """Return the preset and the values that it decides, in a line."""
         values = self.values()
-        shown = ", ".join(f"{name.replace('_', ' ')} {values[name]}" for name in PAPER)
-        return f"{self.trainer.preset}: {shown}"
+        shown = []
+        for name in PAPER:
+            words = name.replace("_", " ")
+            shown.append(f"{words} {values[name]}")
+        return f"{self.trainer.preset}: {', '.join(shown)}"
 
     def differing(self) -> dict[str, Any]:
         """Return the settings that differ from the defaults and the preset's values, by name."""
@@ -414,5 +417,7 @@ class AgentConfig(RunConfig):
         is_mlp = self.policy.policy == "mlp"
         policy = PolicyConfig("mlp") if is_mlp else PolicyConfig(use=self.policy.use)
         followed = AgentConfig("", self.scorer, self.tasks, policy, preset).values()
-        default |= {name: followed[name] for name in PAPER}
-        return {name: value for name, value in self.values().items() if default.get(name) != value}
+        for name in PAPER:
+            default[name] = followed[name]
+        values = self.values()
+        return {name: value for name, value in values.items() if default.get(name) != value}

@@ -131,15 +131,16 @@ class WordsDiscoverer(Discoverer):
 
     def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
-        cosines = (self._unit[self.known] @ self._unit[entity]).tolist()
-        for other, value in zip(self.known, cosines, strict=True):
-            self._untried[entity, other] = value
+        cosines = self._unit[self.known] @ self._unit[entity]
+        for other, cosine in zip(self.known, cosines.tolist(), strict=True):
+            self._untried[entity, other] = cosine
         # Also for a label without a word vector, whose cosine with itself is 0.
         self._untried[entity, entity] = 1.0
 
     def choose(self) -> Pair:  # noqa: D102
+        pairs = list(self._untried)
         values = np.array(list(self._untried.values()))
-        return list(self._untried)[self.draw_best(values)]
+        return pairs[self.draw_best(values)]
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         del self._untried[pair]
@@ -186,7 +187,8 @@ class OracleDiscoverer(Discoverer):
         if self._pending:
             uses = np.concatenate(self._pending)
             # Each recipe with one of its ingredients new: open only if the other is known, too.
-            is_open = self.is_known[graph.recipes[uses, :2]].all(axis=1)
+            ingredients = graph.recipes[uses, :2]
+            is_open = self.is_known[ingredients].all(axis=1)
             self._open = np.union1d(self._open, uses[is_open])
             self._pending = []
         # A recipe whose result has become known gains nothing any more.
@@ -194,7 +196,8 @@ class OracleDiscoverer(Discoverer):
         self._open = self._open[~is_made]
         pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
         # A pair with several results makes all of them, so their worths add up.
-        worth = self.worth(graph.recipes[self._open, 2])
+        results = graph.recipes[self._open, 2]
+        worth = self.worth(results)
         gains = np.bincount(index, worth).astype(np.float64)
         best = pairs[self.draw_best(gains)]
         first = int(graph.pair_starts[best])
@@ -229,13 +232,15 @@ class EmpowermentDiscoverer(OracleDiscoverer):
         # The recipes of all wanted entities in one array; index tells whose recipe each one is.
         numbers = [len(rows) for rows in uses]
         index = np.repeat(np.arange(len(wanted)), numbers)
-        a, b, result = self.graph.recipes[np.concatenate(uses)].T
+        recipes = self.graph.recipes[np.concatenate(uses)]
+        a, b, result = recipes.T
         # a + b minus the wanted entity is the other ingredient, whichever of the two it is.
         other = a + b - wanted[index]
         counts = self.is_known[other] & ~self.is_known[result]
         size = self.graph.num_entities
         # A pair (entity, result) as one number: several recipes for a result count once.
-        made = np.unique(index[counts] * size + result[counts])
+        codes = index[counts] * size + result[counts]
+        made = np.unique(codes)
         within_reach = np.bincount(made // size, minlength=len(wanted))
         worth = 1.0 + within_reach
         return worth[position]
@@ -310,7 +315,8 @@ class ScorerDiscoverer(Discoverer):
 
     def choose(self) -> Pair:  # noqa: D102
         worth = self._worth * self._is_new
-        values = (self._chances * worth[self._results]).sum(axis=1)
+        expected = self._chances * worth[self._results]
+        values = expected.sum(axis=1)
         self._chosen = self.draw_best(values)
         one, other = self._pairs[self._chosen].tolist()
         return one, other
@@ -332,10 +338,11 @@ class ScorerDiscoverer(Discoverer):
             likely = np.argpartition(-fit, width - 1, axis=1)[:, :width]
             # The softmax is over all results, of which the likely ones are kept: truncated, and not
             # normalised again.
-            weights = np.exp(fit - fit.max(axis=1, keepdims=True))
+            below_best = fit - fit.max(axis=1, keepdims=True)
+            weights = np.exp(below_best)
             totals = weights.sum(axis=1, keepdims=True)
-            shares = np.take_along_axis(weights, likely, axis=1) / totals
-            self._guesses[entity] = likely, shares
+            likely_weights = np.take_along_axis(weights, likely, axis=1)
+            self._guesses[entity] = likely, likely_weights / totals
         return self._guesses[entity]
 
 
@@ -354,8 +361,12 @@ class BookDiscoverer(Discoverer):
     def __init__(self, graph: RecipeGraph, book: RecipeGraph):
         """Count the votes of ``book`` for the labels of ``graph``."""
         index = LabelIndex(book.entities)
-        found = [index.find(label) for label in graph.entities]
-        self._rows = np.array([-1 if row is None else row for row in found])
+        # -1 for labels outside the book.
+        self._rows = np.full(graph.num_entities, -1)
+        for entity, label in enumerate(graph.entities):
+            row = index.find(label)
+            if row is not None:
+                self._rows[entity] = row
         self._book = book
         self._made = 1.0 + book.recipe_counts
 
@@ -406,7 +417,8 @@ class BookDiscoverer(Discoverer):
         """Count the book's results of a pair that are not known, by ids of the book."""
         if one < 0 or other < 0:
             return 0
-        return int(self._is_new[self._book.results(one, other)].sum())
+        results = self._book.results(one, other)
+        return int(self._is_new[results].sum())
 
     def _forget(self, row: int) -> None:
         """Take the votes for a result that has become known out of all values."""
@@ -416,12 +428,18 @@ class BookDiscoverer(Discoverer):
         np.fill_diagonal(shared, 0)
         self._values -= shared
         self._votes[:, row] = 0
-        place = {int(self._rows[entity]): place for place, entity in enumerate(self.known[:-1])}
-        for one, other, _ in self._book.recipes[self._book.recipes_of(row)].tolist():
-            if one in place and other in place:
-                self._values[place[one], place[other]] -= 1
-                if one != other:
-                    self._values[place[other], place[one]] -= 1
+        # The entity itself, the last known one, has no values yet.
+        rows = self._rows[self.known[:-1]].tolist()
+        place_of_row = {row_of_known: place for place, row_of_known in enumerate(rows)}
+        makers = self._book.recipes[self._book.recipes_of(row)]
+        for one, other, _ in makers.tolist():
+            if one not in place_of_row or other not in place_of_row:
+                continue
+            place = place_of_row[one]
+            other_place = place_of_row[other]
+            self._values[place, other_place] -= 1
+            if place != other_place:
+                self._values[other_place, place] -= 1
 
 
 DISCOVERERS = {
@@ -607,10 +625,12 @@ def summarise_curves(
         run), and ``repeated``, the share of attempts that repeat a pair.
     """
     last = int(curves["attempt"].max())
-    at = sorted({last, *(mark for mark in marks if mark <= last)})
-    so_far = curves.groupby(["player", "run"], sort=False)["repeated"].cumsum()
-    curves = curves.assign(repeated=so_far)
-    groups = curves[curves["attempt"].isin(at)].groupby(["player", "attempt"], sort=False)
+    chosen = {mark for mark in marks if mark <= last} | {last}
+    # Repeated attempts so far, in each run.
+    runs = curves.groupby(["player", "run"], sort=False)
+    so_far = curves.assign(repeated=runs["repeated"].cumsum())
+    is_chosen = so_far["attempt"].isin(sorted(chosen))
+    groups = so_far[is_chosen].groupby(["player", "attempt"], sort=False)
     table = groups.agg(
         mean=("known", "mean"), error=("known", "sem"), repeated=("repeated", "mean")
     ).reset_index()

@@ -150,12 +150,18 @@ class Evaluator:
     ):
         """Create an environment for each of at most ``limit`` tasks.
 
-        ``distractor_seeds`` are tables per task, by default
-        :func:`~wordcraft_kg.envs.evaluation_tables.default_seeds`.
+        Args:
+            world: graph, tasks and settings.
+            distractor_seeds: tables per task; None for
+                :func:`~wordcraft_kg.envs.evaluation_tables.default_seeds`.
+            limit: most tasks; of more, evenly spaced ones are played. None for no limit.
 
         Raises:
-            ConfigError: if ``distractor_seeds`` is below 1, or the episodes do not fit into memory.
+            ConfigError: if ``distractor_seeds`` or ``limit`` is below 1, or the episodes do not fit
+                into memory.
         """
+        if limit is not None:
+            whole("limit", limit, 1)
         self.tasks = sampled_tasks(world, limit)
         warn_of_sample(world, self.tasks, limit)
         if distractor_seeds is None:
@@ -186,6 +192,9 @@ class Evaluator:
         Raises:
             ConfigError: if no distractors are found that the distractor policy allows.
             LeakError: if a policy would score a task by a model trained on the task's recipes.
+            GraphMismatchError: if the tasks belong to another graph or split than a policy's
+                cross-fitted scorer.
+            ActionError: if a player chooses a number that is not a slot.
         """
         shape = (len(self.tasks), self.distractor_seeds)
         success = np.zeros(shape, dtype=bool)
@@ -200,11 +209,13 @@ class Evaluator:
             state = engine.pose(self.tasks, distractor_seed, seed=EVALUATION_SEED)
             rng = np.random.default_rng([EVALUATION_SEED, distractor_seed])
             while (running := state.attempts_left > 0).any():
-                slots = player(state, rng)
-                # Read before the step, which clears the selection at the end of an attempt.
-                selection = state.selection
-                action = state.table[rows, slots]
-                state, step = engine.step_once(state, slots)
+                # A step clears the selection at the end of an attempt, so the state before it tells
+                # the pair. The step comes first: it refuses a number that is not a slot.
+                before = state
+                slots = player(before, rng)
+                state, step = engine.step_once(before, slots)
+                selection = before.selection
+                action = before.table[rows, slots]
                 actions[running, distractor_seed] += 1
                 success[:, distractor_seed] |= step.outcome == GOAL
                 by_plan[:, distractor_seed] |= step.by_plan
@@ -230,8 +241,13 @@ class Evaluator:
     def _termination(self, selection: Ids, action: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""
         is_twice = (selection == action) & (action != self.engine.nothing)
-        is_right = ((self._parts == selection[:, None]) | (self._parts == action[:, None])).any(1)
-        makes = self.engine.pairs(selection, action) != self.engine.world.graph.num_pairs
+        # Shape (N, P): whether an ingredient of a plan's last recipe is one of the pair.
+        is_selected = self._parts == selection[:, None]
+        is_added = self._parts == action[:, None]
+        is_right = (is_selected | is_added).any(1)
+        # One above all pairs stands for a pair without a result.
+        no_pair = self.engine.world.graph.num_pairs
+        makes = self.engine.pairs(selection, action) != no_pair
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
 
 
@@ -262,6 +278,8 @@ def evaluate(
         RecipeFileError: if there is no such graph, or a book cannot be read.
         ArtefactError: if a graph folder is damaged.
         LeakError: if a policy would score a task by a model trained on the task's recipes.
+        GraphMismatchError: if the tasks belong to another graph or split than the policy's
+            cross-fitted scorer.
 
     Example:
         >>> settings = {"num_distractors": 2, "distractor_seeds": 1}
@@ -269,7 +287,8 @@ def evaluate(
         >>> result.success.shape, 0 <= result.metrics().mean <= 1
         ((63, 1), True)
     """
-    world = World.of(graph, settings if isinstance(graph, World) else {"part": "test", **settings})
-    return Evaluator(world, distractor_seeds=distractor_seeds)(
-        PolicyPlayer(player) if isinstance(player, Policy) else player
-    )
+    if not isinstance(graph, World):
+        settings = {"part": "test", **settings}
+    world = World.of(graph, settings)
+    evaluator = Evaluator(world, distractor_seeds=distractor_seeds)
+    return evaluator(PolicyPlayer(player) if isinstance(player, Policy) else player)

@@ -134,9 +134,12 @@ class ExplainedStep(Record):
         At most ``limit``, and no pair of entity and partner twice.
         """
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
-        for slot in sorted(self.slots, key=lambda slot: -slot.logit):
+        best_first = sorted(self.slots, key=lambda slot: -slot.logit)
+        for slot in best_first:
             evidence = slot.evidence
-            if evidence is None or not (evidence.because or evidence.outside or evidence.plan):
+            if evidence is None:
+                continue
+            if not (evidence.because or evidence.outside or evidence.plan):
                 continue
             # The same pair supports both of its slots; the slot with the higher logit comes first.
             pair = frozenset((slot.entity, evidence.partner))
@@ -360,11 +363,13 @@ class Explainer:
 
     def _of_task(self, task: int, table: list[int]) -> _Query:
         tasks = self.world.tasks
-        start = tasks.graph.labels(
-            entity for entity in tasks.starts[task].tolist() if entity != self.world.nothing
-        )
+        # Starting ingredients are padded with empty slots.
+        ids = [entity for entity in tasks.starts[task].tolist() if entity != self.world.nothing]
+        start = tasks.graph.labels(ids)
+        # Without train recipes in the tasks, no model has to be chosen by task.
         number = task if has_train_recipes(self.world) else None
-        return _Query(self._policy, number, start, tasks.plans[task], int(tasks.goals[task]), table)
+        goal = int(tasks.goals[task])
+        return _Query(self._policy, number, start, tasks.plans[task], goal, table)
 
     def _of_table(self, goal: int, table: list[int]) -> _Query:
         plans = self._ways(goal, table)
@@ -383,7 +388,9 @@ class Explainer:
             False,
             0,
         )
-        if not 0 < models_of_tasks(folds, posed)[0] < len(seen_by_models(folds)) - 1:
+        (model,) = models_of_tasks(folds, posed)
+        no_model = len(seen_by_models(folds)) - 1
+        if not 0 < model < no_model:
             # No fold has a recipe of each plan: the model trained on all train recipes answers.
             return query
         policy = _own(self._policy)
@@ -408,10 +415,12 @@ class Explainer:
 
     def _explained(self, query: _Query) -> ExplainedTable:
         model, fold, is_seen = self._answering(query)
-        ways = self._ways(query.goal, query.table)
+        ways = []
+        for way in self._ways(query.goal, query.table):
+            ways.append(self._table_recipes(way, is_seen))
         return ExplainedTable(
             table=self.world.graph.labels(query.table),
-            ways=tuple(self._table_recipes(way, is_seen) for way in ways),
+            ways=tuple(ways),
             model=model,
             fold=fold,
             episode=self._played(query),
@@ -424,7 +433,8 @@ class Explainer:
         labels = graph.recipe_labels(graph.recipes[list(way)])
         for row, (a, b, result) in zip(way, labels, strict=True):
             part = names[self.world.split.parts[row]]
-            recipes.append(TableRecipe(a, b, result, part, is_in_sample=bool(is_seen[row])))
+            is_in_sample = bool(is_seen[row])
+            recipes.append(TableRecipe(a, b, result, part, is_in_sample=is_in_sample))
         return tuple(recipes)
 
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
@@ -468,7 +478,8 @@ class Explainer:
         nothing = world.nothing
         plans, parts = self._plan_labels(query.plans)
         # Slots for the results of all attempts; at least as many as an MLP was trained with.
-        room = max(world.num_slots, len(query.table) + world.max_results * world.config.attempts)
+        most_results = world.max_results * world.config.attempts
+        room = max(world.num_slots, len(query.table) + most_results)
         table = list(query.table)
         selection = query.selection
         attempts = world.config.attempts
@@ -477,14 +488,17 @@ class Explainer:
         steps: list[ExplainedStep] = []
         tried: list[tuple[int, int]] = []
         while attempts and not is_made and len(steps) != self._max_actions:
-            padded = torch.tensor([[*table, *[nothing] * (room - len(table))]])
-            # A batch of one state. Without a tried pair, an empty one keeps the shape (1, n, 2).
+            empty_slots = [nothing] * (room - len(table))
+            selected_id = nothing if selection is None else selection
+            # Without a tried pair, an empty one keeps the shape (1, n, 2).
+            tried_pairs = tried or [(nothing, nothing)]
+            # A batch of one state.
             state = States(
-                torch.tensor([query.goal]),
-                torch.tensor([nothing if selection is None else selection]),
-                padded,
-                task,
-                Attempts(torch.tensor([attempts]), torch.tensor([tried or [(nothing, nothing)]])),
+                goal=torch.tensor([query.goal]),
+                selection=torch.tensor([selected_id]),
+                table=torch.tensor([table + empty_slots]),
+                task=task,
+                attempts=Attempts(torch.tensor([attempts]), torch.tensor([tried_pairs])),
             )
             action, output = self._decide(query.policy, state)
             evidence = self._evidence(query.policy, state)
@@ -558,7 +572,8 @@ class Explainer:
         for plan in plans:
             recipes = graph.recipe_labels(graph.recipes[list(plan)])
             texts.append(tuple(f"{a} + {b} -> {result}" for a, b, result in recipes))
-            parts.update(recipes[-1][:2])
+            last_a, last_b, _ = recipes[-1]
+            parts |= {last_a, last_b}
         return tuple(texts), parts
 
     @torch.no_grad()
@@ -566,14 +581,16 @@ class Explainer:
         # The action is that of the policy in single precision, as in play: in double precision a
         # tie could fall the other way. Only the shown numbers are exact.
         external_scores = policy.external_scores(state)
-        action = int(self._policy(state, self._weights, external_scores).logits.argmax(1))
+        played = self._policy(state, self._weights, external_scores)
+        action = int(played.logits.argmax(1))
         exact = None if external_scores is None else external_scores.double()
         return action, self._exact(state, self._exact_weights, exact)
 
 
 def _own(policy: Policy) -> Policy:
     # Buffers are shared, because they never change and may take gigabytes; weights are copied.
-    return copy.deepcopy(policy, {id(tensor): tensor for tensor in policy.buffers()}).eval()
+    shared = {id(tensor): tensor for tensor in policy.buffers()}
+    return copy.deepcopy(policy, shared).eval()
 
 
 def explain_episodes(
@@ -603,6 +620,8 @@ def explain_episodes(
         TaskError: if the world has no task with the goal.
         ConfigError: if the task does not exist, or the policy has other slots.
         LeakError: if a model would score tasks with recipes from its training data.
+        GraphMismatchError: if the tasks belong to another graph or split than a cross-fitted
+            scorer.
     """
     explainer = Explainer(policy, world, outside=outside)
     if task is not None:
@@ -610,7 +629,10 @@ def explain_episodes(
         return tuple(explainer.episode(task, number) for number in range(episodes))
     tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
     chosen = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
-    return tuple(explainer.episode(*task_and_seed) for task_and_seed in steps("explaining", chosen))
+    explained = []
+    for number, distractor_seed in steps("explaining", chosen):
+        explained.append(explainer.episode(number, distractor_seed))
+    return tuple(explained)
 
 
 def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, Ids]:
@@ -618,7 +640,8 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
     tasks = world.tasks
     if goal is None:
         # Evenly spaced, because neighbouring tasks have the same goal.
-        rows = np.linspace(0, len(tasks) - 1, min(episodes, len(tasks))).astype(np.int64)
+        number = min(episodes, len(tasks))
+        rows = np.linspace(0, len(tasks) - 1, number).astype(np.int64)
         return rows, np.zeros_like(rows)
     if goal not in graph.entities:
         raise UnknownEntityError(
@@ -642,8 +665,10 @@ def _slots(
     parts: set[str],
     evidence: Sequence[SlotEvidence | None],
 ) -> tuple[ExplainedSlot, ...]:
-    logits = output.logits[0].tolist()
-    probabilities = torch.softmax(output.logits[0], dim=0).tolist()
+    # The only state of the batch.
+    own_logits = output.logits[0]
+    logits = own_logits.tolist()
+    probabilities = torch.softmax(own_logits, dim=0).tolist()
     if output.sources is None or output.lambdas is None:
         # Without mixing, the logits are those of attention alone.
         names = [ALPHA.name]
@@ -655,8 +680,9 @@ def _slots(
     rows = []
     for i, label in enumerate(labels):
         sources = dict(zip(names, values[:, i].tolist(), strict=True))
-        terms = [weight * value for weight, value in zip(lambdas, sources.values(), strict=True)]
-        contributions = dict(zip(names, terms, strict=True))
+        contributions = {}
+        for name, weight in zip(names, lambdas, strict=True):
+            contributions[name] = weight * sources[name]
         rows.append(
             ExplainedSlot(
                 entity=label,

@@ -295,10 +295,11 @@ class Impala:
         acting = {name: tensor.detach() for name, tensor in weights.items()}
         if not self.config.policy_lag:
             return acting
-        # Contiguous, as in a checkpoint: products with a transposed tensor round differently, and a
-        # resumed training would end with other bits.
-        contiguous = torch.contiguous_format
-        snapshot = {name: tensor.clone(memory_format=contiguous) for name, tensor in acting.items()}
+        snapshot = {}
+        for name, tensor in acting.items():
+            # Contiguous, as in a checkpoint: products with a transposed tensor round differently,
+            # and a resumed training would end with other bits.
+            snapshot[name] = tensor.clone(memory_format=torch.contiguous_format)
         self._snapshots.append(snapshot)
         return self._snapshots[0]
 
@@ -329,23 +330,27 @@ class Impala:
         if not math.isfinite(sums["grad_norm"]):
             raise TrainingError(self._not_finite())
         updates = max(sums["updates"], 1)
+        metrics: dict[str, float | None] = {name: sums[name] / updates for name in LOSSES}
+        metrics["entropy"] = sums["entropy"] / updates / self.config.steps_per_update
+        metrics["return"] = None
+        metrics["success"] = None
         episodes = sums["episodes"]
-        figures: dict[str, float | None] = {name: sums[name] / updates for name in LOSSES}
-        figures["entropy"] = sums["entropy"] / updates / self.config.steps_per_update
-        figures["return"] = sums["rewards"] / episodes if episodes else None
-        figures["success"] = sums["successes"] / episodes if episodes else None
+        if episodes:
+            metrics["return"] = sums["rewards"] / episodes
+            metrics["success"] = sums["successes"] / episodes
         if self._last is None:
-            return figures
+            return metrics
         ratios = self._last.log_rhos.exp()
-        figures["ratio_mean"] = ratios.mean().item()
-        figures["ratio_max"] = ratios.max().item()
+        metrics["ratio_mean"] = ratios.mean().item()
+        metrics["ratio_max"] = ratios.max().item()
         # A margin for ratios that are 1 but for rounding.
-        figures["ratio_clipped"] = (ratios > 1 + 1e-5).float().mean().item()
-        return figures | self._mean_lambdas(self._last.lambdas)
+        is_clipped = ratios > 1 + 1e-5
+        metrics["ratio_clipped"] = is_clipped.float().mean().item()
+        return metrics | self._mean_lambdas(self._last.lambdas)
 
     def _mean_lambdas(self, lambdas: Tensor) -> dict[str, float | None]:
         """Return mean mixing weights in the last unroll by source and action of the attempt."""
-        figures: dict[str, float | None] = {}
+        metrics: dict[str, float | None] = {}
         # Without the states after the last step, in the order of the rows of `lambdas`.
         selections = self._unroll.states.selection[:-1].reshape(-1)
         is_first = selections == self.policy.num_entities
@@ -354,8 +359,8 @@ class Impala:
             if rows.any():
                 means = lambdas[rows].mean(0).tolist()
             for label, mean in zip(self.policy.labels, means, strict=True):
-                figures[f"lambda_{label.name}_{action}"] = mean
-        return figures
+                metrics[f"lambda_{label.name}_{action}"] = mean
+        return metrics
 
     # --- checkpoints ------------------------------------------------------------------------------
 
@@ -371,15 +376,16 @@ class Impala:
         """
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
-        tensors: dict[str, Tensor] = {
-            f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()
-        }
+        tensors: dict[str, Tensor] = {}
+        for name, parameter in self.policy.named_parameters():
+            tensors[f"policy.{name}"] = parameter
         for name, value in self.optimizer.state[self._flat].items():
             tensors[f"optimizer.{name}"] = torch.as_tensor(value)
         for name, array in self.envs.saved().items():
             tensors[f"engine.{name}"] = torch.from_numpy(array)
-        for i, snapshot in enumerate(self._snapshots):
-            tensors |= {f"snapshot.{i}.{name}": tensor for name, tensor in snapshot.items()}
+        for number, snapshot in enumerate(self._snapshots):
+            for name, tensor in snapshot.items():
+                tensors[f"snapshot.{number}.{name}"] = tensor
         tensors["sums"] = self._sums
         tensors["generator"] = self._generator.get_state()
         tensors["update"] = torch.tensor(self.update_number)
@@ -397,7 +403,9 @@ class Impala:
             for name, parameter in self.policy.named_parameters():
                 parameter.copy_(state[f"policy.{name}"])
         self.optimizer.state[self._flat] = self._restored_optimizer(state)
-        saved = {name: state[f"engine.{name}"].numpy() for name in self.envs.saved()}
+        saved = {}
+        for name in self.envs.saved():
+            saved[name] = state[f"engine.{name}"].numpy()
         self.envs = self.envs.restored(saved)
         self._snapshots.clear()
         snapshots: dict[int, Weights] = {}
@@ -405,8 +413,11 @@ class Impala:
             if key.startswith("snapshot."):
                 # A weight's own name may contain dots.
                 _, number, name = key.split(".", 2)
-                snapshots.setdefault(int(number), {})[name] = tensor.to(self.device, copy=True)
-        self._snapshots.extend(snapshots[number] for number in sorted(snapshots))
+                snapshot = snapshots.setdefault(int(number), {})
+                snapshot[name] = tensor.to(self.device, copy=True)
+        # The oldest first, as they were taken.
+        for _, snapshot in sorted(snapshots.items()):
+            self._snapshots.append(snapshot)
         self._next_scores = None
         self._sums.copy_(state["sums"])
         self._generator.set_state(state["generator"])

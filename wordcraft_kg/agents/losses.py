@@ -17,7 +17,8 @@ def policy_gradient_loss(log_probs: Tensor, advantages: Tensor) -> Tensor:
     Returns:
         shape ().
     """
-    return -(log_probs * advantages).sum()
+    weighted = log_probs * advantages
+    return -weighted.sum()
 
 
 def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
@@ -30,14 +31,16 @@ def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
     Returns:
         shape ().
     """
-    return 0.5 * (targets - values).square().sum()
+    errors = targets - values
+    return 0.5 * errors.square().sum()
 
 
 def entropy(log_policies: Tensor) -> Tensor:
     """Return the summed entropy ``-Σ π log π`` in nats, for log-probabilities (N, A)."""
     # An empty slot has log π = -inf and π = 0: the product would be NaN, and its limit is 0.
     finite = log_policies.masked_fill(log_policies == -torch.inf, 0)
-    return -(log_policies.exp() * finite).sum()
+    expected = log_policies.exp() * finite
+    return -expected.sum()
 
 
 def divergence(log_policies: Tensor, references: Tensor) -> Tensor:
@@ -54,4 +57,5 @@ def divergence(log_policies: Tensor, references: Tensor) -> Tensor:
     """
     differences = log_policies - references
     finite = differences.masked_fill(log_policies == -torch.inf, 0)
-    return (log_policies.exp() * finite).sum()
+    expected = log_policies.exp() * finite
+    return expected.sum()

@@ -13,6 +13,7 @@ Source: Anthony, Tian and Barber 2017 (expert iteration); McFadden 1974 (conditi
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations_with_replacement
 
 import numpy as np
 import torch
@@ -109,7 +110,8 @@ def _train_results(world: World) -> _Results:
     """Return the results of pairs by train recipes: other recipes must not be learned from."""
     results: dict[tuple[int, int], list[int]] = {}
     for one, other, result in world.split.recipes("train").tolist():
-        results.setdefault((min(one, other), max(one, other)), []).append(result)
+        of_pair = results.setdefault(_pair(one, other), [])
+        of_pair.append(result)
     return results
 
 
@@ -137,10 +139,12 @@ def _rows(states: States, chosen: Tensor) -> States:
 
 def _pairs_to_goal(states: States, results: _Results, number: int, nothing: int) -> Tensor:
     """Return which pairs of slots lead to the goal in so many attempts, shape (B, A, A), bool."""
-    tables = states.table.tolist()
-    leads = torch.zeros(*states.table.shape, states.table.shape[1], dtype=torch.bool)
-    for row, (goal, table) in enumerate(zip(states.goal.tolist(), tables, strict=True)):
-        right = _right_pairs(goal, [each for each in table if each != nothing], results, number)
+    num_states, num_slots = states.table.shape
+    leads = torch.zeros(num_states, num_slots, num_slots, dtype=torch.bool)
+    goals = states.goal.tolist()
+    for row, table in enumerate(states.table.tolist()):
+        entities = [entity for entity in table if entity != nothing]
+        right = _right_pairs(goals[row], entities, results, number)
         for one, first in enumerate(table):
             for other, second in enumerate(table):
                 leads[row, one, other] = _pair(first, second) in right
@@ -155,19 +159,24 @@ def _right_pairs(
 ) -> set[tuple[int, int]]:
     """Return the pairs, smaller id first, after which the goal can be made in time."""
     distinct = sorted(set(table))
-    pairs = [(one, other) for i, one in enumerate(distinct) for other in distinct[i:]]
-    of_pairs = {pair: results[pair] for pair in pairs if pair in results}
     right = set()
-    for pair, made in of_pairs.items():
-        new = [each for each in made if each not in distinct]
-        if goal in made or (
-            number > 1 and new and _right_pairs(goal, [*distinct, *new], results, number - 1)
-        ):
+    # Each pair once, also of an entity with itself; of sorted ids, the smaller one comes first.
+    for pair in combinations_with_replacement(distinct, 2):
+        made = results.get(pair, [])
+        if goal in made:
             right.add(pair)
+            continue
+        new = [entity for entity in made if entity not in distinct]
+        if number > 1 and new:
+            # The new entities are on the table of the attempts that are left.
+            later = _right_pairs(goal, [*distinct, *new], results, number - 1)
+            if later:
+                right.add(pair)
     return right
 
 
 def _pair(one: int, other: int) -> tuple[int, int]:
+    """Return a pair with the smaller id first."""
     return (min(one, other), max(one, other))
 
 
@@ -192,13 +201,17 @@ def _after_right_pair(
         second = int(table[row, other])
         made = results[_pair(first, second)]
         goes_on[row] = int(states.goal[row]) not in made
-        free = (table[row] == nothing).nonzero()[:, 0]
-        new = [each for each in made if each not in table[row].tolist()]
-        for slot, each in zip(free.tolist(), new, strict=False):
-            table[row, slot] = each
-        place = int((tried[row, :, 0] != nothing).sum())
-        tried[row, place] = torch.tensor([first, second])
-    return _rows(states._replace(table=table, attempts=attempts._replace(tried=tried)), goes_on)
+        present = table[row].tolist()
+        new = [entity for entity in made if entity not in present]
+        is_free = table[row] == nothing
+        free_slots = is_free.nonzero()[:, 0].tolist()
+        # Results beyond the free slots are left out.
+        for slot, entity in zip(free_slots, new, strict=False):
+            table[row, slot] = entity
+        num_tried = int((tried[row, :, 0] != nothing).sum())
+        tried[row, num_tried] = torch.tensor([first, second])
+    after = states._replace(table=table, attempts=attempts._replace(tried=tried))
+    return _rows(after, goes_on)
 
 
 def _fitted(
@@ -220,8 +233,9 @@ def _fitted(
     Returns:
         shape (F,).
     """
-    filled = (states.table != source.num_entities).any(0).nonzero()
-    slots = int(filled[-1]) + 1
+    # Slots that are empty in all states, at the end of the tables, need no features.
+    is_filled = (states.table != source.num_entities).any(0)
+    slots = int(is_filled.nonzero()[-1]) + 1
     narrow = states._replace(table=states.table[:, :slots])
     features = source.features(narrow)
     right = leads[:, :slots, :slots]
@@ -237,8 +251,11 @@ def _fitted(
         optimizer.zero_grad()
         weights = first + change * is_learned
         shares = log_shares(features, weights[None], one, is_empty)
-        of_right = torch.logsumexp(shares.masked_fill(wrong, -torch.inf).flatten(1), dim=1)
-        value = _RIDGE * change.square().sum() - of_right.mean()
+        # (B, A, A) to (B, A · A): the probability of any right pair.
+        right_shares = shares.masked_fill(wrong, -torch.inf).flatten(1)
+        of_right = torch.logsumexp(right_shares, dim=1)
+        penalty = _RIDGE * change.square().sum()
+        value = penalty - of_right.mean()
         value.backward()
         return value
 

@@ -15,7 +15,7 @@ from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
@@ -97,7 +97,8 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     """Return a player of the slot with the highest summed score, as in Jiang et al. 2020.
 
     Ties are broken at random. The player raises LeakError if a source would score a task by a model
-    trained on the task's recipes.
+    trained on the task's recipes, and GraphMismatchError if the tasks belong to another graph or
+    split than a cross-fitted scorer.
     """
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
@@ -134,8 +135,10 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         """
         # Empty slots get a valid id for the scorer, and their scores are replaced below.
         last = nothing - 1
-        scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double()
+        first = a.clamp(max=last)
+        second = b.clamp(max=last)
         # float64, because in float32 so small a difference vanishes beside a score of 100.
+        scores = score_recipes(first, second, goal).double()
         scores = scores - 1e-6 * (a == b)
         return scores.masked_fill(b == nothing, -torch.inf)
 
@@ -179,7 +182,9 @@ def nearest_words(graph: RecipeGraph) -> Player:
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
         # Cosines differ by at most 2, so the selection is repeated only if alone on the table.
-        cosines = np.einsum("nd,nsd->ns", unit[state.goal], unit[state.table])
+        of_goals = unit[state.goal]
+        of_slots = unit[state.table]
+        cosines = np.einsum("nd,nsd->ns", of_goals, of_slots)
         return _best(state, cosines - 3.0 * is_selected, rng)
 
     return choose
@@ -197,8 +202,9 @@ def fewest_uses(split: Split) -> Player:
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
         # Any other entity comes before the selection, which is repeated only if alone on the table.
-        scores = np.where(is_selected, -np.inf, -uses[state.table].astype(float))
-        scores = np.maximum(scores, -1.0 - uses.max())
+        lowest = -1.0 - uses.max()
+        rarity = -uses[state.table].astype(float)
+        scores = np.where(is_selected, lowest, rarity)
         return _best(state, scores, rng)
 
     return choose
@@ -231,8 +237,8 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
         scores = torch.zeros(table.shape)
         keys = key[:, None].expand_as(table)
         # Without a selection, u knows nothing: all slots have score 0.
-        known = (table != nothing) & (keys != nothing)
-        scores[known] = facts.score(table[known], relation, keys[known])
+        has_both = (table != nothing) & (keys != nothing)
+        scores[has_both] = facts.score(table[has_both], relation, keys[has_both])
         return scores
 
     return {
@@ -267,8 +273,9 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     graph = split.graph
     some = fact_sources(graph, split.partial)
     everything = fact_sources(graph, graph.triples)
-    loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
-    no_self = fact_sources(graph, graph.triples[~loops])
+    heads, relations, tails = graph.triples.T
+    is_self_pair = (relations == COMBINES_WITH) & (heads == tails)
+    no_self = fact_sources(graph, graph.triples[~is_self_pair])
     train = split.recipes("train")
     plans = BestPlan.of_recipes(graph.num_entities, train)
     return {
@@ -396,17 +403,19 @@ def play_all(
         For each number of distractors and player a record of all tasks, then one of each group.
 
     Raises:
-        ConfigError: for a seed out of range, or too few entities in the graph for so many
-            distractors.
+        ConfigError: for a seed out of range, ``limit`` or ``distractor_seeds`` below 1, or too few
+            entities in the graph for so many distractors.
         ActionError: if a player chooses a number that is not a slot.
         LeakError: if a player would score a task by a model trained on the task's recipes.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
+    whole("limit", limit, 1)
     tasks = sampled_tasks(world, limit)
     warn_of_sample(world, tasks, limit)
     if distractor_seeds is None:
         distractor_seeds = default_seeds(len(world.tasks))
+    whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
     for amount in dict.fromkeys(distractors):
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks))
         for name, player in players.items():
@@ -426,23 +435,26 @@ def play_all(
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
             masks = {"": np.ones(len(tasks), dtype=bool)}
-            masks |= {group: mask[tasks] for group, mask in (groups or {}).items()}
+            for group, mask in (groups or {}).items():
+                masks[group] = mask[tasks]
             for group, mask in masks.items():
-                if mask.any():
-                    of_group = success[mask]
-                    low, high = task_bootstrap(of_group, world.groups[tasks[mask]])
-                    rows.append(
-                        PlayerSuccess(
-                            player=name,
-                            distractors=amount,
-                            episodes=of_group.size,
-                            success=float(of_group.mean()),
-                            low=low,
-                            high=high,
-                            by_plan=float(by_plan[mask].mean()),
-                            goals=group,
-                        )
+                if not mask.any():
+                    continue
+                of_group = success[mask]
+                resampled = world.groups[tasks[mask]]
+                low, high = task_bootstrap(of_group, resampled)
+                rows.append(
+                    PlayerSuccess(
+                        player=name,
+                        distractors=amount,
+                        episodes=of_group.size,
+                        success=float(of_group.mean()),
+                        low=low,
+                        high=high,
+                        by_plan=float(by_plan[mask].mean()),
+                        goals=group,
                     )
+                )
     return tuple(rows)
 
 

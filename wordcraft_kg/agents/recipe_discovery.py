@@ -152,12 +152,16 @@ class RecipeDiscoverer(Discoverer):
         if row < self._own:
             self._is_known[row] = True
         self._score(row, partners)
-        kept = [self._scored[_ordered(row, partner)] for partner in partners.tolist()]
-        results = [of_pair for of_pair, _ in kept]
-        scores = [of_pair for _, of_pair in kept]
+        results = []
+        scores = []
+        for partner in partners.tolist():
+            results_of_pair, scores_of_pair = self._scored[_ordered(row, partner)]
+            results.append(results_of_pair)
+            scores.append(scores_of_pair)
         others = torch.from_numpy(partners)
         is_foreign = row >= self._own
         foreign_partners = partners >= self._own
+        # In the order of `PRIOR`, without its second feature.
         fixed = [
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
@@ -222,7 +226,8 @@ class RecipeDiscoverer(Discoverer):
         worth = 1 + (shares * uses).sum(axis=1)
         own_parts = self._own_parts[self._pairs].sum(axis=1)
         log_odds = features @ self._weights + own_parts
-        return expit(log_odds) * worth
+        chances = expit(log_odds)
+        return chances * worth
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         if not new:
@@ -241,8 +246,10 @@ class RecipeDiscoverer(Discoverer):
             reason: the rule that chose the pair.
             features: its features, shape (len(PRIOR),).
         """
-        own_parts = self._own_parts[self._pairs[self._chosen]].sum()
-        chance = float(expit(features @ self._weights + own_parts))
+        pair = self._pairs[self._chosen]
+        own_parts = self._own_parts[pair].sum()
+        log_odds = features @ self._weights + own_parts
+        chance = float(expit(log_odds))
         results = self._results[self._chosen]
         # Known results keep a tiny share, which is that of nothing new.
         shares = np.where(self._is_known[results], 0.0, self._expected)
@@ -255,17 +262,20 @@ class RecipeDiscoverer(Discoverer):
         """Keep likely results with each partner and their scores, which are equal in all runs."""
         different = dict.fromkeys(partners.tolist())
         wanted = [other for other in different if _ordered(row, other) not in self._scored]
-        if wanted:
-            others = torch.tensor(wanted)[:, None]
-            fit = self._links_of([row]) + self._links_of(wanted)
-            fit = fit[:, : self._own]
-            likely = fit.topk(min(_LIKELY, self._own), dim=1).indices
-            scored = self._scorer.score_recipes(torch.tensor(row), others, likely)
-            scores, best = scored.topk(self._width, dim=1)
-            results = likely.gather(1, best).numpy()
-            kept = zip(wanted, results, scores.numpy(), strict=True)
-            for partner, results_of_pair, scores_of_pair in kept:
-                self._scored[_ordered(row, partner)] = (results_of_pair, scores_of_pair)
+        if not wanted:
+            return
+        # A result that is likely by the links of both ingredients is scored as a recipe.
+        fit = self._links_of([row]) + self._links_of(wanted)
+        of_own = fit[:, : self._own]
+        likely = of_own.topk(min(_LIKELY, self._own), dim=1).indices
+        # Shape (n, 1), against the n rows of likely results.
+        others = torch.tensor(wanted)[:, None]
+        scored = self._scorer.score_recipes(torch.tensor(row), others, likely)
+        scores, best = scored.topk(self._width, dim=1)
+        results = likely.gather(1, best)
+        kept = zip(wanted, results.numpy(), scores.numpy(), strict=True)
+        for partner, results_of_pair, scores_of_pair in kept:
+            self._scored[_ordered(row, partner)] = (results_of_pair, scores_of_pair)
 
     def _links_of(self, entities: Sequence[int]) -> torch.Tensor:
         """Return componentOf scores of n entities, (n, E), each computed once."""
@@ -280,20 +290,24 @@ class RecipeDiscoverer(Discoverer):
         for _ in range(_STEPS):
             chances = expit(self._seen @ weights)
             # Gradient and Hessian of the negative log posterior: data, then the normal prior.
-            of_data = self._seen.T @ (chances - self._made)
+            errors = chances - self._made
+            of_data = self._seen.T @ errors
             of_prior = (weights - self._mean) / self._variance
-            slope = of_data + of_prior
-            curved = (self._seen.T * (chances * (1 - chances))) @ self._seen
-            hessian = curved + np.diag(1 / self._variance)
-            step = np.linalg.solve(hessian, slope)
+            gradient = of_data + of_prior
+            variances = chances * (1 - chances)
+            curvature = (self._seen.T * variances) @ self._seen
+            hessian = curvature + np.diag(1 / self._variance)
+            step = np.linalg.solve(hessian, gradient)
             # Newton's method overshoots where outcomes are all equal, so steps are limited.
             excess = np.abs(step).max() / _STEP
             weights = weights - step / max(1.0, excess)
         self._weights = weights
         if self._spread > 0:
             chances = expit(self._seen @ weights)
+            variances = chances * (1 - chances)
             surprises = self._count(self._made - chances)
-            certainty = self._count(chances * (1 - chances)) + 1 / self._spread
+            # 1 / spread is the precision of the prior.
+            certainty = self._count(variances) + 1 / self._spread
             self._own_parts = surprises / certainty
 
     def _count(self, values: Floats) -> Floats:
@@ -302,9 +316,9 @@ class RecipeDiscoverer(Discoverer):
         size = len(self._rows)
         # An attempt with twice the same entity counts once for it.
         of_other = np.where(one == other, 0, values)
-        sums = np.bincount(one, weights=values, minlength=size)
-        sums = sums + np.bincount(other, weights=of_other, minlength=size)
-        return np.asarray(sums, dtype=np.float64)
+        sums_of_one = np.bincount(one, weights=values, minlength=size)
+        sums_of_other = np.bincount(other, weights=of_other, minlength=size)
+        return np.asarray(sums_of_one + sums_of_other, dtype=np.float64)
 
 
 def _ordered(one: int, other: int) -> Pair:

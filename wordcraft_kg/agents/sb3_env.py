@@ -64,6 +64,7 @@ class SB3VecEnv(VecEnv):
             ConfigError: for an unknown setting, or a value out of range.
             TaskError: if the graph has no such task.
             RecipeFileError: if there is no such graph, or a book cannot be read.
+            ArtefactError: if a graph folder is damaged.
         """
         self.env = WordCraftVectorEnv(num_envs, graph, **settings)
         self.world = self.env.world

@@ -43,6 +43,8 @@ def bind_tasks(scores: Iterable[Any], world: World) -> None:
 
     Raises:
         LeakError: if one would score a task by a model trained on the task's recipes.
+        GraphMismatchError: if the tasks belong to another graph or split than a cross-fitted
+            scorer.
     """
     # Other tasks have no train recipes to leave out: the model of all train recipes scores them.
     if has_train_recipes(world):

@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.queries import RecipeQuery
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids, are_among, recipe_keys
@@ -182,16 +183,24 @@ class RecipeScoring:
         That is one recipe, or a recipe for each entity in the open slot.
 
         Raises:
-            ValueError: for a label that the scorer does not know.
+            UnknownEntityError: for a label that the scorer does not know.
         """
         # Half-products of chains are no things of the game, and no answers.
         everything = np.flatnonzero(~mark_half_products(self.scorer.entities))
-        ids = [
-            everything if slot is None else [self.scorer.entities.index(slot)]
-            for slot in query.slots
-        ]
+        ids = [everything if slot is None else [self._entity(slot)] for slot in query.slots]
         # Named entities broadcast along the open slot.
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
+
+    def _entity(self, label: str) -> int:
+        """Return an entity's id, or raise UnknownEntityError with the nearest labels."""
+        entities = self.scorer.entities
+        try:
+            return entities.index(label)
+        except ValueError:
+            hint = nearest(label, entities)
+            raise UnknownEntityError(
+                f"no entity '{label}' in {self.model.scorer.name}.{hint}"
+            ) from None
 
     def scores(self, rows: Ids) -> torch.Tensor:
         """Return scores, shape (n,), of recipes as ids (ingredients and result), shape (n, 3)."""
@@ -234,7 +243,7 @@ class RecipeScoring:
             Recipes as ids, shape (n, 3), and their scores.
 
         Raises:
-            ValueError, UnknownEntityError: for a label that the scorer does not know.
+            UnknownEntityError: for a label that the scorer does not know.
         """
         scorer = self.scorer
         scores = None
@@ -307,7 +316,7 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
     """Score a recipe, and rank each entity in its slot.
 
     Raises:
-        ValueError: for a label that the scorer does not know.
+        UnknownEntityError: for a label that the scorer does not know.
     """
     row = scoring.rows(query)
     own = scoring.scores(row)
@@ -350,7 +359,7 @@ def view_open_recipe(
         The completed recipes; results of a pair have probabilities if the scorer is calibrated.
 
     Raises:
-        ValueError, UnknownEntityError: for a label that the scorer does not know.
+        UnknownEntityError: for a label that the scorer does not know.
     """
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
@@ -380,7 +389,7 @@ def score_recipe_queries(
         A row for a full recipe, up to ``top`` rows for a query with an open slot.
 
     Raises:
-        ValueError, UnknownEntityError: for a label that the scorer does not know.
+        UnknownEntityError: for a label that the scorer does not know.
     """
     # Full recipes are scored in one batch, which is much faster than one by one.
     recipes = [scoring.rows(query) for query in queries if not query.is_open]

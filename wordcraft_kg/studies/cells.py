@@ -66,6 +66,9 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
 
     Returns:
         Number of cells that were taken from the store.
+
+    Raises:
+        OSError: if results cannot be written to ``root``, as on a full disk.
     """
     taken = 0
     # Opened once for all cells: each agent of a graph plays the same tasks.
@@ -105,20 +108,20 @@ def read_cell(
         return None
     try:
         cell = parse_record(store.read(task.address), StoredCell, where)
-        if cell.sha256 != hash_of([cell.settings, cell.figures]) or cell.settings != task.settings:
+        is_intact = cell.sha256 == hash_of([cell.settings, cell.figures])
+        if not is_intact or cell.settings != task.settings:
             raise ArtefactError(
                 f"{where} is damaged or was changed: the hash or the settings do not fit."
             )
         figures = as_record(cell.figures, METRICS[task.kind], where)
         # `keep_cell` writes no durations, so others are forged: a page would add them up.
-        timed = [
-            name for name in _UNTIMED if getattr(figures, name, _UNTIMED[name]) != _UNTIMED[name]
-        ]
-        if timed:
-            raise ArtefactError(
-                f"{where} is damaged or was changed: '{timed[0]}' is {getattr(figures, timed[0])}; "
-                f"expected {_UNTIMED[timed[0]]} in a cell."
-            )
+        for name, expected in _UNTIMED.items():
+            value = getattr(figures, name, expected)
+            if value != expected:
+                raise ArtefactError(
+                    f"{where} is damaged or was changed: '{name}' is {value}; expected {expected} "
+                    "in a cell."
+                )
         if played is not None and isinstance(figures, RunMetrics):
             played.check(figures, task.needs[0], task.settings["settings"], where)
         return figures
@@ -147,6 +150,9 @@ def keep_cell(task: Task, root: Path, store: CellFiles) -> None:
         root: results folder with the task's results.
         store: files of the store. A store that cannot be written is a warning: the results are safe
             in ``root``.
+
+    Raises:
+        ArtefactError: if the task has no results, or they are damaged.
     """
     figures = read_metrics(task.folder(root), METRICS[task.kind])
     if task.kind == "graphs" or figures.stored or not figures.platform:

@@ -128,9 +128,16 @@ def view_claims(
     results: StudyResults,
     claims: Iterable[Claim] | None = None,
 ) -> tuple[ClaimVerdict, ...]:
-    """Return verdicts on claims (default: the study's), one for each grid point of each claim."""
+    """Return verdicts on claims, one for each grid point of each claim.
+
+    Args:
+        results: the study's results.
+        claims: the claims to check; None for those of the study.
+    """
+    if claims is None:
+        claims = results.study.claims
     verdicts: list[ClaimVerdict] = []
-    for claim in results.study.claims if claims is None else claims:
+    for claim in claims:
         verdicts += check_claim(results, claim)
     return tuple(verdicts)
 
@@ -138,9 +145,9 @@ def view_claims(
 def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
     """Return verdicts on a claim, one for each grid point.
 
-    Then follows one for each reason of a missing point.
-
-    A claim that the sign varies has one verdict over all its points, and needs two of them.
+    Then follows one for each reason of a missing point: a point without results is the verdict "not
+    run", no error. A claim that the sign varies has one verdict over all its points, and needs two
+    of them.
     """
     figures: list[Measured] = []
     lacking: list[str] = []
@@ -153,12 +160,16 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
     groups: list[tuple[Measured, ...]] = [(measured,) for measured in figures]
     if claim.expected == "varies":
         groups = [tuple(figures)] if len(figures) > 1 else []
-    entries = [_verdict(claim, *_rule(results, claim, group), group) for group in groups]
+    entries = []
+    for group in groups:
+        verdict, why = _rule(results, claim, group)
+        entries.append(_verdict(claim, verdict, why, group))
     if not groups and not lacking:
         lacking = ["the study has no results at such points"]
     # Many points usually lack results for the same reason, which is said once.
-    reasons = dict.fromkeys(lacking)
-    return entries + [_verdict(claim, "not run", reason, ()) for reason in reasons]
+    for reason in dict.fromkeys(lacking):
+        entries.append(_verdict(claim, "not run", reason, ()))
+    return entries
 
 
 def _verdict(
@@ -213,21 +224,28 @@ class _Sides(NamedTuple):
     def differences(self, seeds: Sequence[int]) -> Scores:
         """Return left minus right for some of the seeds, in their order."""
         rows = [self.seeds.index(seed) for seed in seeds]
-        return (self.left - self.right)[rows]
+        differences = self.left - self.right
+        return differences[rows]
 
 
 def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
     left = _runs(results, claim.left, point)
-    right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else left
+    right = left
+    if claim.right:
+        right_point = {**point, **claim.right_at}
+        right = _runs(results, claim.right, right_point)
     seeds = sorted(left.keys() & right.keys())
     runs = [left[seed] for seed in seeds]
     others = [right[seed] for seed in seeds]
     _check_runs(results, claim, point, runs + others)
-    pairs = list(zip(runs, others, strict=True))
-    of_left = np.array([_metrics(claim.measure, run, other) for run, other in pairs])
-    if claim.right:
-        of_right = np.array([_metrics(claim.measure, other, other) for other in others])
-    else:
+    lefts = []
+    rights = []
+    for run, other in zip(runs, others, strict=True):
+        lefts.append(_metrics(claim.measure, run, other))
+        rights.append(_metrics(claim.measure, other, other))
+    of_left = np.array(lefts)
+    of_right = np.array(rights)
+    if not claim.right:
         of_right = np.full_like(of_left, claim.than)
     # All runs have the same tasks, see _check_runs, and so the same groups.
     groups = results.groups_of(runs[0]) if claim.measure == "success" else None
@@ -264,18 +282,25 @@ def _check_runs(
         raise ConfigError(f"no common seed for {names}, {_point(point)}")
     if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
         raise ConfigError(f"no learning curves for {names}")
-    if claim.measure == "success" and len({results.tasks_of(run) for run in runs}) > 1:
+    tasks = {results.tasks_of(run) for run in runs}
+    if claim.measure == "success" and len(tasks) > 1:
         raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
     """Return a variant's runs by seed; ConfigError without runs, with the first known reason."""
-    runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
-    if not runs:
-        lost = [one for one in results.missing if one.variant == variant and one.values == point]
-        why = lost[0].why if lost else "not in the study"
-        raise ConfigError(f"no runs for '{variant}', {_point(point)}: {why}")
-    return runs
+    runs = {}
+    for run in results.runs:
+        if run.variant == variant and run.values == point:
+            runs[run.seed] = run
+    if runs:
+        return runs
+    why = "not in the study"
+    for missing in results.missing:
+        if missing.variant == variant and missing.values == point:
+            why = missing.why
+            break
+    raise ConfigError(f"no runs for '{variant}', {_point(point)}: {why}")
 
 
 def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
@@ -288,13 +313,17 @@ def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
     if measure == "same_twice":
         return [run.terminations["same_twice"]]
     if measure == "early":
+        early = _EARLY * run.steps
+        distances = [abs(step - early) for step, _ in run.curve]
         # The nearest point of the curve; of two equally near ones, the earlier.
-        _, success = min(run.curve, key=lambda point: abs(point[0] - _EARLY * run.steps))
+        nearest = distances.index(min(distances))
+        _, success = run.curve[nearest]
         return [success]
     _, end = other.curve[-1]
+    level = _REACHED * end
     # A curve that never gets there counts as all steps: leaving it out would favour the slower
     # side.
-    steps = min(steps_to(run.curve, _REACHED * end), run.steps)
+    steps = min(steps_to(run.curve, level), run.steps)
     return [steps / run.steps]
 
 
@@ -311,11 +340,17 @@ def _interval(
         # One side is exact, so the interval of the other is that of the difference, moved.
         low, high = rate_interval(left, groups)
         return low - claim.than, high - claim.than
+    differences = left - right
     if claim.measure == "success":
-        return crossed_difference(left - right, groups)[0][1:]
+        (_, low, high), _ = crossed_difference(differences, groups)
+        return low, high
     # Shares lie in [0, 1], and so their differences in [-1, 1]: no interval reaches beyond.
-    within = (-1.0, 1.0) if claim.than is None else (-claim.than, 1 - claim.than)
-    return student_interval((left - right)[:, 0], within=within) or (None, None)
+    within = (-1.0, 1.0)
+    if claim.than is not None:
+        within = (-claim.than, 1 - claim.than)
+    # One value for each seed, shape (seeds,).
+    by_seed = differences[:, 0]
+    return student_interval(by_seed, within=within) or (None, None)
 
 
 def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
@@ -367,13 +402,16 @@ def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple
 def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
     """Return the verdict on "no difference above ``by``", by the interval of the difference."""
     # Comparable is a claim of its own: an interval around 0 that is too wide does not prove it.
-    if -by <= low and high <= by:
+    is_close = -by <= low and high <= by
+    if is_close:
         return "reproduced", f"closer than {by:g}"
-    if low > by or high < -by:
-        return "not reproduced", f"{'more' if low > by else 'less'}, by more than {by:g}"
-    if low > 0 or high < 0:
-        return "differs", f"{'more' if low > 0 else 'less'}, though perhaps by less than {by:g}"
-    return "undecided", "the interval is too wide"
+    if low <= 0 <= high:
+        return "undecided", "the interval is too wide"
+    word = "more" if low > 0 else "less"
+    is_far = low > by or high < -by
+    if is_far:
+        return "not reproduced", f"{word}, by more than {by:g}"
+    return "differs", f"{word}, though perhaps by less than {by:g}"
 
 
 def _varies(
@@ -394,9 +432,11 @@ def _varies(
         ahead = f"{claim.left} is ahead with {'; '.join(more)}"
         return "reproduced", f"{ahead}, {right} with {'; '.join(less)}"
     if len(measured) in (len(more), len(less)):
-        everywhere = f"{'more' if more else 'less'} at all {counted(len(measured), 'point')}"
+        word = "more" if more else "less"
+        everywhere = f"{word} at all {counted(len(measured), 'point')}"
         # The same sign everywhere contradicts the claim, unless at least the amount varies.
-        if any(_changes(results, claim, *pair) for pair in combinations(measured, 2)):
+        pairs = combinations(measured, 2)
+        if any(_changes(results, claim, one, other) for one, other in pairs):
             return "differs", f"{everywhere}, but by different amounts"
         return "not reproduced", f"{everywhere}, by amounts without a significant difference at 5 %"
     if all(low >= -_SAME and high <= _SAME for low, high in intervals):
@@ -422,9 +462,9 @@ def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured
         return greatest_low > least_high
     # A value that the claim names is the same at both points, and so cancels in the change.
     of_differences = msgspec.structs.replace(claim, than=None)
-    low, high = _interval(
-        of_differences, here.differences(common), there.differences(common), here.groups
-    )
+    differences_here = here.differences(common)
+    differences_there = there.differences(common)
+    low, high = _interval(of_differences, differences_here, differences_there, here.groups)
     if low is None or high is None:
         return False
     return low > 0 or high < 0
@@ -473,5 +513,6 @@ def share(value: float) -> str:
 
 
 def signed(value: float | None) -> str:
-    """Format a difference between shares."""
-    return f"{value or 0:+.3f}".replace("0.", ".", 1)
+    """Format a difference between shares with sign and three digits; None as 0."""
+    text = f"{value or 0:+.3f}"
+    return text.replace("0.", ".", 1)

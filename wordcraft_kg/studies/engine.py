@@ -281,7 +281,11 @@ def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
             if not (root / address / RUN_FILE).exists():
                 left[address] = plan.tasks[address]
     factors = {sort: median(ratios) for sort, ratios in measured.items()}
-    return sum(_usual(task) * factors.get(_sort(task), 1.0) for task in left.values()) / 3600
+    seconds_left = 0.0
+    for task in left.values():
+        # A kind of which nothing was measured here takes its usual time.
+        seconds_left += _usual(task) * factors.get(_sort(task), 1.0)
+    return seconds_left / 3600
 
 
 def _sort(task: Task) -> str:
@@ -331,7 +335,9 @@ def run_study(
 
     Raises:
         ConfigError: for a study fault, or ``jobs`` out of range.
-        ArtefactError: if another study runs in the folder.
+        RecipeFileError: if a recipe book is missing.
+        ArtefactError: if another study runs in the folder, or a pack of the store is damaged.
+        FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; the same call resumes.
 
     Example:

@@ -50,7 +50,8 @@ _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 def is_done(task: Task, root: Path) -> bool:
     """Return whether a task has results in the results folder ``root``.
 
-    Raise ArtefactError for damaged results.
+    Raises:
+        ArtefactError: if the results are damaged.
     """
     if not (task.folder(root) / METRICS_FILE).exists():
         return False
@@ -61,7 +62,12 @@ def is_done(task: Task, root: Path) -> bool:
 def check_whole(task: Task, root: Path) -> bool:
     """Return whether a finished task's graph or model exists, not only copied metrics.
 
-    Raise ArtefactError if it is damaged.
+    Args:
+        task: a done task of the kind "graphs" or "scorers".
+        root: results folder.
+
+    Raises:
+        ArtefactError: if the graph, the model or its results are damaged.
     """
     folder = task.folder(root)
     if task.kind == "graphs":
@@ -225,8 +231,11 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
     part: TaskPart = "test" if "test" in summary.success else "train"
     lines = read_metrics(files.bytes("metrics.jsonl"), folder / "metrics.jsonl")
     name = f"{part}_success"
-    # Five digits hold a share of all tasks, and keep a study with thousands of points small.
-    curve = tuple((row.step, round(row.figures[name], 5)) for row in lines if name in row.figures)
+    curve = []
+    for row in lines:
+        if name in row.figures:
+            # Five digits hold a share of all tasks, and keep studies with many points small.
+            curve.append((row.step, round(row.figures[name], 5)))
     distractor_seeds = summary.success[part].distractor_seeds
     played = [task for task in read_episodes(folder) if task.part == part]
     return RunMetrics(
@@ -238,7 +247,7 @@ def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
         terminations={str(name): share for name, share in summary.outcomes[part].items()},
         won="".join(str(round(task.success * distractor_seeds)) for task in played),
         distractor_seeds=distractor_seeds,
-        curve=curve,
+        curve=tuple(curve),
         steps=summary.steps,
         steps_per_second=summary.steps_per_second,
     )

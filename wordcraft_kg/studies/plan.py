@@ -82,10 +82,16 @@ def defaults_of(kind: type) -> dict[str, Any]:
 def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
     """Return a scorer's configuration from settings of an address, without `_IN_STUDIES`.
 
-    Raise ConfigError if it is invalid.
+    Args:
+        command: command that trains the scorer, a key of :data:`CONFIG_OF`.
+        settings: the settings that are not at their default.
+
+    Raises:
+        ConfigError: if a setting is out of range, or does not fit another.
     """
     kind = CONFIG_OF[command]
-    return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
+    left_out = _IN_STUDIES.get(kind, {})
+    return kind(**{**left_out, **settings})
 
 
 DEFAULTS_OF_AGENT: dict[str, Any] = {}
@@ -122,9 +128,13 @@ class Plan:
         return max(task.threads for task in self.tasks.values())
 
     def jobs(self, wanted: int | None) -> int:
-        """Return the number of parallel tasks: ``wanted``, or as many as the cores allow.
+        """Return the number of parallel tasks.
 
-        Raise ConfigError if ``wanted`` is out of range.
+        Args:
+            wanted: the number; None for as many as the cores allow.
+
+        Raises:
+            ConfigError: if ``wanted`` is out of range.
         """
         if wanted is None:
             return max(cores() // self.threads, 1)
@@ -200,8 +210,10 @@ class _Planner:
 
     def _add(self, kind: Kind, described: dict[str, Any], title: str, *others: Any) -> str:
         # The number of the version is a part of the address, see VERSIONS.
-        task = Task(kind, {"version": VERSIONS[kind], **described}, title, *others)
-        return self.tasks.setdefault(task.address, task).address
+        settings = {"version": VERSIONS[kind], **described}
+        task = Task(kind, settings, title, *others)
+        self.tasks.setdefault(task.address, task)
+        return task.address
 
     def _graph(self, settings: Values) -> str:
         given = {name: settings[name] for name in OF_GRAPH if name in settings}
@@ -354,7 +366,8 @@ def content_of(features: Value | None) -> dict[str, str]:
     # An array has its labels in a file beside it, under either name.
     if path.suffix.lower() == ".npy":
         files += [path.with_suffix(".labels.txt"), path.with_suffix(".txt")]
-    return {"content": " ".join(sha256_of(file) for file in files if file.is_file())}
+    hashes = [sha256_of(file) for file in files if file.is_file()]
+    return {"content": " ".join(hashes)}
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
@@ -373,8 +386,11 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
         settings = {**_IN_STUDIES[PolicyConfig], **settings}
     parts: dict[str, Any] = {}
     for part, kind in _PART_OF_AGENT.items():
-        names = [field.name for field in fields(kind) if field.name in settings]
-        parts[part] = kind(**{name: settings[name] for name in names})
+        of_part = {}
+        for field in fields(kind):
+            if field.name in settings:
+                of_part[field.name] = settings[field.name]
+        parts[part] = kind(**of_part)
     return replace(AgentConfig(graph, scorer), **parts)
 
 
@@ -385,11 +401,12 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
     """
     for name, value in settings.items():
         default = defaults.get(name)
-        if isinstance(default, str) and not isinstance(value, str):
+        is_text = isinstance(value, str)
+        if isinstance(default, str) and not is_text:
             raise refuse(name, value, "text, in quotes")
         if isinstance(default, bool) and not isinstance(value, bool):
             raise refuse(name, value, "true or false")
-        if isinstance(default, int | float) and isinstance(value, str):
+        if isinstance(default, int | float) and is_text:
             raise refuse(name, value, "a number, without quotes")
 
 

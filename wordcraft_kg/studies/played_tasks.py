@@ -33,20 +33,31 @@ class PlayedTasks:
 
         Groups are numbered by first appearance.
 
-        ``settings`` are those of a cell or a task; only task settings matter. TaskError without
-        test tasks.
+        Args:
+            address: address of the agent's graph.
+            settings: settings of a cell or a task, of which only task settings matter.
+
+        Raises:
+            TaskError: if the graph has no test tasks with these settings.
+            ConfigError: if a task setting is out of range.
+            ArtefactError, RecipeFileError: if the graph cannot be opened.
         """
-        names = [field.name for field in fields(TaskConfig) if field.name in settings]
-        config = TaskConfig(**{name: settings[name] for name in names}).environment("test")
+        of_tasks = {}
+        for field in fields(TaskConfig):
+            if field.name in settings:
+                of_tasks[field.name] = settings[field.name]
+        config = TaskConfig(**of_tasks).environment("test")
         key = address, config.depth, config.task_weighting
         if key not in self._groups:
-            groups = World(self._graph(address), config).groups
+            every = World(self._graph(address), config).groups
             # Of very many tasks, an even sample is played.
-            groups = groups[:: distance_of(len(groups), MOST_TASKS)]
-            _, first, number = np.unique(groups, return_index=True, return_inverse=True)
+            step = distance_of(len(every), MOST_TASKS)
+            played = every[::step]
+            _, first, number = np.unique(played, return_index=True, return_inverse=True)
             # unique() numbers the groups by their values; the first appearance does not depend on
-            # these.
-            place = np.argsort(np.argsort(first))
+            # these. The place of a group in the order of first appearances is its new number.
+            order = np.argsort(first)
+            place = np.argsort(order)
             self._groups[key] = place[number]
         return self._groups[key]
 
@@ -57,13 +68,17 @@ class PlayedTasks:
         settings: Mapping[str, Any],
         where: Path | str,
     ) -> None:
-        """Raise ArtefactError if an agent's results are of another graph, split or set of tasks.
+        """Check that an agent's results are of its graph, its split and its test tasks.
 
         Args:
             figures: results of the agent.
             address: address of the agent's graph.
             settings: settings of the agent's cell or task.
             where: file or folder with the results, perhaps in words, for the error.
+
+        Raises:
+            ArtefactError: if they are of another graph, split or set of tasks.
+            TaskError, ConfigError, RecipeFileError: as :meth:`groups`.
         """
         opened = self._graph(address)
         tasks = len(self.groups(address, settings))

@@ -77,11 +77,17 @@ class RayWorkers:
             perform_on_node = ray.remote(_perform_on_node)
             while True:
                 # Asked each time, because nodes come and go.
-                places = self.jobs or max(int(ray.cluster_resources().get("CPU", 0)), 1)
-                while len(running) < places and (task := take()) is not None:
+                cores_of_cluster = int(ray.cluster_resources().get("CPU", 0))
+                places = self.jobs or max(cores_of_cluster, 1)
+                while len(running) < places:
+                    task = take()
+                    if task is None:
+                        break
                     call = _call(perform_on_node, task.threads, _gpus(task))
+                    # The first input of a task is its graph.
                     fit = expected.only(task.needs[:1])
-                    running[call.remote(task, self.perform, fit, sys.argv)] = task
+                    reference = call.remote(task, self.perform, fit, sys.argv)
+                    running[reference] = task
                 if not running:
                     return
                 ray.wait([*running], timeout=TICK)
@@ -107,7 +113,8 @@ def _gpus(task: Task) -> int:
 
 def _call(remote: Any, threads: int, gpus: int, **options: Any) -> Any:
     # Libraries read the number of threads once, when a process loads them.
-    variables = dict.fromkeys((*THREADS_VARIABLES, CORES_VARIABLE), str(max(threads, 1)))
+    names = (*THREADS_VARIABLES, CORES_VARIABLE)
+    variables = dict.fromkeys(names, str(max(threads, 1)))
     options = {"scheduling_strategy": "SPREAD", "max_retries": RETRIES, **options}
     environment = {"env_vars": variables}
     return remote.options(num_cpus=threads, num_gpus=gpus, runtime_env=environment, **options)
@@ -123,16 +130,21 @@ def _check_nodes(ray: Any, plan: "Plan", expected: Expected) -> None:
         resources = node["Resources"]
         offers.append((int(resources.get("CPU", 0)), int(resources.get("GPU", 0))))
     for task in plan.tasks.values():
+        needed = _gpus(task)
         # A task runs on one node: cores of several nodes do not add up.
-        if not any(cpus >= task.threads and gpus >= _gpus(task) for cpus, gpus in offers):
+        if not any(cpus >= task.threads and gpus >= needed for cpus, gpus in offers):
             raise ConfigError(
-                f"'{task.title}' needs {task.threads} cores and {_gpus(task)} GPUs of one node, "
+                f"'{task.title}' needs {task.threads} cores and {needed} GPUs of one node, "
                 f"but the nodes have (cores, GPUs) {offers}; change `threads` or `device`."
             )
-    there = [Affinity(node["NodeID"], soft=False) for node in nodes]
     check = ray.remote(Expected.check)
-    calls = [_call(check, 0, 0, scheduling_strategy=one) for one in there]
-    for node, answer in zip(nodes, [call.remote(expected) for call in calls], strict=True):
+    # All nodes are asked before the first answer, which takes long.
+    answers = []
+    for node in nodes:
+        there = Affinity(node["NodeID"], soft=False)
+        call = _call(check, 0, 0, scheduling_strategy=there)
+        answers.append(call.remote(expected))
+    for node, answer in zip(nodes, answers, strict=True):
         try:
             _answer(ray, answer, timeout=_ANSWER)
         except ray.exceptions.RayError as error:
@@ -176,7 +188,9 @@ def _check_address(address: str) -> None:
         if os.environ.get("RAY_USE_TLS") == "1":  # the server waits for a handshake
             return
         connection.sendall(_HTTP2)
-        if connection.recv(9)[3:4] != bytes([_SETTINGS]):
+        # The head of a frame has nine bytes.
+        head = connection.recv(9)
+        if head[3:4] != bytes([_SETTINGS]):
             raise ConnectionError("the program there is not Ray")
 
 

@@ -32,6 +32,7 @@ def write_study_report(view: StudyView, folder: Path, *, force: bool = False) ->
 
     Raises:
         OutputExistsError: if ``folder`` exists and ``force`` is False.
+        ValueError: if a number is not finite or out of bounds; nothing is written.
     """
     report = make_study_report(view)
     write_report(report, folder, force=force)

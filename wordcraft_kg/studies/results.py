@@ -29,6 +29,10 @@ def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
     """Return the steps until a curve first reaches a level; infinity if it never does.
 
     Between two points, the curve is a line.
+
+    Args:
+        curve: points (environment steps, success) in ascending order of steps.
+        level: the success to reach.
     """
     before = 0
     lower = level
@@ -37,7 +41,9 @@ def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
             # The first point has no line before it.
             if lower >= level:
                 return step
-            return step - (step - before) * (value - level) / (value - lower)
+            # Back from the point, by the share of its line that lies above the level.
+            length = step - before
+            return step - length * (value - level) / (value - lower)
         before = step
         lower = value
     return math.inf
@@ -50,22 +56,26 @@ _ROUNDING = 1e-6
 
 
 def check_played(figures: "RunResult | RunMetrics") -> None:
-    """Raise ValueError for results of an agent that contradict its successes on single tasks.
+    """Check that results of an agent agree with its successes on single tasks.
 
     Success on test tasks and the share of the termination reason ``goal`` follow from ``won``;
     success by plan is a part of success, and shares of termination reasons add up to 1. Everything
     else needs the agent or its scorer, and cannot be recomputed: success on train tasks, success by
     plan below success, the other reasons, the course of the curve, MRR and the duration.
+
+    Raises:
+        ValueError: for results that contradict ``won``, or each other.
     """
-    won = figures.won
+    successes = [int(digit) for digit in figures.won]
     tables = figures.distractor_seeds
-    if not tables or max(map(int, won)) > tables:
+    if not tables or max(successes) > tables:
         raise ValueError(
-            f"`won` has {max(won)} successes of a task; expected at most `distractor_seeds` "
+            f"`won` has {max(successes)} successes of a task; expected at most `distractor_seeds` "
             f"{tables}"
         )
     # Each task has the same number of episodes, so the mean over tasks is that over episodes.
-    rate = sum(map(int, won)) / (len(won) * tables)
+    episodes = len(successes) * tables
+    rate = sum(successes) / episodes
     part = _part_of(figures.success)
     _check_rate(f"success.{part}", figures.success[part], rate)
     # Results may leave the reasons out, but not contradict `won` with them.
@@ -105,10 +115,13 @@ def _check_by_plan(figures: "RunResult | RunMetrics") -> None:
 
 def _check_curve(curve: Curve, last: int) -> None:
     steps = [step for step, _ in curve]
-    if steps != sorted(set(steps)) or any(not 0 <= step <= last for step in steps):
+    is_ascending = steps == sorted(set(steps))
+    is_within = all(0 <= step <= last for step in steps)
+    if not is_ascending or not is_within:
         raise ValueError(f"`curve` has steps out of order, or beyond the {last:,} steps")
-    if not all(0 <= value <= 1 for _, value in curve):
-        raise ValueError("`curve` has a success outside 0 to 1")
+    for _, success in curve:
+        if not 0 <= success <= 1:
+            raise ValueError("`curve` has a success outside 0 to 1")
 
 
 def _part_of(success: Mapping[str, float]) -> str:
@@ -167,7 +180,8 @@ class RunResult(Record, frozen=True):
     @property
     def rates(self) -> NDArray[np.float64]:
         """Success rate on each test task, shape (K,)."""
-        return np.array([int(digit) for digit in self.won]) / self.distractor_seeds
+        successes = np.array([int(digit) for digit in self.won])
+        return successes / self.distractor_seeds
 
 
 class Missing(Record, frozen=True):
@@ -249,10 +263,12 @@ class StudyResults(Record, frozen=True):
 
     def groups_of(self, run: RunResult) -> NDArray[np.int64] | None:
         """Return the group of each test task of a run, shape (K,); None if not recorded."""
-        return None if run.groups is None else np.array(self.groups[run.groups], dtype=np.int64)
+        if run.groups is None:
+            return None
+        return np.array(self.groups[run.groups], dtype=np.int64)
 
     def tasks_of(self, run: RunResult) -> tuple[str, str, int, int]:
-        """Return what identifies a run's test tasks."""
+        """Return what identifies a run's test tasks: graph hash, split hash, tasks, tables."""
         graph = self.graphs[run.graph]
         return graph.hash, graph.split, len(run.won), run.distractor_seeds
 
@@ -342,6 +358,13 @@ def write_metrics(folder: Path, figures: TaskMetrics) -> None:
     """Write a task's results with a hash to ``figures.json`` in the task's folder.
 
     The file marks the task as done.
+
+    Args:
+        folder: the task's folder, which exists.
+        figures: the results.
+
+    Raises:
+        OSError: if the file cannot be written, as on a full disk.
     """
     values = as_values(figures)
     write_atomically(
@@ -354,7 +377,8 @@ def write_metrics(folder: Path, figures: TaskMetrics) -> None:
 def read_metrics(folder: Path, kind: type[F]) -> F:
     """Read a task's results of the type ``kind`` from its folder.
 
-    Raise ArtefactError for a damaged or edited file.
+    Raises:
+        ArtefactError: if the file is missing, damaged or edited, or holds results of another type.
     """
     path = folder / METRICS_FILE
     values = read_json(path)

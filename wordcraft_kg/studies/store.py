@@ -136,9 +136,10 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
 
 
 def studies_of(root: Path) -> list[str]:
-    """Return all study names in a results folder.
+    """Return all study names in a results folder, sorted.
 
-    Raise ArtefactError if ``root`` is not a results folder.
+    Raises:
+        ArtefactError: if ``root`` is not a results folder.
     """
     if not (root / _STUDIES).is_dir():
         raise ArtefactError(
@@ -149,7 +150,11 @@ def studies_of(root: Path) -> list[str]:
 
 
 def read_plan(root: Path, name: str) -> PlannedStudy:
-    """Read the record of a planned study; ArtefactError for a missing or damaged record."""
+    """Read the record of a planned study.
+
+    Raises:
+        ArtefactError: if ``root`` is not a results folder, or the record is missing or damaged.
+    """
     known = studies_of(root)
     if name not in known:
         raise ArtefactError(
@@ -182,7 +187,7 @@ def forget_failure(root: Path, address: str) -> None:
 
 
 def failure_of(root: Path, address: str) -> str | None:
-    """Return the error of the failed training in the folder ``address``, or None."""
+    """Return the recorded error of the training ``address``; None if it has not failed."""
     path = _failure_file(root, address)
     if not path.exists():
         return None
@@ -196,7 +201,14 @@ _KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_seco
 def collect_study(root: Path, name: str) -> StudyResults:
     """Return the results that a study in a results folder has so far.
 
-    Raise ArtefactError for an unknown study.
+    A training with missing or damaged results is listed as missing, with the reason.
+
+    Args:
+        root: results folder.
+        name: name of the study.
+
+    Raises:
+        ArtefactError: for an unknown study, or a damaged record of it.
     """
     plan = read_plan(root, name)
     return _results(root, name, plan)
@@ -267,10 +279,13 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
 
 
 def _origin(origins: dict[str, tuple[int, Origin]], figures: RunMetrics) -> int:
+    """Count a run at its origin, and return the number of the origin."""
     key = repr((figures.stored, figures.platform, figures.versions))
-    number, before = origins.get(key, (len(origins), None))
-    runs = before.runs + 1 if before else 1
-    origins[key] = number, Origin(figures.stored, figures.platform, figures.versions, runs)
+    if key not in origins:
+        new = Origin(figures.stored, figures.platform, figures.versions, runs=0)
+        origins[key] = (len(origins), new)
+    number, origin = origins[key]
+    origins[key] = (number, structs.replace(origin, runs=origin.runs + 1))
     return number
 
 

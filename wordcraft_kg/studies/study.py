@@ -162,11 +162,8 @@ class StudyCell(Record, frozen=True):
 
 def built_in() -> list[str]:
     """Return the built-in studies' names."""
-    return sorted(
-        path.name.removesuffix(".toml")
-        for path in BUILT_IN.iterdir()
-        if path.name.endswith(".toml")
-    )
+    files = [path.name for path in BUILT_IN.iterdir()]
+    return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
 
 
 def read_study(source: str | Path) -> Study:
@@ -175,7 +172,9 @@ def read_study(source: str | Path) -> Study:
     Everything is checked except the recipe books.
 
     Raises:
-        ConfigError: if there is no such study, or a setting is unknown, wrong or contradictory.
+        ConfigError: if there is no such study, its file is not TOML in UTF-8, or a setting is
+            unknown, wrong or contradictory.
+        ArtefactError: if the file is too large for a study.
 
     Example:
         >>> read_study("knowledge").drawing
@@ -196,7 +195,15 @@ def read_study(source: str | Path) -> Study:
 
 
 def parse_study(text: str, source: str) -> Study:
-    """Parse and check the TOML text of a study; ConfigErrors call the text ``source``."""
+    """Parse and check the TOML text of a study.
+
+    Args:
+        text: the TOML text.
+        source: name of the text, for errors.
+
+    Raises:
+        ConfigError: if the text is not TOML, or a setting is unknown, wrong or contradictory.
+    """
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:  # the latter for deep nesting
@@ -247,7 +254,15 @@ def adapted(
 
 
 def check_study(study: Study, source: str = "study") -> None:
-    """Raise ConfigError for the first wrong or contradictory name or setting in a study."""
+    """Check the names and settings in a study.
+
+    Args:
+        study: the study.
+        source: name of the study's text, for errors.
+
+    Raises:
+        ConfigError: for the first wrong or contradictory name or setting.
+    """
     whole("seeds", study.seeds, 1, 1_000)
     if not study.variants:
         raise ConfigError(
@@ -288,21 +303,23 @@ def _check_scorers(study: Study, source: str) -> None:
 
 
 def _check_settings(study: Study, source: str) -> None:
-    tables: dict[str, dict[str, Any]] = {"settings.": study.settings, "grid.": study.grid}
-    tables |= {f"points[{number}].": point for number, point in enumerate(study.points)}
-    tables |= {f"variants.{name}.": settings for name, settings in study.variants.items()}
     # Which scorer a variant names is not known here, so a setting of any scorer passes.
     of_scorers = {f"{SCORER}.{name}" for name in chain.from_iterable(SCORER_SETTINGS.values())}
     known = {SCORER, *OF_GRAPH, *OF_AGENT, *of_scorers} - set(NO_SETTINGS)
+    _known(source, "settings.", study.settings, known)
+    _known(source, "grid.", study.grid, known)
+    for number, point in enumerate(study.points):
+        _known(source, f"points[{number}].", point, known)
     varied = {*study.grid, *chain.from_iterable(study.points)}
-    for where, table in tables.items():
-        _known(source, where, table, known)
-        twice = [name for name in table if where.startswith("variants.") and name in varied]
-        if twice:
-            raise ConfigError(
-                f"{source}: {where}{twice[0]} is also in the grid; remove the setting from the "
-                "variant."
-            )
+    for variant, settings in study.variants.items():
+        where = f"variants.{variant}."
+        _known(source, where, settings, known)
+        for name in settings:
+            if name in varied:
+                raise ConfigError(
+                    f"{source}: {where}{name} is also in the grid; remove the setting from the "
+                    "variant."
+                )
 
 
 def _check_grid(study: Study, source: str) -> None:
@@ -359,10 +376,13 @@ def points_of(study: Study) -> list[Values]:
 
     They are all combinations of values for the settings in ``points`` and ``grid``.
     """
-    crossed = [dict(zip(study.grid, point, strict=True)) for point in product(*study.grid.values())]
+    crossed: list[Values] = []
+    for values in product(*study.grid.values()):
+        crossed.append(dict(zip(study.grid, values, strict=True)))
     points: list[Values] = []
     for point in study.points or [{}]:
-        points += [{**point, **values} for values in crossed]
+        for of_grid in crossed:
+            points.append({**point, **of_grid})
     return points
 
 
@@ -394,15 +414,19 @@ def cells_of(study: Study) -> list[StudyCell]:
                 unused = [key for key in merged if key.startswith(prefix)]
                 for key in unused:
                     del merged[key]
-            cells += [StudyCell(name, values, seed, merged) for seed in range(study.seeds)]
+            for seed in range(study.seeds):
+                cells.append(StudyCell(name, values, seed, merged))
     return cells
 
 
 def split_of(settings: Values) -> SplitConfig:
-    """Return the split settings for a cell (one training)."""
-    fields = {
-        field: settings[name]
-        for name, field in OF_GRAPH.items()
-        if name != "book" and name in settings
-    }
+    """Return the split settings for a cell (one training).
+
+    Raises:
+        ConfigError: if a setting is out of range.
+    """
+    fields = {}
+    for name, field in OF_GRAPH.items():
+        if name != "book" and name in settings:
+            fields[field] = settings[name]
     return SplitConfig(**fields)  # type: ignore[arg-type]

@@ -40,15 +40,19 @@ def tables_of(view: StudyView) -> list[StudyTable]:
     A column without text at all points is left out of all tables, so that tables stay comparable.
     """
     entries = _entries(view)
-    columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
-    headings = tuple(heading for heading, _ in columns)
-
-    def row(entry: VariantMetrics) -> tuple[str, ...]:
-        return tuple(text(entry) for _, text in columns)
-
-    return [
-        StudyTable(point.title, headings, tuple(map(row, point.variants))) for point in view.points
-    ]
+    headings = []
+    texts = []
+    for heading, text in _COLUMNS:
+        if any(text(entry) for entry in entries):
+            headings.append(heading)
+            texts.append(text)
+    tables = []
+    for point in view.points:
+        rows = []
+        for entry in point.variants:
+            rows.append(tuple(text(entry) for text in texts))
+        tables.append(StudyTable(point.title, tuple(headings), tuple(rows)))
+    return tables
 
 
 def _entries(view: StudyView) -> list[VariantMetrics]:
@@ -78,15 +82,19 @@ def bounds(interval: Interval | None, form: str = ".3f") -> str:
 def signed(value: float, form: str) -> str:
     """Format a number with a true minus sign, and a rounded 0 without sign."""
     text = format(value, form)
-    if not re.search("[1-9]", text):
-        text = text.replace("-", "+" if "+" in form else "")
+    is_zero = not re.search("[1-9]", text)
+    if is_zero:
+        sign = "+" if "+" in form else ""
+        text = text.replace("-", sign)
     return text.replace("-", "−")
 
 
 def _mrr(at: VariantMetrics) -> str:
     if at.mrr is None or at.mrr_range is None:
         return ""
-    low, high = [f"{end:.3f}" for end in at.mrr_range]
+    least, most = at.mrr_range
+    low = f"{least:.3f}"
+    high = f"{most:.3f}"
     # Variants often share one scorer: then there is no range to show.
     shown_range = "" if low == high else f" ({low}–{high})"
     return f"{at.mrr:.3f}{shown_range}"
@@ -188,7 +196,9 @@ def _values(point: PointMetrics, at: VariantMetrics, grid: Sequence[str]) -> dic
     def steps(value: int | None) -> object:
         return never if value is None else value
 
-    reached = at.reached_interval and [steps(end) for end in at.reached_interval]
+    reached = None
+    if at.reached_interval is not None:
+        reached = [steps(end) for end in at.reached_interval]
     return {
         **{name: point.values.get(name, "") for name in grid},
         "variant": at.variant,
@@ -247,10 +257,11 @@ def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
         return
     yield "claims"
     width = max(len(claim.verdict) for claim in claims)
+    indent = "".ljust(width)
     for claim in claims:
         yield f"  {claim.verdict:<{width}}  {claim.text}"
         for measured in claim.measured:
-            yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
+            yield f"  {indent}  {title_of(measured.values)}: {in_words(claim, measured)}"
 
 
 def _lines_of_point(point: PointMetrics, metric: Metric) -> Iterator[str]:

@@ -136,9 +136,11 @@ def metrics_of(
             is recognised by being the same list.
     """
     success = [run.success["test"] for run in members]
+    # Runs of earlier studies may lack train tasks or a scorer: these lists may be shorter.
     train = [run.success["train"] for run in members if "train" in run.success]
     mrr = [run.mrr for run in members if run.mrr is not None]
-    # Runs of earlier studies may lack train tasks or a scorer, hence the shorter lists above.
+    by_plan = [run.by_plan["test"] for run in members]
+    seconds = [run.seconds for run in members]
     reached, reached_interval = _reached(members, base)
     return VariantMetrics(
         variant=variant,
@@ -147,7 +149,7 @@ def metrics_of(
         mean=mean_of(success),
         seed_interval=student_interval(success),
         interval=rate_interval(_table(members), results.groups_of(members[0])),
-        by_plan=mean_of([run.by_plan["test"] for run in members]),
+        by_plan=mean_of(by_plan),
         # A mean of some runs would stand beside the success of all.
         train=mean_of(train) if len(train) == len(members) else None,
         mrr=mean_of(mrr) if mrr else None,
@@ -157,7 +159,7 @@ def metrics_of(
         reached_interval=reached_interval,
         curve=_curve(members),
         runs=tuple(run.run for run in members),
-        seconds=mean_of([run.seconds for run in members]),
+        seconds=mean_of(seconds),
         steps=members[0].steps,
     )
 
@@ -184,7 +186,8 @@ def _comparison(
     # Only the same task, with the same distractors, makes a pair.
     if results.tasks_of(members[0]) != results.tasks_of(base[0]):
         return None
-    differences = _table(paired) - _table([by_seed[run.seed] for run in paired])
+    partners = [by_seed[run.seed] for run in paired]
+    differences = _table(paired) - _table(partners)
     (difference, low, high), exact = crossed_difference(differences, results.groups_of(base[0]))
     p_value = exact if len(paired) >= FEWEST_PAIRS else None
     # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
@@ -195,8 +198,11 @@ def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64
     """Return the steps that all curves have, and the success at them, shape (runs, steps)."""
     rows = [dict(run.curve) for run in members]
     # A mean over fewer runs would jump where one of them ends.
-    steps = sorted(set.intersection(*map(set, rows)))
-    table = [list(map(row.__getitem__, steps)) for row in rows]
+    common = set.intersection(*(set(row) for row in rows))
+    steps = sorted(common)
+    table = []
+    for row in rows:
+        table.append([row[step] for step in steps])
     return steps, np.array(table)
 
 
@@ -235,18 +241,18 @@ def _reached(
     reached = first(table.mean(axis=0) - finals.mean())
     # For the interval each run is measured against the reference's end with its own seed.
     final_of = {run.seed: final for run, final in zip(base, finals, strict=True)}
-    ahead = np.array(
-        [
-            row - final_of[run.seed]
-            for run, row in zip(members, table, strict=True)
-            if run.seed in final_of
-        ]
-    )
+    ahead = []
+    for run, row in zip(members, table, strict=True):
+        if run.seed in final_of:
+            ahead.append(row - final_of[run.seed])
     if len(ahead) < 2:
         return reached, None
-    bounds = np.array([student_interval(column, within=(-1, 1)) for column in ahead.T])
+    # Shape (steps, runs): an interval over the runs at each step.
+    by_step = np.array(ahead).T
+    bounds = np.array([student_interval(column, within=(-1, 1)) for column in by_step])
+    low, high = bounds.T
     # The upper bound of success arrives first, so it gives the least number of steps.
-    return reached, (first(bounds[:, 1]), first(bounds[:, 0]))
+    return reached, (first(high), first(low))
 
 
 _EVERYTHING: Values = {"train_fraction": 1, "label_noise": 0}
@@ -339,7 +345,9 @@ def scatters_of(
         rows = [_scatter_point(point, entry) for point, entry in members]
         bare: list[float] = []
         for point, _ in members:
-            bare += [at.mean for at in point.variants if at.variant == reference and at.mrr is None]
+            for at in point.variants:
+                if at.variant == reference and at.mrr is None:
+                    bare.append(at.mean)
         mrr = [at.mrr for at in rows]
         success = [at.success for at in rows]
         # One step after the latest arrival: ranks need an order, not a duration.
@@ -358,9 +366,9 @@ def scatters_of(
 
 
 def _others(point: PointMetrics) -> Values:
-    return {
-        name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")
-    }
+    """Return a point's settings without those of the scorer."""
+    prefix = f"{SCORER}."
+    return {name: value for name, value in point.values.items() if not name.startswith(prefix)}
 
 
 def _is_in_sample(results: StudyResults, point: PointMetrics, entry: VariantMetrics) -> bool:
@@ -401,16 +409,17 @@ def _label(point: PointMetrics, variant: str) -> str:
     Without any, the first setting, or else the variant.
     """
     prefix = f"{SCORER}."
-    values = {
-        name.removeprefix(prefix): value
-        for name, value in point.values.items()
-        if name.startswith(prefix)
-    }
+    values = {}
+    for name, value in point.values.items():
+        if name.startswith(prefix):
+            values[name.removeprefix(prefix)] = value
     # Settings at their full value do not distinguish points; a point with all of them needs a
     # label, too.
-    differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}
-    first = dict(list(values.items())[:1])
+    differing = [name for name in values if values[name] != _EVERYTHING.get(name)]
+    first = list(values)[:1]
     shown: list[str] = []
-    for name, value in (differing or first).items():
-        shown.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
+    for name in differing or first:
+        value = values[name]
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        shown.append(f"{name} {text}")
     return ", ".join(shown) or variant

@@ -208,8 +208,13 @@ def _named(graph: PlayedGraph) -> str:
 
 def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:
     base = runs.get(reference, [])
-    variants = [metrics_of(results, name, members, base) for name, members in runs.items()]
-    graphs = {members[0].graph: results.graphs[members[0].graph] for members in runs.values()}
+    variants = []
+    graphs = {}
+    for name, members in runs.items():
+        variants.append(metrics_of(results, name, members, base))
+        # All runs of a variant at a point have one graph, see `_check_alike`.
+        number = members[0].graph
+        graphs[number] = results.graphs[number]
     first = next(iter(runs.values()))[0]
     title = title_of(values)
     if not values:

@@ -66,7 +66,11 @@ class Examples(NamedTuple):
 
     def part(self, rows: Tensor) -> "Examples":
         """Return the queries with the given numbers, shape (n,)."""
-        return Examples(*(values[rows] for values in self))
+        return Examples(
+            features=self.features[rows],
+            competes=self.competes[rows],
+            is_right=self.is_right[rows],
+        )
 
 
 def fit_committee(
@@ -115,10 +119,16 @@ def fit_committee(
             optimizer.step()
             cycle.step()
     # Standardise the weights instead of the features: far fewer numbers when the ranker is used.
-    first = torch.cat([network.first for network in networks], dim=1) / scale[:, None]
+    standardised = torch.cat([network.first for network in networks], dim=1)
+    first = standardised / scale[:, None]
     first_bias = torch.cat([network.first_bias for network in networks])
     second = torch.cat([network.second for network in networks])
-    return Ranker(first, first_bias - mean @ first, second / members, torch.zeros(()))
+    return Ranker(
+        first=first,
+        first_bias=first_bias - mean @ first,
+        second=second / members,
+        bias=torch.zeros(()),
+    )
 
 
 class _Network(NamedTuple):
@@ -163,9 +173,18 @@ class _Batch(NamedTuple):
 
     @classmethod
     def of(cls, queries: Examples, mean: Tensor, scale: Tensor) -> "_Batch":
-        """Prepare queries; mean and deviation of the features have the shape (F,)."""
-        features = (queries.features[queries.competes] - mean) / scale
-        return cls(features, queries.competes.view(-1).nonzero()[:, 0], queries.is_right)
+        """Prepare queries.
+
+        Args:
+            queries: N queries.
+            mean: means of the features, shape (F,).
+            scale: their deviations, shape (F,).
+        """
+        competing = queries.features[queries.competes]
+        features = (competing - mean) / scale
+        # (queries, P) to (queries · P,).
+        places = queries.competes.view(-1).nonzero()[:, 0]
+        return cls(features, places, queries.is_right)
 
 
 def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
@@ -182,6 +201,8 @@ def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
     """
     units = []
     shape = batch.is_right.shape
+    num_queries, _ = shape
+    # A candidate that does not compete keeps the score -inf, and so the probability 0.
     scores = torch.full((len(networks), shape.numel()), -torch.inf)
     # A product for each network takes half the time of one for all: its units fit into the
     # processor's cache.
@@ -190,28 +211,33 @@ def _set_gradients(networks: Sequence[_Network], batch: "_Batch") -> None:
         row[batch.places] = hidden @ network.second
         units.append(hidden)
     scores = scores.view(-1, *shape)
+    right_scores = scores.masked_fill(~batch.is_right, -torch.inf)
     among_all = scores.softmax(-1)
-    among_right = scores.masked_fill(~batch.is_right, -torch.inf).softmax(-1)
-    by_score = (among_all - among_right) / shape[0]
-    # Candidates that do not compete have no row among the features.
-    by_score = by_score.flatten(1)[:, batch.places]
-    for network, hidden, error in zip(networks, units, by_score, strict=True):
+    among_right = right_scores.softmax(-1)
+    by_score = (among_all - among_right) / num_queries
+    # Candidates that do not compete have no row among the features: (networks, queries, P) to
+    # (networks, n).
+    errors = by_score.flatten(1)[:, batch.places]
+    for network, hidden, error in zip(networks, units, errors, strict=True):
         network.second.grad = hidden.T @ error
         # The derivative of relu is 1 for positive units and 0 for the others: their sign.
         by_unit = hidden.sign_().mul_(error[:, None])
-        network.first.grad = (batch.features.T @ by_unit) * network.second
+        by_input = batch.features.T @ by_unit
+        network.first.grad = by_input * network.second
         network.first_bias.grad = by_unit.sum(0) * network.second
 
 
 def _moments(examples: Examples) -> tuple[Tensor, Tensor]:
     """Return means and deviations of features, (F,) each; a constant has an infinite deviation."""
     # A row for each feature: along its numbers, sums and extremes take half of the time.
-    known = examples.features[examples.competes].T.contiguous()
-    deviation = known.std(1)
-    span = known.amax(1) - known.amin(1)
+    competing = examples.features[examples.competes]
+    by_feature = competing.T.contiguous()
+    deviation = by_feature.std(1)
+    span = by_feature.amax(1) - by_feature.amin(1)
     # A rare feature may differ in so few pairs that its deviation is rounding: its span serves.
     scale = torch.where(deviation > _SMALL, deviation, span)
-    return known.mean(1), scale.masked_fill(span <= _SMALL, torch.inf)
+    is_constant = span <= _SMALL
+    return by_feature.mean(1), scale.masked_fill(is_constant, torch.inf)
 
 
 def _drawn(*shape: int, fan: int, generator: torch.Generator) -> Tensor:

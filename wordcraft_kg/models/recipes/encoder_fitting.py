@@ -114,7 +114,8 @@ class _Network(nn.Module):
             shape (n, U).
         """
         own = nn.functional.embedding(ids, self.used_ids, sparse=True) * keep
-        return (vectors[ids] @ self.used_words + self.used_bias + own).relu()
+        of_words = vectors[ids] @ self.used_words + self.used_bias
+        return (of_words + own).relu()
 
     def as_made(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> tuple[Tensor, Tensor]:
         """Return the vectors g of results, and their biases.
@@ -127,16 +128,20 @@ class _Network(nn.Module):
         Returns:
             shape (n, Z), and shape (n,).
         """
-        of_words = vectors[ids]
+        words = vectors[ids]
         own = nn.functional.embedding(ids, self.made_ids, sparse=True) * keep
         own_bias = nn.functional.embedding(ids, self.bias_ids, sparse=True) * keep
-        made = of_words @ self.made_words + self.made_bias + own
-        return made, of_words @ self.bias_words + own_bias[:, 0]
+        made = words @ self.made_words + self.made_bias + own
+        bias = words @ self.bias_words + own_bias[:, 0]
+        return made, bias
 
     def of_pairs(self, one: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
         """Return z, shape (n, Z), and u, shape (n,), of pairs of h, shape (n, U) each."""
-        units = (pair_inputs(one, other) @ self.first + self.first_bias).relu()
-        return units @ self.second + self.second_bias, units @ self.pair
+        inputs = pair_inputs(one, other)
+        units = (inputs @ self.first + self.first_bias).relu()
+        z = units @ self.second + self.second_bias
+        u = units @ self.pair
+        return z, u
 
     @torch.no_grad()
     def fitted(self, vectors: Tensor, recipes: Tensor) -> PairEncoder:
@@ -147,10 +152,13 @@ class _Network(nn.Module):
             recipes: training recipes, ids (n, 3).
         """
         nothing = torch.zeros(())
+        used = vectors @ self.used_words + self.used_bias + self.used_ids
+        made = vectors @ self.made_words + self.made_bias + self.made_ids
+        bias = vectors @ self.bias_words + self.bias_ids[:, 0]
         parts = PairEncoder(
-            used=(vectors @ self.used_words + self.used_bias + self.used_ids).relu(),
-            made=vectors @ self.made_words + self.made_bias + self.made_ids,
-            bias=vectors @ self.bias_words + self.bias_ids[:, 0],
+            used=used.relu(),
+            made=made,
+            bias=bias,
             first=self.first,
             first_bias=self.first_bias,
             second=self.second,
@@ -219,8 +227,10 @@ class _Draws:
         self.share = made / len(recipes)
         # As environments draw distractors.
         uses = 1.0 + np.bincount(users, minlength=size)
+        of_uses = uses / uses.sum()
+        # Where the interval of each entity ends, see `_drawn`.
         self.result_ends = torch.from_numpy(np.cumsum(self.of_results))
-        self.use_ends = torch.from_numpy(np.cumsum(uses / uses.sum()))
+        self.use_ends = torch.from_numpy(np.cumsum(of_uses))
 
     def results(self, number: int, generator: torch.Generator) -> Tensor:
         """Return ids of results, shape (number,)."""
@@ -233,13 +243,17 @@ class _Draws:
     def log_expected(self, batch: int, sampled: int) -> Tensor:
         """Return the log of how often a step has each result, shape (T,), at most 0."""
         expected = batch * self.share + sampled * self.of_results
-        return torch.from_numpy(np.log(np.minimum(expected, 1))).float()
+        logs = np.log(np.minimum(expected, 1))
+        return torch.from_numpy(logs).float()
 
 
 def _drawn(ends: Tensor, number: int, generator: torch.Generator) -> Tensor:
     """Draw numbers of intervals, which end at ``ends``, by their lengths."""
-    places = torch.rand(number, generator=generator, dtype=torch.float64) * ends[-1]
-    return torch.searchsorted(ends, places, right=True).clamp(max=len(ends) - 1)
+    shares = torch.rand(number, generator=generator, dtype=torch.float64)
+    places = shares * ends[-1]
+    numbers = torch.searchsorted(ends, places, right=True)
+    # Rounding may put a place at the last end.
+    return numbers.clamp(max=len(ends) - 1)
 
 
 def fit_encoders(
@@ -356,7 +370,8 @@ def _share_of_rate(done: int, total: int) -> float:
     rising = max(1, round(total * _RISING))
     if done < rising:
         return (done + 1) / rising
-    share = (done - rising + 1) / (total - rising + 1)
+    falling = total - rising
+    share = (done - rising + 1) / (falling + 1)
     return (1 + math.cos(math.pi * share)) / 2
 
 
@@ -407,8 +422,10 @@ def _loss(
     one_used, other_used = used[of_pairs.to(device)].chunk(2)
     z, u = network.of_pairs(one_used, other_used)
     made, bias = network.as_made(words, made_ids, keep_made.to(device))
+    # A result that steps have often is no better an answer: its frequency is taken off.
+    corrected = bias - log_expected[made_ids]
     # (B, results of the batch and sampled ones, each once)
-    of_all_results = z[:batch] @ made.T + (bias - log_expected[made_ids])
+    of_all_results = z[:batch] @ made.T + corrected
     result_loss = nn.functional.cross_entropy(of_all_results, right)
     # (B, pairs of the batch and corrupted ones)
     of_all_pairs = made[right] @ z.T + u
@@ -418,5 +435,7 @@ def _loss(
     # Another recipe's pair that makes the same result is no wrong answer.
     competing = nn.functional.pad(is_same, (0, corrupted), value=False)
     of_all_pairs = of_all_pairs.masked_fill(competing, -1e4)
+    # The right pair of each recipe is its own: the first columns are the batch's pairs.
     own = torch.arange(batch, device=device)
-    return result_loss + nn.functional.cross_entropy(of_all_pairs, own)
+    pair_loss = nn.functional.cross_entropy(of_all_pairs, own)
+    return result_loss + pair_loss

@@ -253,8 +253,10 @@ def lesson_folds(folds: Folds, left_out: LeftOut, *, has_encoder: bool) -> list[
     if not has_encoder and num_recipes < ONE_LESSON_FROM:
         return others
     # Folds 0 and 1 learn from each other, so do 2 and 3; the last of an odd number learns from 0.
+    # `^ 1` turns an even number into the next one, and that into the even one.
     partners = [fold ^ 1 for fold in left_out]
-    return [fold for fold in partners if fold in others] or others[:1]
+    there = [fold for fold in partners if fold in others]
+    return there or others[:1]
 
 
 def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
@@ -271,7 +273,8 @@ def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
     for left_out in wanted:
         needed[left_out] = None
         for turn in lesson_folds(folds, left_out, has_encoder=True):
-            needed[tuple(sorted({*left_out, turn}))] = None
+            with_turn = {*left_out, turn}
+            needed[tuple(sorted(with_turn))] = None
     return list(needed)
 
 
@@ -344,7 +347,9 @@ class _ResultQueries(NamedTuple):
             torch.tensor([1]),
         )
         every = torch.cat([features, self.encoded], dim=-1)
-        return Examples(every.view(*self.competes.shape, -1), self.competes, self.is_right)
+        # (N C, 1, F) to (N, C, F).
+        by_pair = every.view(*self.competes.shape, -1)
+        return Examples(by_pair, self.competes, self.is_right)
 
 
 def _fitted(
@@ -494,14 +499,17 @@ def _with_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> Ex
     """
     slots = lesson.slots
     pairs = lesson.tables.features
+    # Links without a ranker have the score 0.
     component = torch.zeros(slots.shape[:2])
-    if ranker := link_rankers.get(COMPONENT_OF):
+    component_ranker = link_rankers.get(COMPONENT_OF)
+    if component_ranker:
         of_recipes = component_inputs(slots, pairs)
-        component = ranker(torch.cat([of_recipes, lesson.outside], dim=-1))
+        links = torch.cat([of_recipes, lesson.outside], dim=-1)
+        component = component_ranker(links)
     combines = torch.zeros(pairs.shape[:2])
-    ranker = link_rankers.get(COMBINES_WITH)
-    if ranker and lesson.pair_links.shape[2]:
-        combines = ranker(lesson.pair_links)
+    combines_ranker = link_rankers.get(COMBINES_WITH)
+    if combines_ranker and lesson.pair_links.shape[2]:
+        combines = combines_ranker(lesson.pair_links)
     one, other = pairs_of(slots.shape[1], torch.device("cpu"))
     features = features_of_pairs(slots, pairs, component, combines, one, other)
     every = torch.cat([features, lesson.encoded], dim=-1)
@@ -646,14 +654,18 @@ def _result_queries(
     from wordcraft_kg.models.scorers.neighbours import feature_loops
 
     size = len(lists.norms)
-    chosen = recipes[np.sort(rng.permutation(len(recipes))[:RESULT_QUERIES])]
+    drawn = rng.permutation(len(recipes))[:RESULT_QUERIES]
+    chosen = recipes[np.sort(drawn)]
     pairs = np.unique(chosen[:, :2], axis=0)
     a, b = _tensor(pairs).T.contiguous()
     candidates = propose_results(lists, encoder, a, b).numpy()
     competes = candidates >= 0
     first, second, results = known.T
     of_known = recipe_keys(first, second, results, num_entities=size)
-    keys = recipe_keys(pairs[:, :1], pairs[:, 1:], candidates, num_entities=size)
+    # Shape (N, 1) each, against N rows of candidates.
+    one_of_pairs = pairs[:, :1]
+    other_of_pairs = pairs[:, 1:]
+    keys = recipe_keys(one_of_pairs, other_of_pairs, candidates, num_entities=size)
     is_right = np.isin(keys, of_known) & competes
     # A pair whose result nobody proposes has nothing to teach.
     has_right = is_right.any(1)
@@ -774,7 +786,9 @@ def table_examples(
     draws = int(np.clip(EXAMPLES // max(len(known), 1), fewest, most))
     goals = np.tile(recipes[:, 2], draws * len(TABLES))
     size = len(lists.norms)
-    drawn = [_tables(recipes, known, size, number, rng) for number in TABLES * draws]
+    drawn = []
+    for distractors in TABLES * draws:
+        drawn.append(_tables(recipes, known, size, distractors, rng))
     tables = np.concatenate(drawn)
     first_slots, second_slots = pairs_of(tables.shape[1], torch.device("cpu"))
     one = first_slots.numpy()
@@ -833,8 +847,9 @@ def _tables(
     amount = max(min(distractors, size - 3), 0)
     # Some are drawn twice; the first draws of different entities count.
     draws = 4 * amount + 16
-    shares = rng.random((len(recipes), draws)) * ends[-1]
-    drawn = np.searchsorted(ends, shares, "right")
+    shares = rng.random((len(recipes), draws))
+    # Places in the row of all weights: an entity's interval is as long as its weight.
+    drawn = np.searchsorted(ends, shares * ends[-1], "right")
     by_recipe = zip(recipes.tolist(), drawn.tolist(), strict=True)
     for row, (recipe, entities) in enumerate(by_recipe):
         others = [entity for entity in dict.fromkeys(entities) if entity not in recipe]

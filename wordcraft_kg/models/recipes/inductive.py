@@ -106,11 +106,14 @@ def _shares_of_old(vectors: Tensor, size: int) -> Tensor:
         vectors: unit word vectors of old and new entities, shape (T, D).
         size: number of old entities, which come first.
     """
-    alike = (vectors[size:] @ vectors[:size].T).clamp(min=0)
-    best, places = alike.topk(min(_NEAREST, size), dim=1)
-    weights = torch.zeros(len(alike), size).scatter(1, places, best**_POWER)
+    old = vectors[:size]
+    new = vectors[size:]
+    cosines = (new @ old.T).clamp(min=0)
+    best, places = cosines.topk(min(_NEAREST, size), dim=1)
+    weights = torch.zeros(len(new), size).scatter(1, places, best**_POWER)
     # The smallest positive number keeps rows of zeros: 0 / 0 is undefined.
-    weights /= weights.sum(1, keepdim=True).clamp(min=torch.finfo(weights.dtype).tiny)
+    least = torch.finfo(weights.dtype).tiny
+    weights /= weights.sum(1, keepdim=True).clamp(min=least)
     return torch.cat([torch.eye(size), weights])
 
 
@@ -119,7 +122,10 @@ def _wider_tables(tables: Tensor, shares: Tensor) -> Tensor:
 
     A new entity has the mean scores of the old ones in ``shares``, shape (T, size).
     """
-    wider = [(shares @ table.float() @ shares.T).half() for table in tables]
+    wider = []
+    for table in tables:
+        means = shares @ table.float() @ shares.T
+        wider.append(means.half())
     return torch.stack(wider)
 
 
@@ -132,7 +138,8 @@ def _with_labels(scorer: RecipeScorer, labels: Sequence[str]) -> tuple[str, ...]
     """
     checked = [check_label(label, "a new entity") for label in labels]
     entities = (*scorer.entities, *checked)
-    if len({*entities}) < len(entities):
+    if len(set(entities)) < len(entities):
+        # From the end, where the new labels are.
         repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
         raise ConfigError(f"the new entity '{repeated}' exists already; expected each label once.")
     return entities
@@ -316,7 +323,8 @@ def _completed(
     # All but the largest weights of a row are 0.
     number = min(_NEAREST, weights.shape[1])
     least = np.partition(weights, -number, axis=1)[:, -number, None]
-    mean = (weights * (weights >= least)) @ vectors[known]
+    is_near = weights >= least
+    mean = (weights * is_near) @ vectors[known]
     norms = np.linalg.norm(mean, axis=1, keepdims=True)
     vectors[new] = mean / np.maximum(norms, np.finfo(np.float32).tiny)
     return vectors, known | glove.known

@@ -35,9 +35,12 @@ def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> 
         dim: length of a word vector.
         workers: sets of lists, and fits, that are made at once.
     """
-    made = num_entities * (_BY_ENTITY + 4 * dim) + num_recipes * _BY_RECIPE
+    of_words = 4 * dim
+    made = num_entities * (_BY_ENTITY + of_words)
+    made += num_recipes * _BY_RECIPE
     # One more set than workers: that of the scorer which is being saved.
-    finished = num_entities * (_FINISHED_BY_ENTITY + 4 * dim) + num_recipes * _FINISHED_BY_RECIPE
+    finished = num_entities * (_FINISHED_BY_ENTITY + of_words)
+    finished += num_recipes * _FINISHED_BY_RECIPE
     return _PROGRAM + workers * (made + _EXAMPLES) + finished
 
 
@@ -50,11 +53,14 @@ def encoder_bytes(num_entities: int, dim: int, workers: int, encoders: int) -> i
         workers: encoders that are fitted at once.
         encoders: encoders in all.
     """
-    # Each vector has two averages and a gradient, 4 arrays in all; a finished encoder has half
-    # precision. The last term holds the word vectors, with 4 bytes for a number.
-    fitted = workers * (4 * num_entities * _OF_ENCODER + _STEP + _RESULTS)
+    # Each vector has two averages and a gradient, 4 arrays in all.
+    vectors = 4 * num_entities * _OF_ENCODER
+    fitted = workers * (vectors + _STEP + _RESULTS)
+    # A finished encoder has half precision.
     finished = encoders * num_entities * _OF_ENCODER // 2
-    return fitted + finished + 4 * num_entities * dim
+    # 4 bytes for a number of a word vector.
+    words = 4 * num_entities * dim
+    return fitted + finished + words
 
 
 def fitting_workers(
@@ -83,8 +89,9 @@ def fitting_workers(
             needed += encoder_bytes(num_entities, dim, workers, encoders)
         if needed <= available:
             return workers
+    without_encoder = ", or `encoder` off" if encoders else ""
     raise ConfigError(
         f"a recipe scorer of {num_entities:,} entities and {num_recipes:,} recipes takes about "
         f"{needed / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter "
-        f"word vectors, or a smaller graph{', or `encoder` off' if encoders else ''}."
+        f"word vectors, or a smaller graph{without_encoder}."
     )

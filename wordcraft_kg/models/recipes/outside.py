@@ -473,7 +473,10 @@ def encoder_of_books(
         ConfigError: if most labels have no vector, and ``allow_missing`` is False.
     """
     # In order of appearance, so that the graph's entities keep their ids.
-    labels = tuple(dict.fromkeys(label for book in books for label in book.labels))
+    distinct: dict[str, None] = {}
+    for book in books:
+        distinct |= dict.fromkeys(book.labels)
+    labels = tuple(distinct)
     words = words_of_books(features, labels, allow_missing=allow_missing)
     # Rounded as a model stores them.
     vectors = words.unit_vectors.astype(np.float16).astype(np.float32)
@@ -494,10 +497,12 @@ def shared_recipes(graph: RecipeGraph, other: RecipeGraph) -> NDArray[np.bool_]:
     """
     size = graph.num_entities
     index = LabelIndex(graph.entities)
-    places = [index.find(label) for label in other.entities]
     # An entity that the graph lacks has a number of its own.
-    numbers = [size + row if place is None else place for row, place in enumerate(places)]
-    ids = np.array(numbers)
+    ids = size + np.arange(other.num_entities)
+    for row, label in enumerate(other.entities):
+        place = index.find(label)
+        if place is not None:
+            ids[row] = place
     rows = graph.recipes.copy()
     theirs = ids[other.recipes]
     # Ingredients have no order.
@@ -516,13 +521,17 @@ def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
     """
     own = np.unique(held_out)
     # Rows of the held-out entities alone: all pairs of a large book would take gigabytes.
-    alike = features.unit_vectors[own] @ features.unit_vectors.T >= REWORDED
+    cosines = features.unit_vectors[own] @ features.unit_vectors.T
+    alike = cosines >= REWORDED
     # An entity without a vector equals itself, too.
     alike[np.arange(len(own)), own] = True
     is_reworded = np.zeros(len(recipes), dtype=bool)
     one, other, made = recipes.T
-    for a, b, result in np.searchsorted(own, held_out).tolist():
+    # Rows of `alike` for the entities of each held-out recipe.
+    rows = np.searchsorted(own, held_out)
+    for a, b, result in rows.tolist():
         in_order = alike[a, one] & alike[b, other]
         reversed_order = alike[a, other] & alike[b, one]
-        is_reworded |= (in_order | reversed_order) & alike[result, made]
+        has_ingredients = in_order | reversed_order
+        is_reworded |= has_ingredients & alike[result, made]
     return int(is_reworded.sum())

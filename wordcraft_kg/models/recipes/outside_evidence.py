@@ -146,9 +146,13 @@ class OutsideEvidenceFinder:
             a: label or id of an ingredient.
             b: of the other ingredient.
             result: of the result.
+
+        Raises:
+            UnknownEntityError: for a label or id that the graph lacks.
         """
         id_of = self._opened.graph.id_of
-        return self._find((id_of(a), id_of(b), id_of(result)))
+        slots = (id_of(a), id_of(b), id_of(result))
+        return self._find(slots)
 
     def of_link(self, head: Entity, relation: str, tail: Entity) -> tuple[OutsideEvidence, ...]:
         """Return evidence for a link, as :meth:`of_recipe`, from tables with the relation's role.
@@ -157,6 +161,9 @@ class OutsideEvidenceFinder:
             head: label or id of the head.
             relation: ``combinesWith`` or ``componentOf``.
             tail: label or id of the tail.
+
+        Raises:
+            UnknownEntityError: for a label or id that the graph lacks.
         """
         id_of = self._opened.graph.id_of
         one = id_of(head)
@@ -168,8 +175,9 @@ class OutsideEvidenceFinder:
     def _find(self, slots: _Slots) -> tuple[OutsideEvidence, ...]:
         by_source = [source(slots) for source in self._sources]
         # In turns: the strongest evidence of each source, then the second of each.
-        rounds = chain.from_iterable(zip_longest(*by_source))
-        distinct = dict.fromkeys(piece for piece in rounds if piece is not None)
+        pieces = chain.from_iterable(zip_longest(*by_source))
+        # None where a source has no more; each piece once, at its first place.
+        distinct = dict.fromkeys(piece for piece in pieces if piece is not None)
         return tuple(islice(distinct, LIMIT))
 
     @cached_property
@@ -204,11 +212,14 @@ class OutsideEvidenceFinder:
         facts = _Facts(files) if FACTS in files.run.outputs else None
 
         def find(slots: _Slots) -> list[OutsideEvidence]:
-            labels = [entities[entity] for entity in slots if entity is not None]
-            # a + a has each fact once.
-            texts = facts.about(list(dict.fromkeys(labels))) if facts else ()
-            stated = [OutsideEvidence(tables.source, text, None) for text in texts]
-            return [*stated, *tables.find(slots)]
+            evidence = []
+            if facts:
+                labels = [entities[entity] for entity in slots if entity is not None]
+                # a + a has each fact once.
+                distinct = list(dict.fromkeys(labels))
+                for text in facts.about(distinct):
+                    evidence.append(OutsideEvidence(tables.source, text, None))
+            return evidence + tables.find(slots)
 
         return find
 
@@ -224,16 +235,18 @@ class OutsideEvidenceFinder:
             a, b, result = slots
             pairs = book.recipes[:, :2]
             made = book.recipes[:, 2]
-            uses_one = (pairs == a).any(1) | (pairs == b).any(1)
+            uses_a = (pairs == a).any(1)
+            uses_b = (pairs == b).any(1)
             uses_both = np.zeros(len(pairs), dtype=bool)
             if a is not None and b is not None:
                 # Ingredients of a book's recipes are sorted.
                 uses_both = (pairs == sorted((a, b))).all(1)
             # An ingredient with the result says more than both ingredients with another result.
-            makes_result = uses_one & (made == result)
+            makes_result = (uses_a | uses_b) & (made == result)
             strength = 2 * makes_result + uses_both
-            number = int((strength > 0).sum())
-            best = np.argsort(-strength, kind="stable")[: min(LIMIT, number)]
+            number = np.count_nonzero(strength)
+            order = np.argsort(-strength, kind="stable")
+            best = order[: min(LIMIT, number)]
             evidence = []
             for row in book.recipes[best].tolist():
                 labels = [book.labels[entity] for entity in row]
@@ -326,12 +339,15 @@ class _Facts:
         links: list[str] = []
         shared: dict[tuple[str, str], str] = {}
         for position, head in enumerate(labels):
-            for phrase, tail in self._of_label.get(head, ()):
+            later = labels[position + 1 :]
+            for fact in self._of_label.get(head, ()):
+                phrase, tail = fact
+                text = f"{head} {phrase} {tail}"
                 if tail in labels and tail != head:
-                    links.append(f"{head} {phrase} {tail}")
-                for other in labels[position + 1 :]:
-                    if (phrase, tail) in self._of_label.get(other, ()):
-                        shared.setdefault((phrase, tail), f"{head} {phrase} {tail}, like {other}")
+                    links.append(text)
+                for other in later:
+                    if fact in self._of_label.get(other, ()):
+                        shared.setdefault(fact, f"{text}, like {other}")
         # A fact that few labels share says more about these two.
         rarest_first = sorted(shared, key=lambda fact: self._frequency[fact])
         return links + [shared[fact] for fact in rarest_first]

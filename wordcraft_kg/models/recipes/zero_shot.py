@@ -136,7 +136,10 @@ def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
     def mean(tables: Sequence[Tensor]) -> Tensor:
         if not tables:
             return torch.zeros(size, size)
-        scaled = [torch.from_numpy(standardised(table.numpy(), None)).float() for table in tables]
+        scaled = []
+        for table in tables:
+            values = standardised(table.numpy(), None)
+            scaled.append(torch.from_numpy(values).float())
         return torch.stack(scaled).mean(0)
 
     pairs = mean(outside.pairs)
@@ -147,6 +150,7 @@ def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
     # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
     signs = torch.tensor([1.0, -1.0])
     first = torch.zeros(len(FEATURES), 2)
-    first[[FEATURES.index("component_sum"), FEATURES.index("combines_pair")]] = signs
+    for name in ("component_sum", "combines_pair"):
+        first[FEATURES.index(name)] = signs
     ranker = Ranker(first, torch.zeros(2), signs.clone(), torch.zeros(()))
     return knowledge.with_link_tables(tables).with_ranker(ranker)

@@ -20,9 +20,9 @@ class SymbolicScorer(Scorer):
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         """Keep the triples, ids of shape (T, 3); ``kwargs`` are ``device`` and ``name``."""
         super().__init__(graph.entities, graph.hash, **kwargs)
-        keys = torch.unique(
-            self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T)
-        )
+        ids = torch.tensor(triples, dtype=torch.int64, device=self.device)
+        heads, relations, tails = ids.T
+        keys = torch.unique(self._key(heads, relations, tails))
         # Sorted keys need memory for T triples, a table for E * E pairs. The last key is larger
         # than all triple keys, so searches always end at a key.
         last = keys.new_full((1,), torch.iinfo(torch.int64).max)
@@ -34,7 +34,9 @@ class SymbolicScorer(Scorer):
         relations: torch.Tensor,
         tails: torch.Tensor,
     ) -> torch.Tensor:
-        return (relations * len(self.entities) + heads) * len(self.entities) + tails
+        size = len(self.entities)
+        rows = relations * size + heads
+        return rows * size + tails
 
     def _score(
         self,
@@ -43,14 +45,17 @@ class SymbolicScorer(Scorer):
         tails: torch.Tensor,
     ) -> torch.Tensor:
         keys = self._key(heads, relations, tails)
-        return (self._keys[torch.searchsorted(self._keys, keys)] == keys).float()
+        places = torch.searchsorted(self._keys, keys)
+        is_known = self._keys[places] == keys
+        return is_known.float()
 
     def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
         # Keys count through the relations' tables, one after the other.
         size = len(self.entities)
-        cells = self._keys - self.relation_ids(relation) * size**2
-        table = torch.zeros(size, size, device=self.device)
+        first = self.relation_ids(relation) * size**2
+        cells = self._keys - first
         is_own = (cells >= 0) & (cells < size**2)
+        table = torch.zeros(size, size, device=self.device)
         table.view(-1)[cells[is_own]] = 1
         return table
 
@@ -65,13 +70,15 @@ class FrequencyScorer(Scorer):
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         """Count heads and tails of triples, ids of shape (T, 3); ``kwargs`` as in ``Scorer``."""
         super().__init__(graph.entities, graph.hash, **kwargs)
-        heads, relations, tails = torch.tensor(triples, dtype=torch.int64, device=self.device).T
-        shape = (len(RELATIONS), len(self.entities))
+        ids = torch.tensor(triples, dtype=torch.int64, device=self.device)
+        heads, relations, tails = ids.T
+        size = len(self.entities)
 
         def count(ends: torch.Tensor) -> torch.Tensor:
-            cells = relations * shape[1] + ends
-            counts = torch.bincount(cells, minlength=shape[0] * shape[1])
-            return counts.view(shape).float()
+            """Return how many triples have each entity at this end, shape (R, E)."""
+            cells = relations * size + ends
+            counts = torch.bincount(cells, minlength=len(RELATIONS) * size)
+            return counts.view(len(RELATIONS), size).float()
 
         self._as_head = count(heads)
         self._as_tail = count(tails)
@@ -197,8 +204,9 @@ class VoteScorer(Scorer):
         Raises:
             UnknownEntityError: for a label or id that the scorer does not know.
         """
-        ids = self.entity_ids(ingredients)
-        keys = ids * len(self.entities) + self.entity_ids(results)
+        one = self.entity_ids(ingredients)
+        made = self.entity_ids(results)
+        keys = one * len(self.entities) + made
         rows = torch.searchsorted(self._keys, keys)
         is_known = self._keys[rows] == keys
         return torch.where(is_known, self._counts[rows], 0.0)
@@ -220,8 +228,9 @@ class VoteScorer(Scorer):
         a = self.entity_ids(one)
         b = self.entity_ids(other)
         c = self.entity_ids(results)
-        second = torch.where(a == b, 0.0, self.votes(b, c))
         first = self.votes(a, c)
+        # No entity votes twice.
+        second = torch.where(a == b, 0.0, self.votes(b, c))
         votes = (first + self.unseen) * (second + self.unseen)
         weight = votes / (self._made[c] + 1)
         return weight.log().float()
@@ -241,16 +250,18 @@ class VoteScorer(Scorer):
         check_table("counting the votes for triples", size)
         # n_xc + eps for all x and c; the last key is the sentinel.
         dense = torch.full((size, size), self.unseen, dtype=torch.float64, device=self.device)
-        dense.view(-1)[self._keys[:-1]] += self._counts[:-1]
-        weighted = dense / (self._made + 1)
-        pairs = dense @ weighted.T
-        # Self pairs have eps as their second factor, so they are summed apart from the product.
-        itself = self.unseen * weighted.sum(1)
+        cells = self._keys[:-1]
+        dense.view(-1)[cells] += self._counts[:-1]
         made = self._made + 1
+        weighted = dense / made
+        # Self pairs have eps as their second factor, so they are summed apart from the product.
+        pairs = (dense @ weighted.T).fill_diagonal_(0)
+        itself = self.unseen * weighted.sum(1)
         of_itself = (itself * self.unseen)[:, None] / made
-        # Partners other than the entity; `fill_diagonal_` changes `pairs` for the lines below, too.
-        partners = pairs.fill_diagonal_(0) @ weighted + of_itself
+        partners = pairs @ weighted + of_itself
+        all_pairs = pairs + torch.diag(itself)
+        components = dense * partners
         tables = torch.empty(len(RELATIONS), size, size, device=self.device)
-        tables[COMBINES_WITH] = (pairs + torch.diag(itself)).log()
-        tables[COMPONENT_OF] = (dense * partners).log()
+        tables[COMBINES_WITH] = all_pairs.log()
+        tables[COMPONENT_OF] = components.log()
         return tables

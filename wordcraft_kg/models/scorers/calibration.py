@@ -206,10 +206,13 @@ class Probabilities(Record, frozen=True, kw_only=True):
                 )
             )
         histograms = [part.recipes for part in seen if part.recipes is not None]
+        recipes = None
+        if histograms:
+            recipes = fit_recipe_curve(histograms, folds)
         return cls(
             relations=(curves[0], curves[1]),
             temperature=_temperature(seen),
-            recipes=fit_recipe_curve(histograms, folds) if histograms else None,
+            recipes=recipes,
             covered=_covered(seen),
         )
 
@@ -226,17 +229,19 @@ class Probabilities(Record, frozen=True, kw_only=True):
             float32, with the broadcast shape, on the scores' device.
         """
         together = torch.broadcast_tensors(scores, heads, relations, tails)
-        values, one, kinds, other = (part.cpu().numpy() for part in together)
+        values, head, number, tail = (part.cpu().numpy() for part in together)
+        is_self = head == tail
         probabilities = np.empty(values.shape)
         for relation, curves in enumerate(self.relations):
             # Linear between the stored quantiles, constant beyond the first and the last.
             log_odds = np.interp(values, curves.scores, curves.rank_log_odds)
-            is_own = kinds == relation
-            itself = is_own & (one == other)
+            is_own = number == relation
+            itself = is_own & is_self
             probabilities[itself] = curves.itself.probability(log_odds[itself])
-            distinct = is_own & (one != other)
+            distinct = is_own & ~is_self
             probabilities[distinct] = curves.distinct.probability(log_odds[distinct])
-        return torch.from_numpy(probabilities.astype(np.float32)).to(scores.device)
+        in_float32 = probabilities.astype(np.float32)
+        return torch.from_numpy(in_float32).to(scores.device)
 
 
 @dataclass(frozen=True)
@@ -281,7 +286,8 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
     size = len(scorer.entities)
     train = folds.triples()
     trained_on = folds.triples([fold])
-    own = train[~is_in(train, trained_on, size)]
+    is_of_fold = ~is_in(train, trained_on, size)
+    own = train[is_of_fold]
     bins = len(_centres())
     true = np.zeros((2, 2, bins))
     others = np.zeros((2, 2, bins))
@@ -301,11 +307,15 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
         own_cells = sampled(of_relation, MOST_OF_FOLD, seed)
         # In a large book, each sampled triple stands for several.
         weight = len(of_relation) / max(len(own_cells), 1)
-        own_log_odds = rank_log_odds(_scores(scorer, own_cells), among)
+        own_scores = _scores(scorer, own_cells)
+        own_log_odds = rank_log_odds(own_scores, among)
         own_is_self = own_cells[:, 0] == own_cells[:, 2]
+        # Pairs of different entities first, then self pairs.
         for itself in (0, 1):
-            own_bins = _bin(own_log_odds[own_is_self == itself])
-            true[relation, itself] = weight * np.bincount(own_bins, minlength=bins)
+            of_kind = own_is_self == itself
+            own_bins = _bin(own_log_odds[of_kind])
+            counts = np.bincount(own_bins, minlength=bins)
+            true[relation, itself] = weight * counts
             chosen = is_unknown & (is_self == itself)
             other_bins = _bin(log_odds[chosen])
             others[relation, itself] = np.bincount(other_bins, weights[chosen], minlength=bins)
@@ -334,10 +344,11 @@ def known_share(folds: Folds, relation: int) -> float:
 
     def new(fold: int, *others: int) -> float:
         """Count the fold's triples that are new to a model without this fold and ``others``."""
-        own = recipe_triples(folds.recipes_of(fold))
-        own = own[own[:, 1] == relation]
+        triples = recipe_triples(folds.recipes_of(fold))
+        own = triples[triples[:, 1] == relation]
         seen = folds.triples([fold, *others])
-        return float(np.sum(~is_in(own, seen, graph.num_entities)))
+        is_new = ~is_in(own, seen, graph.num_entities)
+        return float(np.sum(is_new))
 
     without_one = sum(new(fold) for fold in range(count))
     falling = 1.0
@@ -348,7 +359,9 @@ def known_share(folds: Folds, relation: int) -> float:
         fewer_new = math.log(without_two / without_one)
         more_recipes = math.log((count - 1) / (count - 2))
         power = fewer_new / more_recipes
-        falling = (count / (count - 1)) ** -power
+        # From one fold left out to none.
+        growth = count / (count - 1)
+        falling = growth**-power
     ratio = outside / of_fold * falling
     return 1 / (1 + ratio)
 
@@ -396,9 +409,11 @@ def fit_curve(
         is_other = np.arange(len(true)) != fold
         counts = (true[is_other], others[is_other], share)
         held_out = (true[fold], others[fold], share)
-        of_rate, _ = _loss(_fit(*counts, 0), *held_out)
-        of_curve, _ = _loss(_fit(*counts, slopes), *held_out)
-        gain += of_rate - of_curve
+        rate = _fit(*counts, slopes=0)
+        curve = _fit(*counts, slopes=slopes)
+        loss_of_rate, _ = _loss(rate, *held_out)
+        loss_of_curve, _ = _loss(curve, *held_out)
+        gain += loss_of_rate - loss_of_curve
     if gain < _MIN_GAIN:
         reason = (
             f"scores do not separate the {known:,.0f} true triples of left-out folds from false "
@@ -412,7 +427,8 @@ def fit_curve(
 def _base(true: _Floats, others: _Floats, share: float) -> float:
     """Return the log-odds of the base rate, with half a triple added: nothing is impossible."""
     number = true.sum()
-    known = (number + 0.5) / (number + others.sum() + 1)
+    total = number + others.sum()
+    known = (number + 0.5) / (total + 1)
     # The share of known triples; with the unknown ones among the true it is larger, up to a half.
     rate = min(known / share, 0.5)
     return math.log(rate / (1 - rate))
@@ -420,31 +436,39 @@ def _base(true: _Floats, others: _Floats, share: float) -> float:
 
 def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
     """Return intercept and slopes of P(true | t), shape (1 + slopes,), from counts (K, B)."""
-    start = np.array([_base(true, others, share)] + [0.1] * slopes)
+    start = np.full(1 + slopes, 0.1)
+    start[0] = _base(true, others, share)
     if not slopes:
         return start
     counts = (true.sum(axis=0), others.sum(axis=0), share)
     # Slopes are never negative: a higher score is never less probable.
-    bounds = [(None, None)] + [(0, None)] * slopes
+    any_number = (None, None)
+    not_negative = (0, None)
+    bounds = [any_number] + [not_negative] * slopes
     fit = minimize(_loss, start, args=counts, jac=True, method="L-BFGS-B", bounds=bounds)
     return np.asarray(fit.x)
 
 
 def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tuple[float, _Floats]:
     """Return the negative log-likelihood of counts by bin, (B,), in nats, and its gradient."""
+    intercept = values[0]
     slopes = values[1:]
     inputs = _segments(_centres(), len(slopes))
-    chance = expit(values[0] + inputs @ slopes)
+    logits = intercept + inputs @ slopes
+    chance = expit(logits)
     # Away from 0 and 1, where the logarithms below would be infinite.
     labelled = np.clip(share * chance, 1e-300, 1 - 1e-12)
-    likelihood = true @ np.log(labelled) + others @ np.log1p(-labelled)
+    of_true = true @ np.log(labelled)
+    of_others = others @ np.log1p(-labelled)
+    likelihood = of_true + of_others
     penalty = _RIDGE / 2 * (slopes @ slopes)
     loss = -likelihood + penalty
     # d likelihood / d logit, with d labelled / d logit = labelled (1 - chance).
     of_labelled = true - others * labelled / (1 - labelled)
-    slope = -of_labelled * (1 - chance)
-    of_slopes = inputs.T @ slope + _RIDGE * slopes
-    return float(loss), np.concatenate([[slope.sum()], of_slopes])
+    by_logit = -of_labelled * (1 - chance)
+    by_intercept = by_logit.sum()
+    by_slopes = inputs.T @ by_logit + _RIDGE * slopes
+    return float(loss), np.concatenate([[by_intercept], by_slopes])
 
 
 def _results(
@@ -505,7 +529,8 @@ def _covered(seen: Sequence[Seen]) -> float | msgspec.UnsetType:
     right = [part.right for part in seen if part.proposed and part.right is not None]
     if not right:
         return msgspec.UNSET
-    return float(np.mean(np.concatenate(right).any(axis=1)))
+    has_right = np.concatenate(right).any(axis=1)
+    return float(np.mean(has_right))
 
 
 def _temperature(seen: Sequence[Seen]) -> float | None:
@@ -531,8 +556,10 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
     def loss(log_temperature: float) -> float:
         scaled = scores * math.exp(-log_temperature)
         # A pair may have several results: the probability that one of them is drawn.
-        of_right = logsumexp(np.where(right, scaled, -np.inf), axis=1)
-        return float(np.mean(logsumexp(scaled, axis=1) - of_right))
+        right_only = np.where(right, scaled, -np.inf)
+        of_right = logsumexp(right_only, axis=1)
+        of_all = logsumexp(scaled, axis=1)
+        return float(np.mean(of_all - of_right))
 
     best = minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded")
     return float(math.exp(best.x))
@@ -567,7 +594,8 @@ def _score_map(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
     # Quantiles at equal distances in log-odds, because true triples are among the very highest
     # scores.
     end = math.log(2 * len(scores) + 1)
-    levels = expit(np.linspace(-end, end, _KNOTS))
+    level_log_odds = np.linspace(-end, end, _KNOTS)
+    levels = expit(level_log_odds)
     quantiles = np.quantile(scores, levels, method="nearest")
     # Ascending, each once, as interpolation needs them.
     knots = np.unique(quantiles)
@@ -589,12 +617,16 @@ def _segments(log_odds: _Floats, slopes: int) -> _Floats:
 
 
 def _centres() -> _Floats:
+    """Return the centres of the bins of log-odds, shape (B,)."""
+    # Half a bin beyond the end, so that the end is one of them.
     return np.arange(-END, END + WIDTH / 2, WIDTH)
 
 
 def _bin(log_odds: _Floats) -> Ids:
+    """Return the number of the bin in which each of the log-odds falls."""
     from_start = np.clip(log_odds, -END, END) + END
-    return np.rint(from_start / WIDTH).astype(np.int64)
+    widths = from_start / WIDTH
+    return np.rint(widths).astype(np.int64)
 
 
 def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
@@ -611,10 +643,12 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
         entities = np.sort(rng.choice(size, _HEADS, replace=False))
         columns = rng.integers(size - 1, size=(_HEADS, MAX_CELLS // _HEADS))
         firsts = entities[:, None] * (size - 1)
-        number = distinct((firsts + columns).ravel())
+        drawn = firsts + columns
+        number = distinct(drawn.ravel())
     # Pair numbers count through a table without its diagonal, E - 1 columns wide.
     width = max(size - 1, 1)
     heads, column = np.divmod(number, width)
+    # From the diagonal on, a column stands for the next entity.
     tails = column + (column >= heads)
     heads = np.concatenate([heads, entities])
     tails = np.concatenate([tails, entities])
@@ -628,8 +662,8 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
 
 def _scores(scorer: TripleScorer, triples: Ids) -> _Floats:
     """Score triples, (T, 3), in blocks, so that memory does not grow with T."""
-    number = max(1, len(triples) // 2**18)
-    blocks = np.array_split(triples, number)
+    num_blocks = max(1, len(triples) // 2**18)
+    blocks = np.array_split(triples, num_blocks)
     parts = []
     with torch.no_grad():
         for block in blocks:

@@ -234,7 +234,8 @@ class CrossFitted(Scorer):
         if isinstance(self.whole, RecipeScorer) and self.whole.proposes_results:
             return self._proposed_probabilities(self.whole, ingredients, others)
         # A last axis for the results, against which the pairs broadcast.
-        a, b = (self.entity_ids(part)[..., None] for part in (ingredients, others))
+        a = self.entity_ids(ingredients)[..., None]
+        b = self.entity_ids(others)[..., None]
         everything = torch.arange(len(self.entities), device=self.device)
         scores = self.whole.score_recipes(a, b, everything)
         return torch.softmax(scores / temperature, dim=-1)
@@ -263,7 +264,8 @@ class CrossFitted(Scorer):
         of_proposed = torch.softmax(scores / self.probabilities.temperature, dim=-1)
         size = len(self.entities)
         # The id E, of missing proposals, has a column of its own, which is dropped.
-        every = torch.zeros(len(ids), size + 1, device=ids.device).scatter_(1, ids, of_proposed)
+        every = torch.zeros(len(ids), size + 1, device=ids.device)
+        every.scatter_(1, ids, of_proposed)
         covered = self.probabilities.covered
         share = 1.0 if covered is msgspec.UNSET else covered
         return (share * every[:, :size]).view(*a.shape, size)
@@ -444,9 +446,10 @@ def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
     fold = fold_of_tasks(of_recipe, tasks)
     models = np.select([fold == OUTSIDE, fold == SEVERAL], [0, empty], 1 + fold)
     # Checked again for each plan, independently of the rule above: a leak would be invisible later.
-    for task, (model, plans) in enumerate(zip(models.tolist(), tasks.plans, strict=True)):
+    for task, plans in enumerate(tasks.plans):
+        seen_by_model = seen[models[task]]
         for plan in plans:
-            if seen[model, list(plan)].all():
+            if seen_by_model[list(plan)].all():
                 raise LeakError(
                     f"{tasks.part} task {task:,} would be scored by a model trained on all "
                     "recipes of a plan. Nothing was scored."

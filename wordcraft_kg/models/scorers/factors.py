@@ -67,7 +67,9 @@ class TableScorer(StoredScorer):
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # One index into the flat table takes less time than three indices into three axes.
         size = len(self.entities)
-        return self.scores.view(-1)[(relations * size + heads) * size + tails]
+        rows = relations * size + heads
+        cells = rows * size + tails
+        return self.scores.view(-1)[cells]
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         return self.scores[self.relation_ids(relation)]
@@ -114,15 +116,17 @@ class ComplExScorer(StoredScorer):
         # (B, E, d) tensor.
         is_grid, is_turned = grids(heads, relations, tails)
         if is_grid:
-            known = self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)]
+            of_heads = self.entity[heads[:, 0]]
+            known = of_heads * self.relation[relations.reshape(-1)]
             return real_dot(known, self.entity[tails[0]])
         if is_turned:
             # The conjugate has the same real part: Re(h r conj(t)) = Re(conj(r) t conj(h)).
             turned = self.relation[relations.reshape(-1)].conj()
             known = turned * self.entity[tails[:, 0]]
             return real_dot(known, self.entity[heads[0]])
-        product = self.entity[heads] * self.relation[relations] * self.entity[tails].conj()
-        return product.real.sum(dim=-1)
+        known = self.entity[heads] * self.relation[relations]
+        products = known * self.entity[tails].conj()
+        return products.real.sum(dim=-1)
 
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
         # Re(x conj(y)) is the dot product of (real, imaginary) parts, here shape (E, 2 d).
@@ -168,11 +172,15 @@ def grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
     Returns:
         whether (B, 1) heads meet (1, N) tails, and whether (1, N) heads meet (B, 1) tails.
     """
+    is_single = relations.ndim == 0
     is_column = relations.ndim == 2 and relations.shape[1] == 1
-    if heads.ndim != 2 or tails.ndim != 2 or not (is_column or relations.ndim == 0):
+    are_tables = heads.ndim == 2 and tails.ndim == 2
+    if not are_tables or not (is_column or is_single):
         return False, False
-    is_grid = heads.shape[1] == 1 and tails.shape[0] == 1
-    is_turned = heads.shape[0] == 1 and tails.shape[1] == 1
+    head_rows, head_columns = heads.shape
+    tail_rows, tail_columns = tails.shape
+    is_grid = head_columns == 1 and tail_rows == 1
+    is_turned = head_rows == 1 and tail_columns == 1
     return is_grid, is_turned
 
 

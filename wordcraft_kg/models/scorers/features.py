@@ -85,7 +85,8 @@ class EntityFeatures:
         """Vectors scaled to length 1, for cosines by dot product; zeros stay zero."""
         norms = np.linalg.norm(self.vectors, axis=1, keepdims=True)
         # The smallest normal number instead of 0 leaves zero vectors zero.
-        unit: NDArray[np.float32] = self.vectors / np.maximum(norms, np.finfo(np.float32).tiny)
+        tiny = np.finfo(np.float32).tiny
+        unit: NDArray[np.float32] = self.vectors / np.maximum(norms, tiny)
         unit.flags.writeable = False
         return unit
 
@@ -194,7 +195,8 @@ def named(spec: str, labels: Sequence[str]) -> str:
     parsed = FeatureSpec.parse(spec)
     if parsed.source != "auto":
         return spec
-    built_in = set(BUILT_IN.with_suffix(".labels.txt").read_text(encoding="utf-8").splitlines())
+    text = BUILT_IN.with_suffix(".labels.txt").read_text(encoding="utf-8")
+    built_in = set(text.splitlines())
     is_built_in = all(not built_in.isdisjoint(_spellings(label)) for label in labels)
     return parsed.prefix + ("minilm" if is_built_in else "glove")
 
@@ -225,9 +227,10 @@ def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFe
 
 
 def _one_hot(size: int) -> EntityFeatures:
-    if size * size * 4 > ONE_HOT_LIMIT:
+    needed = 4 * size**2
+    if needed > ONE_HOT_LIMIT:
         raise ConfigError(
-            f"one-hot features for {size:,} entities take {size * size * 4:,} bytes; expected at "
+            f"one-hot features for {size:,} entities take {needed:,} bytes; expected at "
             f"most {ONE_HOT_LIMIT:,}. Use 'random', which separates entities in "
             f"{_RANDOM_DIMENSIONS} dimensions."
         )
@@ -238,7 +241,8 @@ def _one_hot(size: int) -> EntityFeatures:
 def _random(size: int, seed: int) -> EntityFeatures:
     # The standard deviation of a Laplace distribution is sqrt(2) times its scale.
     scale = _RANDOM_STD / np.sqrt(2)
-    drawn = np.random.default_rng(seed).laplace(0, scale, (size, _RANDOM_DIMENSIONS))
+    rng = np.random.default_rng(seed)
+    drawn = rng.laplace(0, scale, (size, _RANDOM_DIMENSIONS))
     source = f"random (Laplace), {_RANDOM_DIMENSIONS}-d, seed {seed}"
     known = np.ones(size, dtype=bool)
     return EntityFeatures(source, drawn.astype(np.float32), known, (), ())
@@ -247,7 +251,8 @@ def _random(size: int, seed: int) -> EntityFeatures:
 def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
     # A separate random stream: the order must not depend on the bits that random vectors were drawn
     # from.
-    order = np.random.default_rng([seed, 1]).permutation(len(features.known))
+    rng = np.random.default_rng([seed, 1])
+    order = rng.permutation(len(features.known))
     return replace(
         features,
         source=f"{features.source}, shuffled with seed {seed}",
@@ -465,16 +470,18 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
     words = sorted(rows)
     lines = [f"line {rows[word][0]}" for word in words]
     # The shape is needed if no word was found: an empty array has one dimension.
-    vectors = np.array([rows[word][1] for word in words]).reshape(-1, dimensions)
+    table = [rows[word][1] for word in words]
+    vectors = np.array(table).reshape(-1, dimensions)
     return _checked(path, lines, words, vectors)
 
 
 def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:
     """Divide a line into its word, which may contain blanks, and ``dimensions`` numbers."""
     text, *values = line.rsplit(None, dimensions)
-    before = text.split()[1:]
+    _, *rest = text.split() or [b""]
     # A number before the vector is one too many, but a whole number belongs to the word: route 66.
-    has_another = bool(before) and _is_number(before[-1]) and not before[-1].isdigit()
+    last = rest[-1] if rest else b""
+    has_another = _is_number(last) and not last.isdigit()
     if len(values) < dimensions or has_another:
         # Binary vectors look like lines with a wrong length; the error about UTF-8 is clearer.
         _decoded(line, path, number)

@@ -71,9 +71,11 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
     damping = np.maximum(total, 1e-9) ** -_DAMPING
     damped = rows @ sparse.diags_array(damping)
     squares = damped.multiply(damped)
-    norm = np.sqrt(np.asarray(squares.sum(axis=1)))
-    inverse = sparse.diags_array(1 / np.maximum(norm, 1e-9))
-    return (inverse @ damped).tocsr()
+    square = np.asarray(squares.sum(axis=1))
+    norm = np.sqrt(square)
+    inverse = 1 / np.maximum(norm, 1e-9)
+    unit = sparse.diags_array(inverse) @ damped
+    return unit.tocsr()
 
 
 def cosines(vectors: Tensor) -> Tensor:
@@ -99,7 +101,8 @@ def similarity(recipes: Ids, text: Tensor) -> Tensor:
     products = (rows @ rows.T).toarray()
     structure = torch.from_numpy(products.astype(np.float32))
     # Clamped first, because the square of a negative cosine would count as similarity.
-    return structure + TEXT * text.clamp(min=0) ** 2
+    positive = text.clamp(min=0)
+    return structure + TEXT * positive**2
 
 
 def normalised(kernel: Tensor) -> Tensor:
@@ -150,12 +153,16 @@ def kernel_regression(
     positive = values.clamp(min=0)
     shrinkage = positive[:, None] * positive + ridge
     # K V, without the directions whose eigenvalues are not positive.
-    factor = kernel @ (vectors * (values > 0))
+    kept = vectors * (values > 0)
+    factor = kernel @ kept
     scores = []
     for table in links:
-        known = table.double()[seen][:, seen]
+        rows = table.double()[seen]
+        known = rows[:, seen]
         inner = vectors.T @ known @ vectors
-        scores.append((factor @ (inner / shrinkage) @ factor.T).float())
+        shrunk = inner / shrinkage
+        of_all = factor @ shrunk @ factor.T
+        scores.append(of_all.float())
     return tuple(scores)
 
 
@@ -175,8 +182,9 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
     nodes, pairs = completion_parts(recipes, num_entities)
     # R³ of all results, three products from the right; the product with nodesᵀ sums over results.
     third = pairs @ (pairs @ (pairs @ nodes))
-    scores = (nodes.T @ third).toarray()
-    return torch.from_numpy(scores.astype(np.float32))
+    scores = nodes.T @ third
+    dense = scores.toarray()
+    return torch.from_numpy(dense.astype(np.float32))
 
 
 def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
@@ -207,12 +215,17 @@ def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     back = other * count + one
     ends = distinct(np.concatenate([forth, back]))
     where = np.divmod(ends, max(count, 1))
-    pairs = sparse.csr_array((np.ones(len(ends)), where), shape=(count, count))
+    ones = np.ones(len(ends))
+    pairs = sparse.csr_array((ones, where), shape=(count, count))
     degrees = np.asarray(pairs.sum(axis=1))
-    scale = sparse.diags_array(degrees.clip(1) ** -0.5)
-    entity_of = (np.arange(count), cells % num_entities)
-    nodes = sparse.csr_array((np.ones(count), entity_of), shape=(count, num_entities))
-    return nodes, (scale @ pairs @ scale).tocsr()
+    # Degrees are 1 or more: a node's own recipe gives it a pair.
+    scale = sparse.diags_array(degrees**-0.5)
+    normalised_pairs = scale @ pairs @ scale
+    every_node = np.arange(count)
+    entity = cells % num_entities
+    ones = np.ones(count)
+    nodes = sparse.csr_array((ones, (every_node, entity)), shape=(count, num_entities))
+    return nodes, normalised_pairs.tocsr()
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:

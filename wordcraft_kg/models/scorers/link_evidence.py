@@ -127,11 +127,12 @@ class LinkEvidence:
             others = self.ends(end, relation, side)
             others = others[others != entity]
             triples.append(_links(others, relation, end, side))
-            units = self.roles.units[relation][side == "tail"]
+            as_head, as_tail = self.roles.units[relation]
+            units = as_head if side == "head" else as_tail
             cosines = units[others] @ units[entity]
             # Rounding can lift the cosine of equal vectors above 1.
-            shares = cosines.astype(np.float64).clip(0, 1)
-            weights.append(shares**POWER)
+            positive = cosines.astype(np.float64).clip(0, 1)
+            weights.append(positive**POWER)
         return np.concatenate(triples), np.concatenate(weights)
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:
@@ -146,12 +147,15 @@ class LinkEvidence:
             distinct ids, ascending.
         """
         a, b, result = self.recipes.T
+        is_first = a == entity
+        is_second = b == entity
         if relation == COMBINES_WITH:
-            partners = [b[a == entity], a[b == entity]]
+            partners = [b[is_first], a[is_second]]
             return np.unique(np.concatenate(partners))
         if side == "head":
-            return np.unique(self.recipes[result == entity, :2])
-        return np.unique(result[(a == entity) | (b == entity)])
+            ingredients = self.recipes[result == entity, :2]
+            return np.unique(ingredients)
+        return np.unique(result[is_first | is_second])
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
         """Return the evidence for a link of ids.
@@ -166,7 +170,8 @@ class LinkEvidence:
         # Over all supporting links, so that shares do not depend on the limit.
         total = float(weights.sum())
         witnesses = []
-        for row in np.argsort(-weights, kind="stable")[:limit].tolist():
+        order = np.argsort(-weights, kind="stable")
+        for row in order[:limit].tolist():
             weight = float(weights[row])
             if weight > 0:
                 h, _, t = triples[row].tolist()
@@ -208,11 +213,12 @@ class LinkEvidence:
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
         """Return the first recipes with a link, and the number of further recipes."""
         rows = self.recipes_of(head, relation, tail)
-        recipes = [
-            Recipe.of(self.entities[a], self.entities[b], self.entities[result])
-            for a, b, result in self.recipes[rows[:RECIPES]].tolist()
-        ]
-        return tuple(recipes), max(len(rows) - RECIPES, 0)
+        listed = self.recipes[rows[:RECIPES]]
+        recipes = []
+        for recipe in listed.tolist():
+            a, b, result = (self.entities[entity] for entity in recipe)
+            recipes.append(Recipe.of(a, b, result))
+        return tuple(recipes), len(rows) - len(listed)
 
 
 def _links(others: Ids, relation: int, end: int, side: Side) -> Ids:

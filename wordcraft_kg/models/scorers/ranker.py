@@ -58,9 +58,15 @@ class Ranker:
         # each row.
         for number in model.unique().tolist():
             rows = (model == number).nonzero()[:, 0]
-            network = Ranker(*(weights[number] for weights in self.weights().values()))
+            network = Ranker(
+                self.first[number],
+                self.first_bias[number],
+                self.second[number],
+                self.bias[number],
+            )
             # (F, rows, P) to (rows, P, F).
-            scores[rows] = network(features[:, rows].permute(1, 2, 0))
+            of_rows = features[:, rows].permute(1, 2, 0)
+            scores[rows] = network(of_rows)
         return scores
 
     def weights(self) -> dict[str, Tensor]:

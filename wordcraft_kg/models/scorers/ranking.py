@@ -132,8 +132,8 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
             left = np.searchsorted(known_keys, keys, "left")
             right = np.searchsorted(known_keys, keys, "right")
             # Cells (row, column) of the score block that hold known answers.
-            row_numbers = np.arange(len(batch))
-            rows = np.repeat(row_numbers, right - left)
+            num_known = right - left
+            rows = np.repeat(np.arange(len(batch)), num_known)
             columns = answers[_ranges(left, right)]
             parts.append(_rank_batch(scorer, batch, side, rows, columns))
     if not parts:
@@ -174,10 +174,12 @@ def _rank_batch(
         )
     target = (tail if side == "tail" else head)[:, 0]
     index = torch.arange(len(batch))
-    true = scores[index, target][:, None]
+    own = scores[index, target]
+    # Shape (B, 1), to compare with each row.
+    true = own[:, None]
     # Below every score, so that a half-product is neither better than the answer nor equal to it.
     scores[:, halves] = -torch.inf
-    scores[index, target] = true[:, 0]
+    scores[index, target] = own
     # Unfiltered; the true entity is equal to itself, so (1 + equal) / 2 counts it once.
     all_better = _count(scores > true)
     all_equal = _count(scores == true)
@@ -190,7 +192,8 @@ def _rank_batch(
     equal = _count(scores == true)
     candidates = _count(scores > -torch.inf) + 1
     # The true entity competes again for the best candidate.
-    scores[index, target] = true[:, 0]
+    scores[index, target] = own
+    top = scores.max(dim=1).indices
     return pd.DataFrame(
         {
             "head": batch[:, 0],
@@ -202,8 +205,8 @@ def _rank_batch(
             "pessimistic": (better + equal + 1).numpy(),
             "raw_rank": raw.numpy(),
             "candidates": candidates.numpy(),
-            "score": true[:, 0].numpy(),
-            "top": scores.max(dim=1).indices.numpy(),
+            "score": own.numpy(),
+            "top": top.numpy(),
         }
     )
 
@@ -218,9 +221,9 @@ def _ranges(left: Ids, right: Ids) -> Ids:
     lengths = right - left
     ends = np.cumsum(lengths)
     starts = ends - lengths
-    total = ends[-1] if len(ends) else 0
     # Counting through all ranges, each shifted from its place in the result to its own start.
-    return np.arange(total) + np.repeat(left - starts, lengths)
+    shifts = np.repeat(left - starts, lengths)
+    return np.arange(len(shifts)) + shifts
 
 
 def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
@@ -235,6 +238,8 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
         return RankingMetrics(0)
     # Expected sum of rank - 1 in random order; 0 if no query has a competitor.
     chance = float(np.sum(ranks["candidates"] - 1)) / 2
+    reached = float(np.sum(rank - 1))
+    amri = 1 - reached / chance if chance else 0.0
     return RankingMetrics(
         queries=len(rank),
         mrr=float(np.mean(1 / rank)),
@@ -242,7 +247,7 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
         hits_at_3=float(np.mean(rank <= 3)),
         hits_at_10=float(np.mean(rank <= 10)),
         mean_rank=float(np.mean(rank)),
-        amri=1 - float(np.sum(rank - 1)) / chance if chance else 0.0,
+        amri=amri,
     )
 
 
@@ -304,8 +309,9 @@ def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids
     groups = np.tile(group, 4)
     # Sorted by triple and then by group, so that the search finds the first group of each triple.
     order = np.lexsort((groups, keys))
-    place = np.searchsorted(keys[order], triple_keys(triples, graph.num_entities))
-    return groups[order][place]
+    wanted = triple_keys(triples, graph.num_entities)
+    place = np.searchsorted(keys[order], wanted)
+    return groups[order[place]]
 
 
 def with_interval(
@@ -340,8 +346,10 @@ def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
     relation = ranks["relation"].to_numpy()
     side = ranks["side"].to_numpy()
     masks = {"all": np.ones(len(ranks), dtype=bool)}
-    masks |= {name: relation == i for i, name in enumerate(RELATIONS)}
-    for i, name in enumerate(RELATIONS):
+    for number, name in enumerate(RELATIONS):
+        masks[name] = relation == number
+    for number, name in enumerate(RELATIONS):
+        is_own = relation == number
         for which in ("head", "tail"):
-            masks[f"{name}, predict {which}"] = (relation == i) & (side == which)
+            masks[f"{name}, predict {which}"] = is_own & (side == which)
     return masks

@@ -31,7 +31,9 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 KINDS = 2
 """Kinds of recipes, by number: whether a known recipe makes the result."""
-_CENTRES = np.arange(-20, 30.01, 0.05)
+_WIDTH = 0.05
+"""Bin width of the histogram, in nats."""
+_CENTRES = np.arange(-20, 30.01, _WIDTH)
 """Centres of the histogram's bins, in nats; scores beyond the ends count in the last bins."""
 _FEWEST_TABLES = 4
 """Fewest sampled tables of a fold; in a large book, results are sampled instead."""
@@ -92,8 +94,10 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
         features = knowledge.features(goal, table, model, pairs)
         scores = knowledge.scores(features, model)
         of_kinds = torch.tensor(self.intercepts, device=scores.device)
-        intercepts = of_kinds[kinds_of(knowledge, features)]
-        shift = torch.where(model == 0, self.shift, 0.0)[:, None] + prior
+        kinds = kinds_of(knowledge, features)
+        intercepts = of_kinds[kinds]
+        of_model = torch.where(model == 0, self.shift, 0.0)
+        shift = of_model[:, None] + prior
         log_odds = intercepts + shift + self.slope * scores
         is_known = knowledge.feature(features, "makes") > 0
         # A known recipe is certain: log 1 = 0.
@@ -139,8 +143,9 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         scores = knowledge.scores(features, model).cpu().numpy()
         kinds = kinds_of(knowledge, features).cpu().numpy()
         lowest = _CENTRES[0]
-        inside = np.clip(scores, lowest, _CENTRES[-1])
-        widths = (inside - lowest) / 0.05
+        highest = _CENTRES[-1]
+        inside = np.clip(scores, lowest, highest)
+        widths = (inside - lowest) / _WIDTH
         bins = np.rint(widths).astype(np.int64)
         return kinds, bins
 
@@ -159,13 +164,14 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         other = slots[None, second].numpy()
         results = goal.numpy()[:, None]
         keys = recipe_keys(one, other, results, num_entities=size)
-        is_other = ~np.isin(keys, train_keys)
+        is_train = np.isin(keys, train_keys)
         # A result on the table is no goal, and no task teaches the ranker that a + b makes no a.
-        is_other &= (one != results) & (other != results)
-        of_cells = np.broadcast_to(weights, bins.shape)
+        makes_itself = (one == results) | (other == results)
+        counted = ~is_train & ~makes_itself
+        of_pairs = np.broadcast_to(weights, bins.shape)
+        cells = (kinds[counted], bins[counted])
         # Unlike `counts[cells] += 1`, `add.at` counts a cell each time it occurs.
-        chosen = (kinds[is_other], bins[is_other])
-        np.add.at(counts[:, 0], chosen, of_cells[is_other])
+        np.add.at(counts[:, 0], cells, of_pairs[counted])
 
     with torch.no_grad():
         of_fold = folds.recipes_of(fold)
@@ -206,10 +212,12 @@ def _weights(slots: int, size: int, tables: float) -> _Floats:
     other = second.numpy()
     # Pairs of an entity with itself are far rarer than others, but not on a table: each has its own
     # weight.
-    drawn = (one != other).sum() * tables
-    of_different = size * (size - 1) / 2 / max(drawn, 1)
+    is_self = one == other
+    drawn = (~is_self).sum() * tables
+    pairs = size * (size - 1) / 2
+    of_different = pairs / max(drawn, 1)
     of_itself = size / (slots * tables)
-    return np.where(one == other, of_itself, of_different)
+    return np.where(is_self, of_itself, of_different)
 
 
 def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve:
@@ -241,13 +249,15 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     # Few pairs make a given result, so the search starts at small probabilities. A higher score
     # never makes a recipe less likely, so the slope is bounded.
     start = np.array([-12.0] * KINDS + [1.0])
-    bounds = [(None, None)] * KINDS + [(0, None)]
+    any_number = (None, None)
+    not_negative = (0, None)
+    bounds = [any_number] * KINDS + [not_negative]
     best = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    new, made, slope = map(float, best.x)
+    new, made, slope = best.x.tolist()
     # The curve was fitted where a fold's recipes are unseen, seen / count of them on average. With
     # all folds, the recipes outside train are.
-    seen = folds.seen()
-    num_unseen = max(int((~seen).sum()), 1)
-    num_seen = max(int(seen.sum()), 1)
+    is_seen = folds.seen()
+    num_seen = max(int(is_seen.sum()), 1)
+    num_unseen = max(int((~is_seen).sum()), 1)
     shift = math.log(num_unseen * folds.count / num_seen)
     return RecipeCurve(intercepts=(new, made), slope=slope, shift=shift)

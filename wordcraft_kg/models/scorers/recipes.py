@@ -186,9 +186,11 @@ class RecipeScorer(StoredScorer):
         """
         lists = self.knowledge.lists()
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
+        of_heads = lists.pair_left if is_pair else lists.left
+        # Without the entities of other books, which come last.
         size = len(self.entities)
-        left = torch.from_numpy(lists.pair_left if is_pair else lists.left)[:size]
-        right = torch.from_numpy(lists.right)[:size]
+        left = torch.from_numpy(of_heads[:size])
+        right = torch.from_numpy(lists.right[:size])
         return left.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
@@ -264,14 +266,16 @@ class RecipeScorer(StoredScorer):
             self.entity_ids(results),
         )
         a, b, result = (part.reshape(-1) for part in ids)
-        blocks = zip(result.split(_ROWS), a.split(_ROWS), b.split(_ROWS), strict=True)
+        # In one order: rounding would differ between a + b and b + a.
+        low = torch.minimum(a, b)
+        high = torch.maximum(a, b)
+        # A recipe is scored as a table of two slots, whose only pair is slot 0 with slot 1.
+        tables = torch.stack([low, high], dim=1)
         scores = []
-        for goal, one, other in blocks:
-            # A recipe is scored as a table of two slots, whose only pair is slot 0 with slot 1. In
-            # one order: rounding would differ between a + b and b + a.
-            table = torch.stack([torch.minimum(one, other), torch.maximum(one, other)], dim=1)
+        for goal, table in zip(result.split(_ROWS), tables.split(_ROWS), strict=True):
             main_model = torch.zeros_like(goal)
-            scores.append(self.knowledge(goal, table, main_model)[:, 0, 1])
+            of_pairs = self.knowledge(goal, table, main_model)
+            scores.append(of_pairs[:, 0, 1])
         return torch.cat(scores).view(ids[0].shape)
 
     @property

@@ -84,7 +84,8 @@ class EntityRoles:
         Returns:
             shape (E,), float32.
         """
-        rows = self.units[relation][side == "tail"]
+        as_head, as_tail = self.units[relation]
+        rows = as_head if side == "head" else as_tail
         return np.asarray(rows @ rows[entity])
 
     def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
@@ -98,15 +99,18 @@ class EntityRoles:
             ids and cosines, nearest first, without the entity itself; ties are in id order.
         """
         # The cosine of joined vectors is the mean of the roles' cosines, weighted by lengths.
+        # Without scores, weights are 0, not NaN.
         products = np.maximum(self._total * self._total[entity], 1e-12)
-        of_roles_lengths = self.lengths * self.lengths[entity]
-        weights = of_roles_lengths / products[:, None]
+        role_products = self.lengths * self.lengths[entity]
+        weights = role_products / products[:, None]
         of_roles = [self.alike(entity, relation, side) for relation, side in ROLES]
+        # Shape (E, 4).
         cosines = np.stack(of_roles, axis=1)
         means = (weights * cosines).sum(axis=1)
+        order = np.argsort(-means, kind="stable")
         # One more than the limit, because the entity is usually nearest to itself.
-        order = np.argsort(-means, kind="stable")[: limit + 1].tolist()
-        others = [(other, float(means[other])) for other in order if other != entity]
+        nearest = order[: limit + 1].tolist()
+        others = [(other, float(means[other])) for other in nearest if other != entity]
         return others[:limit]
 
     @cached_property
@@ -139,17 +143,18 @@ def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
 def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors with the same products as rows and columns in the centred ``left rightᵀ``."""
     # Centred factors have a centred product. 64 bits, because squares of small differences follow.
-    mean_head = left.mean(axis=0, dtype=np.float64)
-    mean_tail = right.mean(axis=0, dtype=np.float64)
-    heads = left.astype(np.float64) - mean_head
-    tails = right.astype(np.float64) - mean_tail
+    heads = left.astype(np.float64)
+    heads -= left.mean(axis=0, dtype=np.float64)
+    tails = right.astype(np.float64)
+    tails -= right.mean(axis=0, dtype=np.float64)
     return _turned(heads, tails), _turned(tails, heads)
 
 
 def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
     """Return X with ``X Xᵀ = rows (othersᵀ others) rowsᵀ``, shape (E, m)."""
     # A root of the small (m, m) matrix; rounding can make its least eigenvalues negative.
-    values, vectors = np.linalg.eigh(others.T @ others)
+    products = others.T @ others
+    values, vectors = np.linalg.eigh(products)
     root = vectors * np.sqrt(values.clip(min=0))
     return np.asarray(rows @ root, dtype=np.float32)
 
@@ -160,4 +165,5 @@ def _unit(rows: _Rows, lengths: _Rows) -> _Rows:
     least = 1e-6 * longest or 1.0
     inverse = 1 / np.maximum(lengths, least)
     factors = np.where(lengths > least, inverse, 0)
-    return np.asarray(factors[:, None] * rows, dtype=np.float32)
+    scaled = factors[:, None] * rows
+    return np.asarray(scaled, dtype=np.float32)

@@ -173,8 +173,10 @@ def scaled_factors(
     x = left.double()
     y = right.double()
     loops = (x * y).sum(dim=1)
-    pairs = max(len(x) * (len(x) - 1), 1)
-    mean = (x.sum(dim=0) @ y.sum(dim=0) - loops.sum()) / pairs
+    size = len(x)
+    pairs = max(size * (size - 1), 1)
+    total = x.sum(dim=0) @ y.sum(dim=0)
+    mean = (total - loops.sum()) / pairs
     of_all = ((x.T @ x) * (y.T @ y)).sum()
     square = of_all - (loops**2).sum()
     variance = square / pairs - mean**2
@@ -225,7 +227,8 @@ def sampled_scaling(
     """
     dropped = _dropped(scorer, relation, scale, self_edges, observed)
     size = len(scorer.entities)
-    side = torch.arange(min(SIDE, size)) * size // min(SIDE, size)
+    length = min(SIDE, size)
+    side = torch.arange(length) * size // length
     heads, tails = torch.cartesian_prod(side, side).T
     scores = scorer.score(heads, relation, tails).detach().cpu()
     is_different = heads != tails
@@ -246,10 +249,13 @@ def sampled_scaling(
     mean = of_different.mean().float() if len(of_different) else zero
     if scale == "none":
         return Scaling(shift=zero, deviation=one, dropped=dropped, itself=mean)
-    deviation = of_different.std(correction=0).float() if len(of_different) else zero
-    # Scores that are equal up to rounding must not be amplified.
-    has_spread = bool(deviation > 1e-6 * of_different.abs().amax()) if len(of_different) else False
-    scale_of = deviation if has_spread else one
+    scale_of = one
+    if len(of_different):
+        deviation = of_different.std(correction=0).float()
+        # Scores that are equal up to rounding must not be amplified.
+        largest = of_different.abs().amax()
+        if bool(deviation > 1e-6 * largest):
+            scale_of = deviation
     return Scaling(shift=mean, deviation=scale_of, dropped=dropped, itself=zero)
 
 
@@ -266,22 +272,30 @@ def interpolated(scores: Tensor, knots: Tensor, heights: Tensor) -> Tensor:
         shape (B, A).
     """
     # The first knot that is not smaller: a score that equals a knot gets its height exactly.
-    above = torch.searchsorted(knots, scores).clamp_(1, knots.shape[1] - 1)
-    low = knots.gather(1, above - 1)
+    last = knots.shape[1] - 1
+    above = torch.searchsorted(knots, scores).clamp_(1, last)
+    below = above - 1
+    low = knots.gather(1, below)
     width = knots.gather(1, above) - low
-    share = torch.where(width > 0, (scores - low) / width, 1.0).clamp_(0, 1)
-    return torch.lerp(heights.gather(1, above - 1), heights.gather(1, above), share)
+    # Between equal knots, which fill a row, the upper height counts.
+    within = (scores - low) / width
+    share = torch.where(width > 0, within, 1.0).clamp_(0, 1)
+    height_below = heights.gather(1, below)
+    height_above = heights.gather(1, above)
+    return torch.lerp(height_below, height_above, share)
 
 
 def _ranked_products(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
     """Return :func:`_rank_knots` of the products of factors."""
     heads, tails = _spread_pairs(len(left))
     scores = np.empty(len(heads), dtype=np.float32)
-    block = 2**16  # pairs at once: factors of a million pairs would take gigabytes
-    for start in range(0, len(heads), block):
-        some = slice(start, start + block)
-        products = left[heads[some]] * right[tails[some]]
-        scores[some] = products.sum(1).numpy()
+    size = 2**16  # pairs at once: factors of a million pairs would take gigabytes
+    for start in range(0, len(heads), size):
+        block = slice(start, start + size)
+        of_heads = left[heads[block]]
+        of_tails = right[tails[block]]
+        products = of_heads * of_tails
+        scores[block] = products.sum(1).numpy()
     return _rank_knots(scores, heads != tails)
 
 
@@ -313,11 +327,13 @@ def _rank_knots(
     wanted = np.linspace(1, ends[-1], KNOTS)
     steps = np.searchsorted(ends, wanted)
     # Beside a score that many pairs share, ranks jump: its neighbours are knots as well.
-    beside = np.concatenate([steps - 1, steps, steps + 1]).clip(0, len(values) - 1)
-    chosen = np.unique(beside)
+    beside = np.concatenate([steps - 1, steps, steps + 1])
+    within = beside.clip(0, len(values) - 1)
+    chosen = np.unique(within)
     # The last knot fills the row: a shape that does not depend on the scores.
     missing = 3 * KNOTS - len(chosen)
-    filled = np.concatenate([chosen, np.full(missing, chosen[-1])])
+    padding = np.full(missing, chosen[-1])
+    filled = np.concatenate([chosen, padding])
     knots = torch.from_numpy(values[filled])
     heights = torch.from_numpy(standard[filled].astype(np.float32))
     return knots, heights
@@ -332,8 +348,11 @@ def _spread_pairs(size: int) -> tuple[Ids, Ids]:
     # "The unreasonable effectiveness of quasirandom sequences"; 1.3247 is the plastic number.
     plastic = 1.324717957244746
     numbers = np.arange(1, RANKED + 1)
-    heads = (numbers * (1 / plastic) % 1 * size).astype(np.int64)
-    tails = (numbers * (1 / plastic**2) % 1 * size).astype(np.int64)
+    # Coordinates within 0 .. 1.
+    across = numbers * (1 / plastic) % 1
+    down = numbers * (1 / plastic**2) % 1
+    heads = (across * size).astype(np.int64)
+    tails = (down * size).astype(np.int64)
     return heads, tails
 
 

@@ -108,12 +108,15 @@ class Scorer(ABC):
         return ids
 
     def _ids_of_labels(self, labels: np.ndarray) -> np.ndarray:
-        names = [str(label) for label in labels.flat]
-        unknown = [name for name in names if name not in self._index]
-        if unknown:
-            hint = nearest(unknown[0], self.entities)
-            raise UnknownEntityError(f"no entity '{unknown[0]}' in {self.name}.{hint}")
-        return np.array([self._index[name] for name in names]).reshape(labels.shape)
+        """Return the ids of labels, with the shape of the array of labels."""
+        ids = []
+        for label in labels.flat:
+            name = str(label)
+            if name not in self._index:
+                hint = nearest(name, self.entities)
+                raise UnknownEntityError(f"no entity '{name}' in {self.name}.{hint}")
+            ids.append(self._index[name])
+        return np.array(ids).reshape(labels.shape)
 
     def relation_ids(self, relations: RelationIds) -> Tensor:
         """Convert relation names or ids to int64 ids on the device.

@@ -149,11 +149,13 @@ def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes,
     for row in range(recipes):
         of_goal = lists.support_alike[goal, row]
         of_goal_words = lists.support_words[goal, row]
+        # Both ingredients of the supporting recipe.
         for part in range(2):
-            value = of_goal * alike[places[row, part]]
+            place = places[row, part]
+            value = of_goal * alike[place]
             total += value
             best = max(best, value)
-            by_words += of_goal_words * words[places[row, part]]
+            by_words += of_goal_words * words[place]
     out[12] = log1p(num_links(*links, entity, goal))
     out[13] = log(FLOOR + total)
     out[14] = log(FLOOR + best)
@@ -187,17 +189,20 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
         other = lists.used[entity, row]
         if other < 0:
             break
+        of_other = lists.used_alike[entity, row]
+        words_of_other = lists.used_words[entity, row]
         if pair_place(*hashed, goal, other) >= 0:
-            with_goal += lists.used_alike[entity, row]
-        to_goal += lists.used_alike[entity, row] * num_links(*links, other, goal)
+            with_goal += of_other
+        to_goal += of_other * num_links(*links, other, goal)
         for column in range(lists.made.shape[1]):
             result = lists.made[goal, column]
-            weight = lists.used_alike[entity, row] * lists.made_alike[goal, column]
+            weight = of_other * lists.made_alike[goal, column]
+            # Neighbours come by descending similarity, so all that follow are below, too.
             if result < 0 or weight < LEAST:
                 break
             number = num_links(*links, other, result)
             if number:
-                of_words = lists.used_words[entity, row] * lists.made_words[goal, column]
+                of_words = words_of_other * lists.made_words[goal, column]
                 soft += number * weight
                 soft_words += number * of_words
     exact = np.float32(0)
@@ -205,13 +210,15 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
         result = lists.made[goal, column]
         if result < 0:
             break
-        exact += lists.made_alike[goal, column] * num_links(*links, entity, result)
+        number = num_links(*links, entity, result)
+        exact += lists.made_alike[goal, column] * number
     reverse = np.float32(0)
     for column in range(lists.made.shape[1]):
         result = lists.made[entity, column]
         if result < 0:
             break
-        reverse += lists.made_alike[entity, column] * num_links(*links, goal, result)
+        number = num_links(*links, goal, result)
+        reverse += lists.made_alike[entity, column] * number
     out[4] = log(FLOOR + soft)
     out[5] = log(FLOOR + soft_words)
     out[6] = log(FLOOR + exact)
@@ -249,10 +256,12 @@ def _goal_sides(support, slot, low, high, alike, words, places, recipes, sums): 
         by_words[other] = 0
         best[other] = 0
     for row in range(recipes):
-        of_first = alike[places[row, 0]]
-        of_second = alike[places[row, 1]]
-        words_of_first = words[places[row, 0]]
-        words_of_second = words[places[row, 1]]
+        first = places[row, 0]
+        second = places[row, 1]
+        of_first = alike[first]
+        of_second = alike[second]
+        words_of_first = words[first]
+        words_of_second = words[second]
         of_goal = support_alike[row]
         of_goal_words = support_words[row]
         own_first = of_first[slot]
@@ -299,10 +308,13 @@ def _pair_side(  # type: ignore[no-untyped-def]
     anything_words = np.float32(0)
     alike_words = np.float32(0)
     for number in range(first, last):
-        start = pair_starts[places[number]]
-        results = min(pair_counts[places[number]], MOST_RESULTS)
-        anything += results * weights[number]
-        anything_words += results * words[number]
+        place = places[number]
+        weight = weights[number]
+        weight_by_words = words[number]
+        start = pair_starts[place]
+        results = min(pair_counts[place], MOST_RESULTS)
+        anything += results * weight
+        anything_words += results * weight_by_words
         for recipe in range(start, start + results):
             result = result_of[recipe]
             if known_row[result] != row:
@@ -310,10 +322,10 @@ def _pair_side(  # type: ignore[no-untyped-def]
                 kernel, cosine = alike_of(vectors, norms, goal, result, structure)
                 known[result, 0] = kernel * kernel
                 known[result, 1] = fourth(cosine)
-            value = weights[number] * known[result, 0]
+            value = weight * known[result, 0]
             alike += value
             nearest = max(nearest, value)
-            alike_words += words[number] * known[result, 1]
+            alike_words += weight_by_words * known[result, 1]
     out[3] = log(FLOOR + anything)
     out[4] = log(FLOOR + alike)
     out[5] = log(FLOOR + nearest)
@@ -419,8 +431,9 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
     ranges = np.zeros((slots, 2), dtype=np.int64)
     ranges[:, 0] = slots
     for pair in range(len(one)):
-        ranges[one[pair], 0] = min(ranges[one[pair], 0], other[pair])
-        ranges[one[pair], 1] = max(ranges[one[pair], 1], other[pair] + 1)
+        slot = one[pair]
+        ranges[slot, 0] = min(ranges[slot, 0], other[pair])
+        ranges[slot, 1] = max(ranges[slot, 1], other[pair] + 1)
     end = np.int64(0)
     while end < len(goals):
         begin = end

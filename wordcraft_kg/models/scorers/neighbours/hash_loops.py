@@ -16,7 +16,9 @@ def _place(keys, key):  # type: ignore[no-untyped-def]
     mask = len(keys) - 1
     # Multiplied by 2^64 over the golden ratio (Knuth 1973): neighbouring keys end far apart.
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    place = np.int64((mixed ^ (mixed >> np.uint64(29))) & np.uint64(mask))
+    # The high bits of the product are the best mixed ones; the mask takes low bits.
+    folded = mixed ^ (mixed >> np.uint64(29))
+    place = np.int64(folded & np.uint64(mask))
     # At most a quarter of the places is filled, so the search ends after few steps.
     while keys[place] != -1 and keys[place] != key:
         place = (place + 1) & mask
@@ -91,8 +93,11 @@ def _may_hold(bits, one, other):  # type: ignore[no-untyped-def]
         one: entity id.
         other: entity id.
     """
-    bit = other & (bits.shape[1] * 8 - 1)
-    return (bits[one, bit >> 3] >> (bit & 7)) & 1 != 0
+    mask = bits.shape[1] * 8 - 1
+    bit = other & mask
+    # Eight bits a byte: the byte by the higher digits, the bit in it by the last three.
+    byte = bits[one, bit >> 3]
+    return (byte >> (bit & 7)) & 1 != 0
 
 
 @compiled
@@ -109,7 +114,8 @@ def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
         return np.int64(-1)
     low = min(a, b)
     high = max(a, b)
-    place = _place(pair_keys, np.int64(low) * len(partner_bits) + high)
+    size = len(partner_bits)
+    place = _place(pair_keys, np.int64(low) * size + high)
     return place if pair_keys[place] != -1 else -1
 
 
@@ -127,7 +133,8 @@ def num_links(result_bits, link_keys, link_counts, ingredient, result):  # type:
     if not _may_hold(result_bits, ingredient, result):
         return np.int32(0)
     # An empty place has the count 0, so the key need not be compared again.
-    place = _place(link_keys, np.int64(ingredient) * len(result_bits) + result)
+    size = len(result_bits)
+    place = _place(link_keys, np.int64(ingredient) * size + result)
     return link_counts[place]
 
 

@@ -198,17 +198,26 @@ class RecipeKnowledge(nn.Module):
         row = 0
         place = 0
         for model in models:
+            next_row = row + model.num_models
+            next_place = place + len(model.recipes)
             # Where the model's recipes are in the common list.
-            own = number[place : place + len(model.recipes)]
-            seen[row : row + model.num_models, own] = model.seen
-            row += model.num_models
-            place += len(model.recipes)
+            own = number[place:next_place]
+            seen[row:next_row, own] = model.seen
+            row = next_row
+            place = next_place
         names = [*RANKER, *LINK_RANKERS, *LINK_TABLES]
         if models[0].has_encoder:
             names += [*ENCODER, *RESULT_RANKER]
-        rankers = {name: torch.cat([getattr(model, name) for model in models]) for name in names}
-        shared = {name: getattr(models[0], name) for name in ("num_own", "vectors", "near_words")}
-        constants = {**shared, "recipes": every, "seen": seen, **rankers}
+        constants = {
+            "num_own": models[0].num_own,
+            "vectors": models[0].vectors,
+            "near_words": models[0].near_words,
+            "recipes": every,
+            "seen": seen,
+        }
+        for name in names:
+            of_models = [getattr(model, name) for model in models]
+            constants[name] = torch.cat(of_models)
         stack = cls(constants, models[0].num_entities)
         # Lists that are made already serve the stack, too.
         first = 0
@@ -226,7 +235,10 @@ class RecipeKnowledge(nn.Module):
         Args:
             tables: scores by relation, shape (E, E) each, row = head.
         """
-        named = {f"{RELATIONS[number]}_table": each.half()[None] for number, each in tables.items()}
+        named = {}
+        for number, table in tables.items():
+            # With a first axis for the single model.
+            named[f"{RELATIONS[number]}_table"] = table.half()[None]
         return type(self)(self.constants() | named, self.num_entities)
 
     def of_entities(self, own: Tensor) -> Self:
@@ -234,12 +246,16 @@ class RecipeKnowledge(nn.Module):
 
         All other entities come last, and are no more than a source of knowledge.
         """
-        is_other = torch.ones(self.num_entities, dtype=torch.bool).index_fill(0, own, False)
-        order = torch.cat([own, is_other.nonzero()[:, 0]])
+        is_other = torch.ones(self.num_entities, dtype=torch.bool)
+        is_other[own] = False
+        others = is_other.nonzero()[:, 0]
+        # The old id of each new one, and the new id of each old one.
+        order = torch.cat([own, others])
         place = torch.argsort(order)
         near = self.near_words[order].long()
+        new_ids = place[near.clamp(min=0)]
         # -1, the end of a list, stays.
-        renumbered = torch.where(near < 0, near, place[near.clamp(min=0)])
+        renumbered = torch.where(near < 0, near, new_ids)
         recipes = place[self.recipes.long()]
         # As in a graph, the smaller ingredient comes first.
         recipes[:, :2] = recipes[:, :2].sort(1).values
@@ -252,7 +268,8 @@ class RecipeKnowledge(nn.Module):
         for name in LINK_TABLES:
             table = getattr(self, name)
             if table.numel():
-                changed[name] = table[:, own][:, :, own]
+                own_rows = table[:, own]
+                changed[name] = own_rows[:, :, own]
         return type(self)(self.constants() | changed, len(own))
 
     def lists(self, model: int = 0) -> Lists:
@@ -262,12 +279,15 @@ class RecipeKnowledge(nn.Module):
             ArtefactError: if stored recipes or words name entities that are not there.
         """
         if model not in self._lists:
-            recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
+            of_model = self.recipes[self.seen[model]]
+            recipes = of_model.cpu().numpy().astype(np.int64)
             near_words = self.near_words.cpu().numpy()
             # An agent's folder may come from anywhere, and compiled loops check no bounds.
             size = len(self.vectors)
-            are_ids = recipes.min(initial=0) >= 0 and recipes.max(initial=0) < size
-            if not are_ids or near_words.min(initial=-1) < -1 or near_words.max(initial=-1) >= size:
+            are_ids = 0 <= recipes.min(initial=0) <= recipes.max(initial=0) < size
+            # -1 ends a list.
+            are_near = -1 <= near_words.min(initial=-1) <= near_words.max(initial=-1) < size
+            if not are_ids or not are_near:
                 raise ArtefactError(
                     f"the stored knowledge names entities outside 0 .. {size - 1}. Train again, or "
                     "restore a copy."
@@ -285,7 +305,8 @@ class RecipeKnowledge(nn.Module):
         Sources of a restored policy would make and keep the same lists otherwise.
         """
         names = ("vectors", "near_words", "recipes", "seen")
-        if all(torch.equal(getattr(self, name), getattr(other, name)) for name in names):
+        pairs = [(getattr(self, name), getattr(other, name)) for name in names]
+        if all(torch.equal(own, theirs) for own, theirs in pairs):
             self._lists = other._lists
             self._link_rows = other._link_rows
 
@@ -308,6 +329,10 @@ class RecipeKnowledge(nn.Module):
         Returns:
             shape (F, B, P), float32, in the order of :data:`~.pair_features.FEATURES`, then those
             of :data:`~.pair_features.OF_ENCODER` if there is an encoder.
+
+        Raises:
+            IndexError: for an entity id out of range.
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         # Compiled loops are imported late: numba takes as long to import as all the rest.
         from wordcraft_kg.models.scorers.neighbours import feature_loops
@@ -322,19 +347,29 @@ class RecipeKnowledge(nn.Module):
         of_pairs = np.zeros(shape, dtype=np.float32)
 
         def write(number: int, rows: Ids) -> None:
-            slots = np.zeros((len(rows), *of_slots.shape[1:]), dtype=np.float32)
-            pairs = np.zeros((len(rows), *of_pairs.shape[1:]), dtype=np.float32)
-            lists = self.lists(number)
-            feature_loops.table_features(lists, goals[rows], tables[rows], one, other, slots, pairs)
-            of_slots[rows] = slots
-            of_pairs[rows] = pairs
+            # Arrays without gaps, for which the loops are compiled.
+            own_slots = np.zeros((len(rows), *of_slots.shape[1:]), dtype=np.float32)
+            own_pairs = np.zeros((len(rows), *of_pairs.shape[1:]), dtype=np.float32)
+            feature_loops.table_features(
+                self.lists(number),
+                goals[rows],
+                tables[rows],
+                one,
+                other,
+                own_slots,
+                own_pairs,
+            )
+            of_slots[rows] = own_slots
+            of_pairs[rows] = own_pairs
 
         self._for_each_block(model, write)
         slots = torch.from_numpy(of_slots).to(goal.device)
         pairs_only = torch.from_numpy(of_pairs).to(goal.device)
         if self._link_table(COMPONENT_OF).numel():
             component = self._from_table(COMPONENT_OF, model, table, goal[:, None])
-            a, b = (table.index_select(1, slot) for slot in (first, second))
+            # The entities of each pair, shape (B, P).
+            a = table.index_select(1, first)
+            b = table.index_select(1, second)
             combines = self._from_table(COMBINES_WITH, model, a, b)
         elif len(one):
             # Features first, as rankers of several models need them.
@@ -343,12 +378,15 @@ class RecipeKnowledge(nn.Module):
             combines = torch.zeros(pairs_only.shape[:2], device=goal.device)
         else:
             # No pairs, and so no scores: all slots of a batch are empty.
-            number = num_features(has_encoder=self.has_encoder)
-            return torch.zeros(number, *pairs_only.shape[:2], device=goal.device)
+            width = num_features(has_encoder=self.has_encoder)
+            return torch.zeros(width, *pairs_only.shape[:2], device=goal.device)
         features = features_of_pairs(slots, pairs_only, component, combines, first, second)
         if self.has_encoder:
-            encoded = self._encoded(goal, table[:, first], table[:, second], model)
+            a = table.index_select(1, first)
+            b = table.index_select(1, second)
+            encoded = self._encoded(goal, a, b, model)
             features = torch.cat([features, encoded], dim=-1)
+        # (B, P, F) to (F, B, P).
         return features.permute(2, 0, 1)
 
     def _encoded(self, goal: Tensor, a: Tensor, b: Tensor, model: Tensor) -> Tensor:
@@ -362,17 +400,23 @@ class RecipeKnowledge(nn.Module):
         """
         size = self.num_entities
         # Pairs with an empty slot, and rows without a goal, are zeros, as all their features.
-        is_empty = (a == size) | (b == size) | (goal == size)[:, None]
+        has_no_goal = (goal == size)[:, None]
+        is_empty = (a == size) | (b == size) | has_no_goal
+        # Any entity will do in an empty place.
+        first = a.clamp(max=size - 1)
+        second = b.clamp(max=size - 1)
+        goals = goal.clamp(max=size - 1)
         features = torch.zeros(*a.shape, len(OF_ENCODER), device=goal.device)
         for number in model.unique().tolist():
-            rows = (model == number).nonzero()[:, 0]
-            ids = (part[rows].clamp(max=size - 1) for part in (a, b, goal))
-            features[rows] = self.encoder(number).features(*ids)
+            is_own = model == number
+            encoder = self.encoder(number)
+            features[is_own] = encoder.features(first[is_own], second[is_own], goals[is_own])
         return features.masked_fill(is_empty[..., None], 0)
 
     def encoder(self, model: int = 0) -> PairEncoder:
         """Return a model's pair encoder; only if there is one."""
-        return PairEncoder(*(getattr(self, name)[model] for name in ENCODER))
+        stacks = [getattr(self, name) for name in ENCODER]
+        return PairEncoder(*(stack[model] for stack in stacks))
 
     def slot_scores(self, relation: int, key: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Score the links (slot's entity, relation, key) of tables by the link rankers.
@@ -385,6 +429,10 @@ class RecipeKnowledge(nn.Module):
 
         Returns:
             shape (B, A), float32. Scores of empty slots, and of tables without a key, mean nothing.
+
+        Raises:
+            IndexError: for an entity id out of range, where no table of scores is stored.
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         if self._link_table(relation).numel():
             return self._from_table(relation, model, table, key[:, None])
@@ -392,27 +440,40 @@ class RecipeKnowledge(nn.Module):
 
         keys = self._ids(key)
         tables = self._ids(table)
-        features = np.zeros((*tables.shape, len(LINK_FEATURES[relation])), dtype=np.float32)
+        shape = (*tables.shape, len(LINK_FEATURES[relation]))
+        features = np.zeros(shape, dtype=np.float32)
         paths: dict[int, tuple[Any, ...]] = {}
         if relation == COMBINES_WITH:
             # Made before threads begin, and as plain tuples: machine code on the disk names the
             # types of its arguments.
             for number in model.unique().tolist():
-                paths[number] = tuple(tuple(rows) for rows in self.link_rows(number).halves)
+                halves, pairs = self.link_rows(number).halves
+                paths[number] = (tuple(halves), tuple(pairs))
 
         def write(number: int, rows: Ids) -> None:
-            some = np.zeros((len(rows), *features.shape[1:]), dtype=np.float32)
             lists = self.lists(number)
+            own_keys = keys[rows]
+            own_tables = tables[rows]
+            own_features = np.zeros((len(rows), *shape[1:]), dtype=np.float32)
             if relation == COMPONENT_OF:
-                link_loops.component_features(lists, keys[rows], tables[rows], some)
+                link_loops.component_features(lists, own_keys, own_tables, own_features)
             else:
                 halves, pairs = paths[number]
-                link_loops.combines_features(lists, halves, pairs, keys[rows], tables[rows], some)
-            features[rows] = some
+                link_loops.combines_features(
+                    lists,
+                    halves,
+                    pairs,
+                    own_keys,
+                    own_tables,
+                    own_features,
+                )
+            features[rows] = own_features
 
         self._for_each_block(model, write)
-        links = torch.from_numpy(features).to(key.device).permute(2, 0, 1)
-        return self._link_ranker(relation).of_models(links, model)
+        links = torch.from_numpy(features).to(key.device)
+        # (B, A, F) to (F, B, A).
+        by_feature = links.permute(2, 0, 1)
+        return self._link_ranker(relation).of_models(by_feature, model)
 
     def _for_each_block(self, model: Tensor, write: Callable[[int, Ids], None]) -> None:
         """Call ``write`` with a model and some of its rows, until it has had all rows once.
@@ -429,25 +490,30 @@ class RecipeKnowledge(nn.Module):
         for number in np.unique(models).tolist():
             rows = np.flatnonzero(models == number)
             num_blocks = math.ceil(len(rows) / _BLOCK)
-            blocks += [(number, part) for part in np.array_split(rows, num_blocks)]
+            for block in np.array_split(rows, num_blocks):
+                blocks.append((number, block))
             # Made by this thread alone, once.
             self.lists(number)
         # Blocks of all models together: a batch of a cross-fitted scorer has few rows for each.
         most = self.workers or torch.get_num_threads()
         workers = min(most, len(models) // _ROWS)
         if workers <= 1:
-            for block in blocks:
-                write(*block)
+            for number, rows in blocks:
+                write(number, rows)
             return
+        numbers, rows_of_blocks = zip(*blocks, strict=True)
         with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(lambda block: write(*block), blocks))
+            # A list takes all results, and so raises a thread's error.
+            list(pool.map(write, numbers, rows_of_blocks))
 
     def _from_table(self, relation: int, model: Tensor, heads: Tensor, tails: Tensor) -> Tensor:
         """Return link scores of heads and tails, ids that broadcast to (B, N), as float32."""
         # Empty slots have no row; their pairs have no score either.
         last = self.num_entities - 1
-        table = self._link_table(relation)
-        return table[model[:, None], heads.clamp(max=last), tails.clamp(max=last)].float()
+        rows = heads.clamp(max=last)
+        columns = tails.clamp(max=last)
+        scores = self._link_table(relation)[model[:, None], rows, columns]
+        return scores.float()
 
     def _link_ranker(self, relation: int) -> Ranker:
         """Return a relation's link rankers, of all models."""
@@ -459,7 +525,11 @@ class RecipeKnowledge(nn.Module):
         return table
 
     def link_rows(self, model: int = 0) -> LinkRows:
-        """Return what computes the features of a model's links."""
+        """Return what computes the features of a model's links; made at the first call.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
+        """
         if model not in self._link_rows:
             self._link_rows[model] = LinkRows(self.lists(model))
         return self._link_rows[model]
@@ -484,11 +554,16 @@ class RecipeKnowledge(nn.Module):
 
         Returns:
             shape (B, N), or (B, E), float32.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         size = self.num_entities
         table = self._link_table(relation)
         if table.numel():
-            scores = table[model][:, entities].T if heads else table[model][entities]
+            # Row = head: with candidates as heads, the entities are columns.
+            by_entity = table[model].T if heads else table[model]
+            scores = by_entity[entities]
             if candidates is not None:
                 scores = scores.gather(1, candidates)
             return scores.float()
@@ -521,7 +596,9 @@ class RecipeKnowledge(nn.Module):
         Returns:
             shape (n,), float32.
         """
-        by_tail = len(tails.unique()) < len(heads.unique())
+        num_heads = len(heads.unique())
+        num_tails = len(tails.unique())
+        by_tail = num_tails < num_heads
         key, other = (tails, heads) if by_tail else (heads, tails)
         order = key.argsort(stable=True)
         entities, counts = key[order].unique_consecutive(return_counts=True)
@@ -534,7 +611,8 @@ class RecipeKnowledge(nn.Module):
             places = torch.arange(width, device=heads.device)
             # Entities with fewer links repeat their last one.
             last = (counts[some] - 1)[:, None]
-            links = order[starts[some, None] + torch.minimum(places, last)]
+            offsets = torch.minimum(places, last)
+            links = order[starts[some, None] + offsets]
             if _FEW * width > self.num_entities:
                 of_all = self.link_scores(relation, entities[some], heads=by_tail)
                 scores[links] = of_all.gather(1, other[links])
@@ -566,6 +644,9 @@ class RecipeKnowledge(nn.Module):
         Returns:
             recipes, ids (R, 3); similarity of their results to the goal, shape (R,); and of their
             ingredients to a and b in both orders, shape (R,) each.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 
@@ -576,8 +657,10 @@ class RecipeKnowledge(nn.Module):
         # -1 ends the list, so the terms of its recipes come first.
         numbers = numbers[numbers >= 0]
         # Chosen before they are stacked: a book may have hundreds of thousands of recipes.
-        columns = [column[numbers] for column in (lists.first, lists.second, lists.result)]
-        recipes = np.stack(columns, axis=1)
+        first = lists.first[numbers]
+        second = lists.second[numbers]
+        result = lists.result[numbers]
+        recipes = np.stack([first, second, result], axis=1)
         straight, crossed = torch.from_numpy(terms[: len(numbers)]).unbind(1)
         like_goal = torch.from_numpy(lists.support_alike[goal, : len(numbers)].copy())
         return torch.from_numpy(recipes.astype(np.int64)), like_goal, straight, crossed
@@ -588,15 +671,18 @@ class RecipeKnowledge(nn.Module):
 
     def word_cosines(self, entity: int, others: Tensor) -> Tensor:
         """Return word cosines of an entity and n others, shape (n,)."""
-        return self.vectors[others].float() @ self.vectors[entity].float()
+        own = self.vectors[entity].float()
+        return self.vectors[others].float() @ own
 
     def have_recipes(self, entity: int, others: Tensor) -> Tensor:
         """Return whether the first model has a recipe of an entity with each other, shape (n,)."""
         lists = self.lists()
         first = torch.from_numpy(lists.first)
         second = torch.from_numpy(lists.second)
-        partners = torch.cat([second[first == entity], first[second == entity]])
-        return torch.isin(others, partners)
+        # The entity is the first ingredient of a recipe, or the second.
+        after = second[first == entity]
+        before = first[second == entity]
+        return torch.isin(others, torch.cat([after, before]))
 
     def log_uses(self) -> Tensor:
         """Return log(1 + recipes of the first model that use an entity), shape (E,)."""
@@ -605,11 +691,14 @@ class RecipeKnowledge(nn.Module):
 
     def knows(self, recipes: Tensor, model: int) -> Tensor:
         """Return a mask of the recipes, ids (n, 3), in a model's training data, shape (n,)."""
-        size = len(self.vectors)
-        of_model = self.recipes[self.seen[model]].long().cpu().numpy()
-        known = recipe_keys(*of_model.T, num_entities=size)
-        keys = recipe_keys(*recipes.long().cpu().numpy().T, num_entities=size)
-        return torch.from_numpy(np.isin(keys, known)).to(recipes.device)
+        of_model = self.recipes[self.seen[model]]
+        is_known = np.isin(self._recipe_keys(recipes), self._recipe_keys(of_model))
+        return torch.from_numpy(is_known).to(recipes.device)
+
+    def _recipe_keys(self, recipes: Tensor) -> Ids:
+        """Return a number for each recipe, ids (n, 3), in which the ingredients' order is lost."""
+        a, b, result = recipes.long().cpu().numpy().T
+        return recipe_keys(a, b, result, num_entities=len(self.vectors))
 
     def _ids(self, entities: Tensor) -> Ids:
         """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot."""
@@ -640,6 +729,7 @@ class RecipeKnowledge(nn.Module):
 
         Raises:
             IndexError: for an id out of range.
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 
@@ -701,12 +791,18 @@ class RecipeKnowledge(nn.Module):
 
         Returns:
             shape (B, A, A), in nats, symmetric; -inf for pairs with an empty slot.
+
+        Raises:
+            IndexError, ArtefactError: as :meth:`features`.
         """
         # A pair is scored once and looked up for both orders of its slots.
-        scores = self.scores(self.features(goal, table, model), model)
-        scores = scores.index_select(1, square_of(table.shape[1], table.device))
+        features = self.features(goal, table, model)
+        of_pairs = self.scores(features, model)
+        num_slots = table.shape[1]
+        square = square_of(num_slots, table.device)
+        # (B, P) to (B, A · A) to (B, A, A).
+        scores = of_pairs.index_select(1, square).view(*table.shape, num_slots)
         is_empty = table == self.num_entities
-        scores = scores.view(*table.shape, table.shape[1])
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         return scores.masked_fill(has_empty, -torch.inf)
 
@@ -739,6 +835,9 @@ class RecipeKnowledge(nn.Module):
             goal: id of the result.
             model: number of the model.
             limit: maximum number of recipes.
+
+        Raises:
+            ArtefactError: if stored recipes or words name entities that are not there.
         """
         supporting, like_goal, straight, crossed = self.support_of(a, b, goal, model)
         orders = torch.stack([straight, crossed])

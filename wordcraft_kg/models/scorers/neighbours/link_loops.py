@@ -81,23 +81,25 @@ def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[
         # The key's row of H R, in an array of all nodes.
         for place in range(half_starts[key], half_starts[key + 1]):
             node = half_nodes[place]
+            of_node = half_values[place]
             for end in range(pair_starts[node], pair_starts[node + 1]):
-                reached[pair_nodes[end]] += half_values[place] * pair_values[end]
+                reached[pair_nodes[end]] += of_node * pair_values[end]
         for slot in range(tables.shape[1]):
             entity = tables[row, slot]
             if entity < 0:
                 continue
             completion = np.float32(0)
             for place in range(half_starts[entity], half_starts[entity + 1]):
-                completion += half_values[place] * reached[half_nodes[place]]
+                node = half_nodes[place]
+                completion += half_values[place] * reached[node]
             # Known pairs of one of both and a neighbour of the other.
             exact = np.float32(0)
             for number in range(width):
-                other = lists.used[key, number]
-                if other >= 0 and pair_place(*hashed, other, entity) >= 0:
+                near_key = lists.used[key, number]
+                if near_key >= 0 and pair_place(*hashed, near_key, entity) >= 0:
                     exact += lists.used_alike[key, number]
-                other = lists.used[entity, number]
-                if other >= 0 and pair_place(*hashed, other, key) >= 0:
+                near_entity = lists.used[entity, number]
+                if near_entity >= 0 and pair_place(*hashed, near_entity, key) >= 0:
                     exact += lists.used_alike[entity, number]
             near = np.float32(0)
             count, _ = neighbour_pairs(neighbours, hashed, key, entity, places, weights, words)
@@ -106,17 +108,20 @@ def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[
             kernel, cosine = alike_of(lists.vectors, lists.norms, key, entity, structure)
             uses = log1p(lists.num_uses[key])
             other_uses = log1p(lists.num_uses[entity])
+            made = log1p(lists.num_makers[key])
+            other_made = log1p(lists.num_makers[entity])
             features = out[row, slot]
             features[0] = cosine
             features[1] = kernel
             features[2] = uses + other_uses
             features[3] = abs(uses - other_uses)
-            features[4] = log1p(lists.num_makers[key]) + log1p(lists.num_makers[entity])
+            features[4] = made + other_made
             features[5] = 1 if key == entity else 0
             features[6] = log(FLOOR + completion)
             features[7] = log(FLOOR + exact)
             features[8] = log(FLOOR + near)
             features[9] = product(lists.pair_left, lists.right, key, entity)
+        # Cleared where it was written, for the next key.
         for place in range(half_starts[key], half_starts[key + 1]):
             node = half_nodes[place]
             for end in range(pair_starts[node], pair_starts[node + 1]):

@@ -156,16 +156,15 @@ class LinkRows:
         itself = np.arange(size, dtype=np.int32)[:, None]
         ones = np.ones((size, 1), dtype=np.float32)
         self._itself = _both_ways(itself, ones, ones)
-        first, second, result = lists.first, lists.second, lists.result
-        is_other = first != second
-        # A recipe with twice the same ingredient is one link.
-        ingredients = np.concatenate([first, second[is_other]])
-        results = np.concatenate([result, result[is_other]])
+        # Each recipe is read from both ingredients, but once if they are the same.
+        is_other = lists.first != lists.second
+        ingredients = np.concatenate([lists.first, lists.second[is_other]])
+        partners = np.concatenate([lists.second, lists.first[is_other]])
+        results = np.concatenate([lists.result, lists.result[is_other]])
         self._makes = _links(ingredients, results, size)
         self._made_of = _links(results, ingredients, size)
-        ones_and_others = np.concatenate([first, second[is_other]])
-        partners = np.concatenate([second, first[is_other]])
-        self._pairs = _links(ones_and_others, partners, size)
+        self._pairs = _links(ingredients, partners, size)
+        # The same links, each counted once whatever the number of its results.
         self._partners = self._pairs._replace(counts=np.ones_like(self._pairs.counts))
 
     def of_relation(
@@ -203,8 +202,9 @@ class LinkRows:
             else:
                 features.append(self.components(some, others, heads=heads))
         if not features:
-            width = len(OF_COMBINES if relation == COMBINES_WITH else OF_COMPONENTS)
-            return torch.zeros(0, 0 if candidates is None else candidates.shape[1], width)
+            names = OF_COMBINES if relation == COMBINES_WITH else OF_COMPONENTS
+            num_candidates = 0 if candidates is None else candidates.shape[1]
+            return torch.zeros(0, num_candidates, len(names))
         return torch.cat(features)
 
     def _one_by_one(
@@ -263,8 +263,12 @@ class LinkRows:
         """
         from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST
 
-        used, made, itself = self._used_lists, self._made_lists, self._itself
-        makes, made_of, partners = self._makes, self._made_of, self._partners
+        used = self._used_lists
+        made = self._made_lists
+        itself = self._itself
+        makes = self._makes
+        made_of = self._made_of
+        partners = self._partners
         # (neighbours of x, links, neighbours of c), and links read from c.
         paths = (
             (used, makes, made, made_of, LEAST),
@@ -285,10 +289,16 @@ class LinkRows:
         lists = self.lists
         sides = (lists.right, lists.left) if heads else (lists.left, lists.right)
         words, kernel = self._alike(entities, candidates)
-        of_entity = _Side(self._uses[entities, None], self._made[entities, None])
-        of_others = _Side(_at(self._uses[None], candidates), _at(self._made[None], candidates))
+        of_entity = _Side(
+            uses=self._uses[entities, None],
+            made=self._made[entities, None],
+        )
+        of_others = _Side(
+            uses=_at(self._uses[None], candidates),
+            made=_at(self._made[None], candidates),
+        )
         head, tail = (of_others, of_entity) if heads else (of_entity, of_others)
-        is_partner = self._follow(entities, itself.near, partners, itself.back, _NO_LEAST)[0]
+        is_partner, _ = self._follow(entities, itself.near, partners, itself.back, _NO_LEAST)
         features = [
             words,
             kernel,
@@ -319,24 +329,32 @@ class LinkRows:
         """
         from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST
 
-        used, itself = self._used_lists, self._itself
+        used = self._used_lists
+        itself = self._itself
         # Neighbours on both sides: a limit on the product of similarities skips most pairs of
         # neighbours. With `itself` on one side there are few paths, and all count.
         near_pairs, _ = self._follow(entities, used.near, self._pairs, used.back, LEAST)
         of_own, _ = self._follow(entities, used.near, self._partners, itself.back, _NO_LEAST)
         of_other, _ = self._follow(entities, itself.near, self._partners, used.back, _NO_LEAST)
         words, kernel = self._alike(entities, candidates)
+        # Shape (B, 1) against (B, N), or (1, T).
         uses = self._uses[entities, None]
         other_uses = _at(self._uses[None], candidates)
-        others = candidates if candidates is not None else np.arange(len(self._uses))[None]
+        made = self._made[entities, None]
+        other_made = _at(self._made[None], candidates)
+        others = candidates
+        if others is None:
+            others = np.arange(len(self._uses))[None]
+        is_itself = others == entities[:, None]
+        completed = self._completion(entities)
         features = [
             words,
             kernel,
             uses + other_uses,
             np.abs(uses - other_uses),
-            self._made[entities, None] + _at(self._made[None], candidates),
-            (others == entities[:, None]).astype(np.float32),
-            _log(_at(self._completion(entities), candidates)),
+            made + other_made,
+            is_itself.astype(np.float32),
+            _log(_at(completed, candidates)),
             _log(_at(of_own + of_other, candidates)),
             _log(_at(near_pairs, candidates)),
             _products(self.lists.pair_left, self.lists.right, entities, candidates),
@@ -380,14 +398,18 @@ class LinkRows:
         lists = self.lists
         structure = np.zeros((len(entities), len(lists.norms)), dtype=np.float32)
         for row, entity in enumerate(entities.tolist()):
-            places = slice(lists.near_starts[entity], lists.near_starts[entity + 1])
-            structure[row, lists.near[places]] = lists.near_cosines[places]
+            start = lists.near_starts[entity]
+            end = lists.near_starts[entity + 1]
+            neighbours = lists.near[start:end]
+            structure[row, neighbours] = lists.near_cosines[start:end]
         words = _products(lists.vectors, lists.vectors, entities, candidates)
         own_norms = lists.norms[entities, None]
-        norms = own_norms * _at(lists.norms[None], candidates)
+        other_norms = _at(lists.norms[None], candidates)
+        norms = own_norms * other_norms
         positive = np.maximum(words, 0)
         of_words = np.float32(TEXT) * positive**2
-        kernel = (_at(structure, candidates) + of_words) / np.sqrt(norms)
+        together = _at(structure, candidates) + of_words
+        kernel = together / np.sqrt(norms)
         # Rounding can lift the similarity of equal profiles above 1.
         kernel = np.minimum(kernel, 1)
         others = candidates
@@ -403,7 +425,9 @@ class LinkRows:
         """Return ``kernel.completion`` of some entities and all others, shape (B, T)."""
         nodes, pairs = self._nodes_and_pairs
         rows = self._nodes_by_entity[entities]
-        return np.asarray((rows @ pairs @ pairs @ pairs @ nodes).toarray(), dtype=np.float32)
+        # From the left: few rows stay few in each product.
+        scores = rows @ pairs @ pairs @ pairs @ nodes
+        return np.asarray(scores.toarray(), dtype=np.float32)
 
     @cached_property
     def halves(self) -> "tuple[SparseRows, SparseRows]":
@@ -413,7 +437,8 @@ class LinkRows:
         nodesᵀ R.
         """
         nodes, pairs = self._nodes_and_pairs
-        return SparseRows.of((nodes.T @ pairs).tocsr()), SparseRows.of(pairs)
+        half = nodes.T @ pairs
+        return SparseRows.of(half.tocsr()), SparseRows.of(pairs)
 
     @cached_property
     def _nodes_by_entity(self) -> Any:
@@ -444,7 +469,8 @@ def _both_ways(ids: Numbers, alike: Floats, words: Floats) -> _BothWays:
         words: word cosines to the power 4, shape (T, K).
     """
     is_listed = ids >= 0
-    entities = np.nonzero(is_listed)[0].astype(np.int32)
+    rows, _ = np.nonzero(is_listed)
+    entities = rows.astype(np.int32)
     neighbours = ids[is_listed]
     of_alike = alike[is_listed]
     of_words = words[is_listed]
@@ -489,9 +515,12 @@ def _products(
     """Return ``left[entity] · right[candidate]``, shape (B, N)."""
     if candidates is None:
         return left[entities] @ right.T
+    of_entities = left[entities]
     if _DENSE * candidates.shape[1] > len(right):
-        return _at(left[entities] @ right.T, candidates)
-    return np.asarray(np.einsum("bm,bnm->bn", left[entities], right[candidates]))
+        of_all = of_entities @ right.T
+        return _at(of_all, candidates)
+    of_candidates = right[candidates]
+    return np.asarray(np.einsum("bm,bnm->bn", of_entities, of_candidates))
 
 
 def _log(sums: Floats) -> Floats:

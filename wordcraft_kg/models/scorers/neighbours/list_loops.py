@@ -243,12 +243,12 @@ def supporting(made, alike, words_alike, starts, by_result, width):  # type: ign
             result = made[goal, place]
             if result < 0 or count == width:
                 break
+            start = starts[result]
             # The list may end within the recipes of a result.
-            for row in range(
-                starts[result], min(starts[result + 1], starts[result] + width - count)
-            ):
-                numbers[goal, count + row - starts[result]] = by_result[row]
-                of_alike[goal, count + row - starts[result]] = alike[goal, place]
-                of_words[goal, count + row - starts[result]] = words_alike[goal, place]
-            count += min(starts[result + 1] - starts[result], width - count)
+            end = min(starts[result + 1], start + width - count)
+            for row in range(start, end):
+                numbers[goal, count] = by_result[row]
+                of_alike[goal, count] = alike[goal, place]
+                of_words[goal, count] = words_alike[goal, place]
+                count += 1
     return numbers, of_alike, of_words

@@ -128,7 +128,10 @@ def nearest_words(
         first: entity with the first list; the lists of others are known already.
     """
     size = len(vectors)
-    width = min(count, max(size - 1, 0)) if vectors.shape[1] else 0
+    has_words = vectors.shape[1] > 0
+    # All others at most; an empty book has none.
+    num_others = max(size - 1, 0)
+    width = min(count, num_others) if has_words else 0
     near = np.full((size - first, width), -1, dtype=np.int32)
     if not width:
         return near
@@ -321,12 +324,15 @@ def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:
 
     size = len(near)
     is_listed = near < FAR
-    rows = np.nonzero(is_listed)[0]
-    table = sparse.csr_array((cosines[is_listed], (rows, near[is_listed])), shape=(size, size))
+    rows, _ = np.nonzero(is_listed)
+    cells = (rows, near[is_listed])
+    table = sparse.csr_array((cosines[is_listed], cells), shape=(size, size))
     # Both directions hold the same sum, added in another order: the larger one counts.
     both = table.maximum(table.T).tocsr()
     both.sort_indices()
-    return both.indptr.astype(np.int64), both.indices.astype(np.int32), both.data
+    starts = both.indptr.astype(np.int64)
+    ids = both.indices.astype(np.int32)
+    return starts, ids, both.data
 
 
 def _ordered(recipes: Ids) -> Ids:
@@ -350,15 +356,22 @@ def _by_result(recipes: Ids) -> Numbers:
     # The finalizer of splitmix64 (Steele, Lea and Flood 2014); products wrap around.
     mixed = recipes[:, 0].astype(np.uint64) << np.uint64(32)
     mixed |= recipes[:, 1].astype(np.uint64)
-    mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    mixed ^= mixed >> np.uint64(30)
+    mixed *= np.uint64(0xBF58476D1CE4E5B9)
+    mixed ^= mixed >> np.uint64(27)
+    mixed *= np.uint64(0x94D049BB133111EB)
     mixed ^= mixed >> np.uint64(31)
-    return np.lexsort((mixed, recipes[:, 2])).astype(np.int32)
+    results = recipes[:, 2]
+    # The last key counts first: by result, then by the mixed ingredients.
+    order = np.lexsort((mixed, results))
+    return order.astype(np.int32)
 
 
 def _signature_bytes(size: int) -> int:
     """Return the number of bytes of an entity's signature, a power of 2."""
-    bits = 1 << max(3, (size - 1).bit_length())
+    # A bit for each entity, and at least a byte.
+    bits_of_ids = (size - 1).bit_length()
+    bits = 1 << max(3, bits_of_ids)
     return min(bits, SIGNATURE) // 8
 
 

@@ -113,11 +113,13 @@ class PairEncoder(NamedTuple):
         entities, place = torch.cat([a, b]).unique(return_inverse=True)
         used = self.used[entities].float()
         of_sums = used @ self.first[:size]
+        of_others = self.first[size:]
+        places = place.view(2, len(a))
         units = torch.empty(len(a), self.first.shape[1], device=a.device)
         # In blocks: the inputs of a pair take a KiB and a half.
         for start in range(0, len(a), _PAIRS):
             block = slice(start, start + _PAIRS)
-            one, other = place.view(2, len(a))[:, block]
+            one, other = places[:, block]
             h_one = used[one]
             h_other = used[other]
             product = h_one * h_other
@@ -126,14 +128,16 @@ class PairEncoder(NamedTuple):
             sums = of_sums[one]
             sums.add_(of_sums[other])
             sums.add_(self.first_bias)
-            of_inputs = torch.addmm(sums, inputs, self.first[size:])
+            of_inputs = torch.addmm(sums, inputs, of_others)
             units[block] = of_inputs.relu_()
         return units
 
     def encode(self, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
         """Return z, shape (n, Z), and u, shape (n,), of pairs of ids, shape (n,) each."""
         units = self.hidden_units(a, b)
-        return units @ self.second + self.second_bias, units @ self.pair + self.pair_bias
+        z = units @ self.second + self.second_bias
+        u = units @ self.pair + self.pair_bias
+        return z, u
 
     def features(self, a: Tensor, b: Tensor, goal: Tensor) -> Tensor:
         """Return s, s - u and u, see the module, of recipes.
@@ -148,24 +152,33 @@ class PairEncoder(NamedTuple):
         """
         size = len(self.bias)
         # Tables of a batch, and goals of a search, share pairs: each is encoded once.
-        codes = torch.minimum(a, b) * size + torch.maximum(a, b)
+        low = torch.minimum(a, b)
+        high = torch.maximum(a, b)
+        codes = low * size + high
+        # Distinct pairs, and which of them stands in each place, shape (B, P).
         pairs, place = codes.unique(return_inverse=True)
         units = self.hidden_units(pairs // size, pairs % size)
-        u = (units @ self.pair + self.pair_bias)[place]
+        u_of_pairs = units @ self.pair + self.pair_bias
+        u = u_of_pairs[place]
         made = self.made[goal].float()
         biases = self.bias[goal] + made @ self.second_bias
         # z · g is (units second) · g or units · (second g): the last layer is applied to pairs or
         # to goals, to whichever there are fewer of.
         if len(pairs) < len(goal):
-            of_pairs, of_goals = units @ self.second, made
+            of_pairs = units @ self.second
+            of_goals = made
         else:
-            of_pairs, of_goals = units, made @ self.second.T
+            of_pairs = units
+            of_goals = made @ self.second.T
         of_goal = torch.empty_like(u)
         # In blocks: a search asks for a million recipes, each of which would take up to a KiB.
         step = max(1, _RECIPES // max(place.shape[1], 1))
         for start in range(0, len(goal), step):
             rows = slice(start, start + step)
-            of_goal[rows] = (of_pairs[place[rows]] @ of_goals[rows, :, None])[..., 0]
+            own_pairs = of_pairs[place[rows]]
+            # A product of a matrix and a column for each goal: (rows, P, 1).
+            products = own_pairs @ of_goals[rows, :, None]
+            of_goal[rows] = products[..., 0]
         of_goal += biases[:, None]
         return torch.stack([of_goal + u, of_goal, u], dim=-1)
 
@@ -177,7 +190,8 @@ class PairEncoder(NamedTuple):
             b: ids, shape (n,).
         """
         z, _ = self.encode(a, b)
-        return z @ self.made.float().T + self.bias
+        made = self.made.float()
+        return z @ made.T + self.bias
 
 
 ENCODER = tuple(f"{_PREFIX}{name}" for name in PairEncoder._fields)

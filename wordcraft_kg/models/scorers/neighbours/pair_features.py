@@ -87,12 +87,16 @@ def component_inputs(slots: Tensor, pairs: Tensor) -> Tensor:
     Returns:
         shape (B, A, 14), in the order of :data:`~.link_rows.OF_COMPONENTS`.
     """
-    of_links = len(OF_COMPONENTS) - 2
-    numbers = [OF_PAIRS.index(name) for name in OF_COMPONENTS[of_links:]]
-    # Pairs with an empty slot are zeros, others have the goal's numbers.
-    of_goal = pairs[..., numbers].amax(1)
-    of_goals = of_goal[:, None].expand(-1, slots.shape[1], -1)
-    return torch.cat([slots[..., :of_links], of_goals], dim=-1)
+    # The last two features are of the goal alone, and stand among the features of pairs.
+    num_of_slots = len(OF_COMPONENTS) - 2
+    goal_columns = [OF_PAIRS.index(name) for name in OF_COMPONENTS[num_of_slots:]]
+    # Pairs with an empty slot are zeros, others have the goal's numbers. (B, P, 2) to (B, 2).
+    of_goal = pairs[..., goal_columns].amax(1)
+    num_slots = slots.shape[1]
+    # (B, 2) to (B, A, 2).
+    of_goals = of_goal[:, None].expand(-1, num_slots, -1)
+    of_slots = slots[..., :num_of_slots]
+    return torch.cat([of_slots, of_goals], dim=-1)
 
 
 def features_of_pairs(
@@ -119,8 +123,10 @@ def features_of_pairs(
     of_slots = torch.cat([slots, component[..., None]], dim=-1)
     of_one = of_slots.index_select(1, one)
     of_other = of_slots.index_select(1, other)
+    # The order of a pair does not count: both parts are symmetric.
+    total = of_one + of_other
     least = torch.minimum(of_one, of_other)
-    return torch.cat([of_one + of_other, least, pairs, combines[..., None]], dim=-1)
+    return torch.cat([total, least, pairs, combines[..., None]], dim=-1)
 
 
 @lru_cache

@@ -161,5 +161,7 @@ def _kernel(
     structure = products.toarray().astype(np.float64)
     if not vectors.shape[1]:
         return structure
-    cosines = np.maximum(vectors[some] @ of_words, 0)
-    return np.asarray(structure + TEXT * cosines.astype(np.float64) ** 2)
+    cosines = vectors[some] @ of_words
+    # Clamped first, because the square of a negative cosine would count as similarity.
+    positive = np.maximum(cosines, 0).astype(np.float64)
+    return np.asarray(structure + TEXT * positive**2)

@@ -36,8 +36,9 @@ def results_of_pairs(lists, first, second, out):  # type: ignore[no-untyped-def]
         )
         count = 0
         for number in range(found):
-            start = lists.pair_starts[places[number]]
-            results = min(lists.pair_counts[places[number]], MOST_RESULTS)
+            place = places[number]
+            start = lists.pair_starts[place]
+            results = min(lists.pair_counts[place], MOST_RESULTS)
             for recipe in range(start, start + results):
                 entity = lists.result[recipe]
                 if totals[entity] == 0:

@@ -57,16 +57,17 @@ def propose_results(
     results_of_pairs(lists, first, second, of_lists)
     both = torch.from_numpy(of_lists).long()
     if encoder is not None:
-        best = [
-            encoder.result_scores(one, other).topk(width, dim=1).indices
-            for one, other in zip(a.split(_PAIRS), b.split(_PAIRS), strict=True)
-        ]
-        of_encoder = torch.cat(best) if best else torch.zeros(0, width, dtype=torch.int64)
-        both = torch.cat([both, of_encoder.cpu()], dim=1)
+        of_encoder = torch.empty(len(a), width, dtype=torch.int64)
+        for start in range(0, len(a), _PAIRS):
+            block = slice(start, start + _PAIRS)
+            scores = encoder.result_scores(a[block], b[block])
+            of_encoder[block] = scores.topk(width, dim=1).indices
+        both = torch.cat([both, of_encoder], dim=1)
     # Empty places, and those of a candidate that both sides propose, go to the end.
     ordered = both.masked_fill(both < 0, size).sort(1).values
     is_again = torch.zeros_like(ordered, dtype=torch.bool)
-    is_again[:, 1:] = ordered[:, 1:] == ordered[:, :-1]
+    previous = ordered[:, :-1]
+    is_again[:, 1:] = ordered[:, 1:] == previous
     candidates = ordered.masked_fill(is_again, size).sort(1).values
     return candidates.masked_fill(candidates == size, -1)
 
@@ -92,6 +93,9 @@ def results_of(
     Returns:
         ids, shape (n, C), int64, E where there are fewer; and scores in nats, shape (n, C), -inf
         likewise: log-odds against each other; recipe scores without an encoder.
+
+    Raises:
+        ArtefactError: if stored recipes or words name entities that are not there.
     """
     lists = knowledge.lists(model)
     nothing = knowledge.num_entities
@@ -100,21 +104,26 @@ def results_of(
     proposed = propose_results(lists, encoder, a, b, number).to(a.device)
     ids = proposed.masked_fill(proposed < 0, nothing)
     names = RESULT_RANKER if has_ranker else RANKER
-    weights = (getattr(knowledge, name)[model] for name in names)
-    ranker = Ranker(*weights)
+    stacks = [getattr(knowledge, name) for name in names]
+    ranker = Ranker(*(stack[model] for stack in stacks))
     # A recipe is a table of two slots, whose only pair is slot 0 with slot 1. In one order:
     # rounding would differ between a + b and b + a.
-    table = torch.stack([torch.minimum(a, b), torch.maximum(a, b)], dim=1)
+    low = torch.minimum(a, b)
+    high = torch.maximum(a, b)
+    table = torch.stack([low, high], dim=1)
     only_pair = (torch.tensor([0], device=a.device), torch.tensor([1], device=a.device))
     width = ids.shape[1]
-    parts = []
-    for rows in torch.arange(len(a), device=a.device).split(_PAIRS):
-        goals = ids[rows].flatten()
-        tables = table[rows].repeat_interleave(width, 0)
+    scores = torch.zeros(ids.shape, device=a.device)
+    for start in range(0, len(a), _PAIRS):
+        block = slice(start, start + _PAIRS)
+        # Each candidate is a goal for its pair's table: (pairs, C) to (pairs · C,).
+        goals = ids[block].flatten()
+        tables = table[block].repeat_interleave(width, 0)
         models = torch.full_like(goals, model)
         features = knowledge.features(goals, tables, models, only_pair)
-        parts.append(ranker(features[:, :, 0].T).view(len(rows), width))
-    scores = torch.cat(parts) if parts else torch.zeros(0, width)
+        # (F, pairs · C, 1) to (pairs · C, F).
+        of_goals = features[:, :, 0].T
+        scores[block] = ranker(of_goals).view(-1, width)
     scores = scores.masked_fill(ids == nothing, -torch.inf)
     # Stable: equal scores keep the order of ids on every device.
     order = torch.sort(scores, dim=1, descending=True, stable=True).indices

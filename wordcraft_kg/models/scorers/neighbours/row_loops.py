@@ -27,14 +27,17 @@ def follow(entities, near, links, back, least, sums, sums_by_words):  # type: ig
         entity = entities[row]
         for place in range(near_starts[entity], near_starts[entity + 1]):
             other = near_ids[place]
+            of_near = near_alike[place]
             for link in range(link_starts[other], link_starts[other + 1]):
                 linked = link_ids[link]
                 number = link_counts[link]
                 for end in range(back_starts[linked], back_starts[linked + 1]):
-                    weight = near_alike[place] * back_alike[end]
+                    weight = of_near * back_alike[end]
+                    # The most similar come first, so all that follow are below, too.
                     if weight < least:
                         break
-                    sums[row, back_ids[end]] += number * weight
+                    reached = back_ids[end]
+                    sums[row, reached] += number * weight
                     if has_words:
                         by_words = near_words[place] * back_words[end]
-                        sums_by_words[row, back_ids[end]] += number * by_words
+                        sums_by_words[row, reached] += number * by_words

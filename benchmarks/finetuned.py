@@ -22,10 +22,14 @@ from wordcraft_kg.base.statistics import paired_difference
 LEADERBOARD = Path(__file__).parents[1] / "leaderboard" / "everyday-v2"
 TRACKS = ("craft-8-lite", "goal-8-lite", "craft-1-lite")
 TUNED = "smollm2-tuned-recipes"
+GAMES = "smollm2-tuned-chats"
+REINFORCED = "smollm2-reinforced"
+"""The model of `GAMES`, after GRPO."""
 PLAYERS = {
     TUNED: "SmolLM2-135M, fine-tuned on recipes, by recipes",
     "smollm2-recipes": "SmolLM2-135M, untuned, by recipes",
-    "smollm2-tuned-chats": "SmolLM2-135M, fine-tuned on recipes and games, by generation",
+    GAMES: "SmolLM2-135M, fine-tuned on recipes and games, by generation",
+    REINFORCED: "SmolLM2-135M, fine-tuned, then by GRPO, by generation",
     "smollm2-generation": "SmolLM2-135M, untuned, by generation",
     "scorer-minilm": "recipe scorer, MiniLM",
     "scorer-glove": "recipe scorer, GloVe",
@@ -89,7 +93,13 @@ def main() -> None:
                 if submission.weights != training["weights"]:
                     parser.error(f"{path.name} was played with other weights than {training}")
                 of_track[track] = games
-            rows.append(row(name, submission, games, of_track[track]))
+            made = row(name, submission, games, of_track[track])
+            if archive == REINFORCED:
+                _, before = verified_games(LEADERBOARD / track / f"{GAMES}.zip")
+                # The games of the last argument minus those before it: after minus before.
+                gain = row(name, submission, before, games)["difference"]
+                made["gain_by_reinforcement"] = gain
+            rows.append(made)
     for name, _, folder in (also.partition("=") for also in options.also):
         submission, games = verified_games(Path(folder))
         tuned = of_track[submission.track]

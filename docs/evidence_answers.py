@@ -6,6 +6,7 @@ cannot differ from its table.
 """
 
 import json
+import math
 import re
 import zipfile
 from collections.abc import Callable, Iterator
@@ -346,6 +347,25 @@ def worlds() -> Iterator[str]:
     )
 
 
+def worlds_caveats() -> Iterator[str]:
+    """Yield what a small language model discovers in some of the worlds."""
+    rows = _read(f"{DATA}/worlds-language-model.json")
+    model, plain, words = (
+        [row[player] for row in rows]
+        for player in ("SmolLM2-135M by probabilities", "random-no-repeat", "nearest-words")
+    )
+    gains = [own - other for own, other in zip(model, words, strict=True)]
+    ends = student_interval(gains, within=(-math.inf, math.inf))
+    assert ends is not None  # there are several worlds
+    gain = f"{_mean(gains):+.1f} [{ends[0]:+.1f}, {ends[1]:+.1f}]"
+    yield (
+        f"- A language model by text, SmolLM2-135M by probabilities, knows {_mean(model):.1f} items after "
+        f"{rows[0]['attempts']} attempts, random play {_mean(plain):.1f}, nearest words {_mean(words):.1f}; that is {gain} "
+        f"against nearest words, over {len(rows)} worlds of `everyday` (from world 8), one game of the model in "
+        "each."
+    )
+
+
 def penalty() -> Iterator[str]:
     """Yield the gain of agents on their scorer."""
     head, *rows = _table("penalty")
@@ -489,6 +509,7 @@ def plan_weights() -> Iterator[str]:
 LEADERBOARD = HERE.parent / "leaderboard" / "everyday-v2"
 TUNED = "SmolLM2-135M, fine-tuned on recipes, by recipes"
 GAMES = "SmolLM2-135M, fine-tuned on recipes and games, by generation"
+REINFORCED = "SmolLM2-135M, fine-tuned, then by GRPO, by generation"
 UNTUNED = "SmolLM2-135M, untuned, by recipes"
 
 
@@ -539,11 +560,11 @@ BY_TRACK = {
     ),
     "`craft-8-lite`, probabilities": ("craft-8-lite", "smollm2-probabilities"),
     "`craft-8-lite`, generation of 12 tokens": ("craft-8-lite", "smollm2-generation"),
-    "`craft-8-lite`, Qwen2.5-Coder-0.5B, generation": ("craft-8-lite", "qwen05-generation"),
     "`goal-8-lite`, probabilities": ("goal-8-lite", "smollm2-probabilities"),
     "`craft-1-lite`, Qwen2.5-Coder-0.5B, generation": ("craft-1-lite", "qwen05-generation"),
     "`craft-1-lite`, Qwen2.5-Coder-0.5B, constrained": ("craft-1-lite", "qwen05-constrained"),
     "`craft-1-lite`, Qwen2.5-Coder-1.5B, constrained": ("craft-1-lite", "qwen15-constrained"),
+    "`craft-8-lite`, Qwen2.5-Coder-1.5B, constrained": ("craft-8-lite", "qwen15-constrained"),
     "`craft-1-lite`, Qwen2.5-Coder-0.5B, by recipes": ("craft-1-lite", "qwen05-recipes"),
     "`craft-8-lite`, Qwen2.5-Coder-0.5B, by recipes": ("craft-8-lite", "qwen05-recipes"),
     "`goal-8-lite`, Qwen2.5-Coder-0.5B, by recipes": ("goal-8-lite", "qwen05-recipes"),
@@ -699,6 +720,20 @@ def finetuned_caveats() -> Iterator[str]:
         f"{_shown(before['success'])}. Of its answers, {' and '.join(shares)} are invalid: they name an item "
         "that is not on the table."
     )
+    (reinforced,) = _read(f"{DATA}/reinforced.json")
+    settings = reinforced["settings"]
+    rates = []
+    for track in ("craft-1-lite", "craft-8-lite"):
+        row = _tuned(REINFORCED, track)
+        gain, low, high = map(signed, row["gain_by_reinforcement"])
+        rates.append(f"{_shown(row['success'])} of `{track}` ({gain} [{low}, {high}])")
+    yield (
+        f"- {settings['steps']} steps of GRPO on its own answers ({settings['answers']} to each of "
+        f"{settings['groups']} games a step, {reinforced['cpu_seconds'] / 60:.0f} CPU minutes, one setting "
+        f"tried) make that {' and '.join(rates)}. Of {reinforced['left_out']} games with left-out train "
+        f"recipes the first answer is right in {_shown(reinforced['success_after'])}, "
+        f"{_shown(reinforced['success_before'])} before."
+    )
     first = _on_tracks("fine-tuned on recipes, an item with itself allowed")
     yield (
         "- The tracks were played twice. First all pairs were allowed, and most wrong answers combined an item "
@@ -724,6 +759,7 @@ ANSWERS: dict[str, Callable[[], Iterator[str]]] = {
     "discovery answer": discovery,
     "people without goal": people_without_goal,
     "worlds answer": worlds,
+    "worlds caveats": worlds_caveats,
     "penalty answer": penalty,
     "people pairs answer": people_pairs,
     "intervals answer": intervals,

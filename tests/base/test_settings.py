@@ -15,6 +15,7 @@ from wordcraft_kg.base.settings import (
     check_memory,
     memory,
     number_in,
+    positive,
     whole,
 )
 
@@ -39,6 +40,17 @@ def test_whole_numbers_of_any_type_are_taken(value):
 def test_what_is_no_number_in_its_range_is_refused(value):
     with pytest.raises(ConfigError, match=r"`discount` .*: expected 0 to 1"):
         number_in("discount", value, 0, 1, "0 to 1")
+
+
+@pytest.mark.parametrize("value", [2, 0.5, np.float32(0.5), np.int64(2)])
+def test_positive_numbers_of_any_type_are_taken(value):
+    assert positive("lr", value) == value
+
+
+@pytest.mark.parametrize("value", [True, np.True_, 0, -1, float("nan"), 1e39, "2", Decimal(1)])
+def test_what_is_no_positive_number_of_32_bits_is_refused(value):
+    with pytest.raises(ConfigError, match=r"`lr` .*: expected a number above 0"):
+        positive("lr", value)
 
 
 LIMITS = {

@@ -15,6 +15,7 @@ from wordcraft_kg.base.statistics import (
     bootstrap,
     correlation,
     crossed_difference,
+    finite,
     holm,
     paired_difference,
     rate_interval,
@@ -425,3 +426,8 @@ def test_correlation_needs_three_cells_that_vary():
     assert correlation(range(5), range(5)) == pytest.approx((1, 1, 1))
     with pytest.raises(ConfigError, match="one number for each cell"):
         correlation([1, 2, 3], [1, 2])
+
+
+def test_a_number_too_large_for_a_float_is_refused():
+    with pytest.raises(ConfigError, match="scores: expected a table of numbers"):
+        finite("scores", [10**400])

@@ -267,13 +267,15 @@ def evaluate(
             ``settings``).
         distractor_seeds: tables per task, equal for all players; by default 5, or 1 if there are
             very many tasks.
-        settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+        settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`; the part
+            is ``test`` by default.
 
     Returns:
         The outcomes; ``metrics()`` has the success rate.
 
     Raises:
         ConfigError: for an unknown setting, a value out of range, or settings next to a world.
+        ActionError: if a player chooses a number that is not a slot.
         TaskError: if the graph has no task for these settings.
         RecipeFileError: if there is no such graph, or a book cannot be read.
         ArtefactError: if a graph folder is damaged.

@@ -251,6 +251,14 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
     """Return a function that scores recipes ``a + b -> c`` by known triples.
 
     The score is the number of known triples between a, b and c, 0 to 3.
+
+    Args:
+        graph: names the entities.
+        triples: known triples, ids of head, relation and tail, shape (T, 3).
+
+    Returns:
+        The function, which raises UnknownEntityError for an id out of range, also for that of an
+        empty slot.
     """
     facts = SymbolicScorer(graph, triples)
 

@@ -181,7 +181,8 @@ class LabelIndex:
     ) -> list[int]:
         """Return the indices of all labels that a text may name, by the first rule that fits.
 
-        The rules are those of :func:`read_label`.
+        The rules are those of :func:`read_label` but for numbers: here a number is a text like any
+        other, never a place, and may be the beginning of a label.
 
         Args:
             text: text without repeated blanks.

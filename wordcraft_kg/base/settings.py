@@ -9,6 +9,7 @@ import operator
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -160,7 +161,8 @@ def positive(name: str, value: Any) -> float:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    # NumPy's numbers are real numbers, too, and its booleans are not.
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def check_memory(

@@ -121,11 +121,12 @@ def finite(name: str, values: ArrayLike) -> Scores:
     """Return values as a float array.
 
     Raises:
-        ConfigError: if there is no value, a row of another length, NaN or infinity.
+        ConfigError: if there is no value, a row of another length, NaN, infinity, or a value that
+            is no number or too large for a 64-bit float.
     """
     try:
         array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ConfigError(
             f"{name}: expected a table of numbers with rows of the same length."
         ) from None

@@ -227,7 +227,8 @@ class ScoringModel:
         Args:
             query: a query with an open slot.
             top: most entities to list.
-            new_only: omit known triples.
+            new_only: omit known triples; only with a graph, as without one no triple counts as new
+                and the list is empty.
 
         Returns:
             The entities, best first; equal scores in id order.

@@ -187,7 +187,7 @@ class SplitSummary(Record):
     def train_share(self) -> float:
         """Share of the recipes in the train part.
 
-        The setting ``train_ratio`` is a share of pairs, goals or groups instead.
+        The setting ``train_ratio`` is a share of pairs, goals, groups or kinds instead.
         """
         recipes = self.train_recipes + self.valid_recipes + self.test_recipes
         return self.train_recipes / max(recipes, 1)

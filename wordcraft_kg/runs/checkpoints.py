@@ -109,12 +109,13 @@ class Checkpoints(Generic[P]):
 
         Args:
             number: last finished epoch or step.
-            tensors: tensors by name.
+            tensors: contiguous tensors by name that share no memory.
             progress: the trainer's state besides tensors.
 
         Raises:
             TypeError: if a value in ``progress`` has no JSON form.
-            ValueError: if a number in ``progress`` is not finite.
+            ValueError: if a number in ``progress`` is not finite, or a tensor not contiguous.
+            RuntimeError: if tensors share memory.
         """
         import safetensors.torch
 

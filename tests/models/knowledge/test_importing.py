@@ -192,6 +192,14 @@ def test_large_graphs_are_bounded(triples, opened, monkeypatch):
     assert [*around.facts()] == [("dough", "makes", "breads"), ("flour", "makes", "dough")]
 
 
+def test_a_book_without_any_class_is_imported(wordnet, tmp_path):
+    """A thing is the top of the hierarchy."""
+    graph = RecipeGraph.from_recipes([("thing", "thing", "zzyzx")])
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
+    import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
+    assert "isA" not in (tmp_path / "wn" / "triples.tsv").read_text()
+
+
 def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path, monkeypatch):
     graph = RecipeGraph.from_recipes([("flour", "wn:1", "dough")])
     opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")

@@ -200,10 +200,12 @@ def result_of(
     Args:
         player: the player's name.
         settings: settings of the games.
-        played: the records, of tasks or of open-ended games; of tasks with all distractor seeds.
+        played: the records, at least one, of tasks or of open-ended games; of tasks with all
+            distractor seeds.
         groups: resampling groups of the tasks; None as for :func:`evaluation_of`.
 
     Raises:
+        ConfigError: without a game on a task.
         ValueError: if a task lacks a distractor seed that another one has.
     """
     counts: dict[str, int] = {}

@@ -77,14 +77,17 @@ class Surroundings:
     def triples(self) -> Iterator[Triple]:
         """Yield triples of names: labels of entities, and names of other nodes with a prefix.
 
-        An entity's node with several labels has a triple for each. Nodes with a single edge are
-        left out, as they link no two entities. In a network with definitions, an entity has an edge
-        to each of its classes, also to the indirect ones.
+        An entity's node with several labels has a triple for each. Other nodes with a single edge
+        are left out, again and again until none remains, as they link no two entities; entities
+        stay. In a network with definitions, an entity has an edge to each of its classes, also to
+        the indirect ones; in another one, the :data:`MOST_TRIPLES` edges with the largest weights
+        are taken, those between entities first.
         """
         network = self._network
         edges = network.edges[self._rows]
         if network.glosses:
-            classes = list(self._classes())
+            # Shape (C, 3), also without any class.
+            classes = np.array(list(self._classes()), dtype=edges.dtype).reshape(-1, 3)
             with_classes = np.concatenate([edges, classes])
             edges = np.unique(with_classes, axis=0)
         else:

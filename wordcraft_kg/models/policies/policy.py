@@ -231,9 +231,13 @@ class Policy(nn.Module):
         """Return the result of :meth:`forward`; to be defined by each kind of policy.
 
         Args:
-            states: states of B episodes; only goal, selection and table are read.
+            states: states of B episodes; only goal, selection and table are read, and attempts by
+                a policy with ``sees_attempts``.
             weights: result of :meth:`weights`, perhaps of an earlier update.
             external_scores: scores of the sources, (B, S, A); None without sources.
+
+        Raises:
+            ConfigError: if a policy with ``sees_attempts`` gets no attempts.
         """
         raise NotImplementedError
 

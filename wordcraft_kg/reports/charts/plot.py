@@ -283,7 +283,7 @@ class Plot:
 
         Args:
             name: the curve's name, which begins each tooltip.
-            points: the curve's points; of more than 60 only every n-th has a tooltip.
+            points: the curve's points, at least one; of more than 60 only every n-th has a tooltip.
             number: colour of the dot that a curve with a single point becomes.
             percent: format y as a percentage.
         """

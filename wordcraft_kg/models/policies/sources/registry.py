@@ -90,8 +90,9 @@ def tables_are_too_large(
         scale: common scale of the scores.
 
     Raises:
-        ConfigError: for an unknown name, or if the tables would be too large, and the scorer or the
-            scale needs them; the message gives their size and the alternatives.
+        ConfigError: for an unknown name; if the tables would be too large, and the scorer or the
+            scale needs them (the message gives their size and the alternatives); or if a
+            cross-fitted scorer's tables, one for each fold and two more, do not fit into memory.
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)

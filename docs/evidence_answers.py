@@ -559,13 +559,13 @@ BY_TRACK = {
         "smollm2-probabilities-look-ups",
     ),
     "`craft-8-lite`, probabilities": ("craft-8-lite", "smollm2-probabilities"),
-    "`craft-8-lite`, generation of 12 tokens": ("craft-8-lite", "smollm2-generation"),
     "`goal-8-lite`, probabilities": ("goal-8-lite", "smollm2-probabilities"),
     "`craft-1-lite`, Qwen2.5-Coder-0.5B, generation": ("craft-1-lite", "qwen05-generation"),
     "`craft-1-lite`, Qwen2.5-Coder-0.5B, constrained": ("craft-1-lite", "qwen05-constrained"),
     "`craft-1-lite`, Qwen2.5-Coder-1.5B, constrained": ("craft-1-lite", "qwen15-constrained"),
     "`craft-8-lite`, Qwen2.5-Coder-1.5B, constrained": ("craft-8-lite", "qwen15-constrained"),
     "`craft-1-lite`, Qwen2.5-Coder-0.5B, by recipes": ("craft-1-lite", "qwen05-recipes"),
+    "`craft-1-lite`, Qwen2.5-Coder-1.5B, by recipes": ("craft-1-lite", "qwen15-recipes"),
     "`craft-8-lite`, Qwen2.5-Coder-0.5B, by recipes": ("craft-8-lite", "qwen05-recipes"),
     "`goal-8-lite`, Qwen2.5-Coder-0.5B, by recipes": ("goal-8-lite", "qwen05-recipes"),
 }
@@ -595,7 +595,8 @@ def language_models_answer() -> Iterator[str]:
         f"makes {_success_of('craft-1-lite', 'random')}. With more items it makes no more than "
         f"chance, unless a recipe's text asks instead of the rules ([{by_recipes} of "
         f"`craft-8-lite`](finetuned.md)). By that text Qwen2.5-Coder-0.5B, nearly four times as large, is level "
-        f"with it: {qwen} there, and {few[0]} of `craft-1-lite` ([{few[1]}](../leaderboard.md))."
+        f"with it: {qwen} there, and {few[0]} of `craft-1-lite` ([{few[1]}](../leaderboard.md)); "
+        f"Qwen2.5-Coder-1.5B makes {_played('craft-1-lite', 'qwen15-recipes')} of this track."
     )
 
 

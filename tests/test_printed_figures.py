@@ -397,6 +397,7 @@ def test_the_evidence_on_language_models_prints_the_leaderboard():
         "Qwen2.5-Coder-0.5B, constrained": "Qwen2.5-Coder-0.5B-Instruct, constrained",
         "Qwen2.5-Coder-1.5B, constrained": "Qwen2.5-Coder-1.5B-Instruct, constrained",
         "Qwen2.5-Coder-0.5B, by recipes": "Qwen2.5-Coder-0.5B-Instruct, by recipes",
+        "Qwen2.5-Coder-1.5B, by recipes": "Qwen2.5-Coder-1.5B-Instruct, by recipes",
     }
     page = (DOCS / "leaderboard.md").read_text(encoding="utf-8")
     rows = table("evidence/language-models.md", "track, way of answering")

@@ -9,13 +9,13 @@ TINY = ("--dim", "8", "--epochs", "4", "--folds", "0", "--quiet")
 QUICK = (*TINY, "--n3", "0.1")
 SMALL = (
     "--steps",
-    480,
+    512,
     "--batch-size",
     16,
     "--eval-every",
-    240,
+    256,
     "--checkpoint-every",
-    240,
+    256,
     "--quiet",
 )
 

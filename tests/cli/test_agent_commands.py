@@ -176,9 +176,9 @@ def test_the_same_command_goes_on_with_an_agent(
         stopped = run(*command)
     assert stopped.code == 130
     assert f"is saved in '{tmp_path / 'run'}'. Repeat the command" in stopped.err
-    assert "step 240\n" in run("evaluate-agent", tmp_path / "run").out
+    assert "step 256\n" in run("evaluate-agent", tmp_path / "run").out
     refused(*command, "--unroll", 5, says="--unroll")
-    assert printed(*command)["steps"] == 480
+    assert printed(*command)["steps"] == 512
     refused(*command, kind="OutputExistsError")
 
 

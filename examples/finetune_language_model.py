@@ -433,6 +433,16 @@ def read_state(folder: Path, trained: Parameters, optimiser: Any, facts: dict[st
     return step
 
 
+def save_model(model: Any, tokenizer: Any, folder: Path) -> None:
+    """Write a model's folder, which plays and trains on as others do."""
+    # The weights of a .gguf file were expanded when they were read, and are saved as usual.
+    if getattr(model, "hf_quantizer", None) is not None:
+        model.hf_quantizer = None
+        del model.config.quantization_config
+    model.save_pretrained(folder)
+    tokenizer.save_pretrained(folder)
+
+
 def main() -> None:
     """Train, ask for the recipes left out, and write the model's folder."""
     from transformers.utils import logging
@@ -478,12 +488,7 @@ def main() -> None:
             print(json.dumps(row), file=sys.stderr, flush=True)
     reader.model.eval()
     if settings.epochs:
-        # The weights of a .gguf file were expanded when they were read, and are saved as usual.
-        if getattr(reader.model, "hf_quantizer", None) is not None:
-            reader.model.hf_quantizer = None
-            del reader.model.config.quantization_config
-        reader.model.save_pretrained(options.out)
-        reader.tokenizer.save_pretrained(options.out)
+        save_model(reader.model, reader.tokenizer, options.out)
 
     # A step that ran twice, before and after an interruption, counts once.
     done = {row["step"]: row for row in map(json.loads, log.read_text("utf-8").splitlines())}

@@ -38,6 +38,7 @@ from finetune_language_model import (
     parameters_to_train,
     read_chats,
     read_state,
+    save_model,
     write_state,
 )
 from transformers_player import Reader, by_generation
@@ -247,8 +248,7 @@ def main() -> None:
         for figures in reinforce(reader, rows, games, settings, options.out / "state"):
             print(json.dumps(figures), file=file, flush=True)
             print(json.dumps(figures), file=sys.stderr, flush=True)
-    reader.model.save_pretrained(options.out)
-    reader.tokenizer.save_pretrained(options.out)
+    save_model(reader.model, reader.tokenizer, options.out)
     # A step that ran twice, before and after an interruption, counts once.
     done = {row["step"]: row for row in map(json.loads, log.read_text("utf-8").splitlines())}
     weights = options.out / "model.safetensors"

@@ -43,6 +43,7 @@ from torch.nn.functional import cross_entropy
 
 from wordcraft_kg import open_graph
 from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.splits import Split
 
@@ -204,6 +205,28 @@ def loss_of(model: Any, batch: Sequence[Tree]) -> torch.Tensor:
     return (losses * torch.tensor(weights)).mean()
 
 
+def games_of(path: Path) -> Iterator[tuple[Row, list[tuple[str, str]]]]:
+    """Yield the games of a file of `chats --style text`, each with the pairs of its answers.
+
+    Raises:
+        ValueError: for a line that this command does not write.
+        OSError: if the file cannot be read.
+    """
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        try:
+            row = json.loads(line)
+            said = [text["content"] for text in row["messages"] if text["role"] == "assistant"]
+            pairs = [(first, second) for first, second in (text.split(" + ") for text in said)]
+            # Both are read later: fail here, with the number of the line.
+            row["id"], row["part"]
+        except (ValueError, LookupError, TypeError, AttributeError):
+            raise ValueError(
+                f"line {number} of '{path}' is no game with answers 'first + second'; expected a "
+                "line of `chats --style text`."
+            ) from None
+        yield row, pairs
+
+
 def read_chats(path: Path, splits: Sequence[Split], folds: int) -> tuple[list[Row], list[Row]]:
     """Return conversations to learn, and those left out: a row is a line of the command `chats`.
 
@@ -212,8 +235,9 @@ def read_chats(path: Path, splits: Sequence[Split], folds: int) -> tuple[list[Ro
     in neither list.
 
     Raises:
-        ValueError: for a row of another part than train, and for one whose goal is made by a recipe
-            that is a train recipe of no split.
+        ValueError: for a line that the command does not write, for a row of another part than
+            train, and for one whose goal is made by a recipe that is a train recipe of no split.
+        OSError: if the file cannot be read.
     """
     graph = splits[0].graph
     ids = {name: number for number, name in enumerate(graph.entities)}
@@ -224,18 +248,23 @@ def read_chats(path: Path, splits: Sequence[Split], folds: int) -> tuple[list[Ro
     trains = [set(map(tuple, split.recipes("train").tolist())) for split in splits]
     kept: list[Row] = []
     left_out: list[Row] = []
-    for row in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
+    for row, pairs in games_of(path):
+        name = row["id"]
         if row["part"] != "train":
-            raise ValueError(f"'{row['id']}' is of the part {row['part']}; expected train.")
+            raise ValueError(f"'{name}' is of the part {row['part']}; expected train.")
         used = []
-        for message in row["messages"]:
-            if message["role"] == "assistant":
-                one, other = sorted(ids[name] for name in message["content"].split(" + "))
-                used += makes.get((one, other), [])
+        for first, second in pairs:
+            if first not in ids or second not in ids:
+                raise ValueError(
+                    f"'{name}' has the answer '{first} + {second}'; expected two items of "
+                    f"'{graph.name}'. Write the games with `chats --style text` from this book."
+                )
+            one, other = sorted((ids[first], ids[second]))
+            used += makes.get((one, other), [])
         for recipe in used:
             if not any(recipe in train for train in trains):
                 raise ValueError(
-                    f"'{row['id']}' uses a recipe of '{graph.entities[recipe[2]]}' that is a train "
+                    f"'{name}' uses a recipe of '{graph.entities[recipe[2]]}' that is a train "
                     "recipe of no split: a model that reads it knows an answer of the test."
                 )
         if to_learn.issuperset(used):
@@ -526,4 +555,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (WordCraftKGError, ValueError, OSError) as error:
+        sys.exit(f"error: {error}")

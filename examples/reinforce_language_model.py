@@ -46,6 +46,7 @@ from transformers_player import Reader, by_generation
 from wordcraft_kg import open_graph
 from wordcraft_kg.apps.text_agents.text_env import TextEnv
 from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import WordCraftKGError
 
 
 @dataclass(frozen=True)
@@ -161,8 +162,18 @@ def reinforce(
         stop_after: number of the step before which training stops; None for the end.
 
     Raises:
-        ValueError: if the state has other settings or games.
+        ValueError: if the state has other settings or games, or if no step could teach anything.
     """
+    if not 1 <= settings.groups <= len(rows):
+        raise ValueError(
+            f"found {len(rows)} games to learn, and {settings.groups} groups a step; expected at "
+            "least a group, and a game for each: set --groups, or write more games."
+        )
+    if settings.answers < 2:
+        raise ValueError(
+            f"found {settings.answers} answers to a question; expected two or more, since an "
+            "answer alone is as good as its group: set --answers."
+        )
     trained = parameters_to_train(reader.model, settings.layers)
     optimiser = torch.optim.AdamW(trained.values(), lr=settings.lr, weight_decay=0.0)
     facts = {"settings": asdict(settings), "games": [row["id"] for row in rows]}
@@ -267,4 +278,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (WordCraftKGError, ValueError, OSError) as error:
+        sys.exit(f"error: {error}")

@@ -236,6 +236,29 @@ def test_a_conversation_of_a_test_task_is_refused_by_name(splits, written, tmp_p
         SCRIPT["read_chats"](leaked, splits, 5)
 
 
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({}, "line 2 of '.*' is no game .* `chats --style text`"),
+        ({"messages": None}, "line 1 of '.*' is no game"),
+        ({"messages": [{"role": "assistant", "content": ""}]}, "line 1 of '.*' is no game"),
+        (
+            {"messages": [{"role": "assistant", "content": "water + moon dust"}]},
+            "water \\+ moon dust",
+        ),
+    ],
+    ids=["another line", "no messages", "tool call", "another book"],
+)
+def test_a_file_that_chats_by_text_did_not_write_is_refused(
+    splits, written, tmp_path, changed, message
+):
+    row = json.loads(written.read_text().splitlines()[0])
+    other = tmp_path / "other.jsonl"
+    other.write_text(json.dumps(row | changed) + "\n{}\n")
+    with pytest.raises(ValueError, match=message):
+        SCRIPT["read_chats"](other, splits, 5)
+
+
 def test_batches_hold_each_tree_once_and_few_tokens(splits):
     of = grown(splits)(np.random.default_rng(0))
     made = SCRIPT["batches"](of, 200, np.random.default_rng(0))
@@ -400,3 +423,16 @@ def test_a_first_answer_is_rewarded_as_in_the_game(reinforcing, written):
     other = row | {"id": f"kitchen-train-{depth}-{distractors}-{int(task) + 1}-{table}"}
     with pytest.raises(ValueError, match="is another game of 'kitchen' than in its file"):
         games.reward(other, right)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"groups": 31}, "30 games to learn, and 31 groups"), ({"answers": 1}, "found 1 answers")],
+)
+def test_settings_that_teach_nothing_are_refused(reinforcing, written, tmp_path, wrong, message):
+    rows = [json.loads(line) for line in written.read_text().splitlines()][:30]
+    settings = reinforcing["Settings"](**wrong)
+    steps = reinforcing["reinforce"](TinyReader(), rows, LowTokens(), settings, tmp_path)
+    with pytest.raises(ValueError, match=message):
+        next(steps)

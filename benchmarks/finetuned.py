@@ -22,14 +22,18 @@ from wordcraft_kg.base.statistics import paired_difference
 LEADERBOARD = Path(__file__).parents[1] / "leaderboard" / "everyday-v2"
 TRACKS = ("craft-8-lite", "goal-8-lite", "craft-1-lite")
 TUNED = "smollm2-tuned-recipes"
-GAMES = "smollm2-tuned-chats"
-REINFORCED = "smollm2-reinforced"
-"""The model of `GAMES`, after GRPO."""
+BEFORE = {
+    "smollm2-reinforced": "smollm2-tuned-chats",
+    "smollm2-reinforced-constrained": "smollm2-tuned-chats-constrained",
+}
+"""Archives of a model after GRPO, and of the same model before it."""
 PLAYERS = {
     TUNED: "SmolLM2-135M, fine-tuned on recipes, by recipes",
     "smollm2-recipes": "SmolLM2-135M, untuned, by recipes",
-    GAMES: "SmolLM2-135M, fine-tuned on recipes and games, by generation",
-    REINFORCED: "SmolLM2-135M, fine-tuned, then by GRPO, by generation",
+    "smollm2-tuned-chats": "SmolLM2-135M, fine-tuned on recipes and games, by generation",
+    "smollm2-tuned-chats-constrained": "SmolLM2-135M, fine-tuned on recipes and games, constrained",
+    "smollm2-reinforced": "SmolLM2-135M, fine-tuned, then by GRPO, by generation",
+    "smollm2-reinforced-constrained": "SmolLM2-135M, fine-tuned, then by GRPO, constrained",
     "smollm2-generation": "SmolLM2-135M, untuned, by generation",
     "scorer-minilm": "recipe scorer, MiniLM",
     "scorer-glove": "recipe scorer, GloVe",
@@ -94,8 +98,8 @@ def main() -> None:
                     parser.error(f"{path.name} was played with other weights than {training}")
                 of_track[track] = games
             made = row(name, submission, games, of_track[track])
-            if archive == REINFORCED:
-                _, before = verified_games(LEADERBOARD / track / f"{GAMES}.zip")
+            if archive in BEFORE:
+                _, before = verified_games(LEADERBOARD / track / f"{BEFORE[archive]}.zip")
                 # The games of the last argument minus those before it: after minus before.
                 gain = row(name, submission, before, games)["difference"]
                 made["gain_by_reinforcement"] = gain

@@ -509,7 +509,9 @@ def plan_weights() -> Iterator[str]:
 LEADERBOARD = HERE.parent / "leaderboard" / "everyday-v2"
 TUNED = "SmolLM2-135M, fine-tuned on recipes, by recipes"
 GAMES = "SmolLM2-135M, fine-tuned on recipes and games, by generation"
+GAMES_CONSTRAINED = "SmolLM2-135M, fine-tuned on recipes and games, constrained"
 REINFORCED = "SmolLM2-135M, fine-tuned, then by GRPO, by generation"
+REINFORCED_CONSTRAINED = "SmolLM2-135M, fine-tuned, then by GRPO, constrained"
 UNTUNED = "SmolLM2-135M, untuned, by recipes"
 
 
@@ -552,51 +554,52 @@ def _played(track: str, archive: str, digits: int = 3) -> str:
     return f"{_success_of(track, archive, digits)} {_intervals()[track, player]}"
 
 
-BY_TRACK = {
-    "`craft-1-lite`, probabilities": ("craft-1-lite", "smollm2-probabilities"),
-    "`craft-1-lite`, probabilities and a look-up": (
-        "craft-1-lite",
-        "smollm2-probabilities-look-ups",
-    ),
-    "`craft-8-lite`, probabilities": ("craft-8-lite", "smollm2-probabilities"),
-    "`goal-8-lite`, probabilities": ("goal-8-lite", "smollm2-probabilities"),
-    "`craft-1-lite`, Qwen2.5-Coder-0.5B, generation": ("craft-1-lite", "qwen05-generation"),
-    "`craft-1-lite`, Qwen2.5-Coder-0.5B, constrained": ("craft-1-lite", "qwen05-constrained"),
-    "`craft-1-lite`, Qwen2.5-Coder-1.5B, constrained": ("craft-1-lite", "qwen15-constrained"),
-    "`craft-8-lite`, Qwen2.5-Coder-1.5B, constrained": ("craft-8-lite", "qwen15-constrained"),
-    "`craft-1-lite`, Qwen2.5-Coder-0.5B, by recipes": ("craft-1-lite", "qwen05-recipes"),
-    "`craft-1-lite`, Qwen2.5-Coder-1.5B, by recipes": ("craft-1-lite", "qwen15-recipes"),
-    "`craft-8-lite`, Qwen2.5-Coder-0.5B, by recipes": ("craft-8-lite", "qwen05-recipes"),
-    "`goal-8-lite`, Qwen2.5-Coder-0.5B, by recipes": ("goal-8-lite", "qwen05-recipes"),
+LITE_TRACKS = "craft-1-lite", "craft-1-lite-made-up", "craft-8-lite", "goal-8-lite", "depth-2-lite"
+WAYS = {
+    "recipe scorer with GloVe": "scorer-glove",
+    "Qwen2.5-Coder-1.5B, by recipes": "qwen15-recipes",
+    "Qwen2.5-Coder-0.5B, by recipes": "qwen05-recipes",
+    "SmolLM2-135M, by recipes": "smollm2-recipes",
+    "nearest words": "nearest-words",
+    "SmolLM2-135M, probabilities and a look-up": "smollm2-probabilities-look-ups",
+    "SmolLM2-135M, probabilities": "smollm2-probabilities",
+    "Qwen2.5-Coder-1.5B, constrained": "qwen15-constrained",
+    "Qwen2.5-Coder-0.5B, constrained": "qwen05-constrained",
+    "Qwen2.5-Coder-0.5B, generation": "qwen05-generation",
 }
-"""Rows of the table of small language models: track and archive of the leaderboard."""
+"""Rows of the table of small language models, and their archives on the leaderboard."""
 
 
 def language_models() -> Iterator[str]:
-    """Yield the table of small language models on the frozen tracks."""
-    yield "| track, way of answering | success | chance |"
-    yield "|---|---|---|"
-    for title, (track, archive) in BY_TRACK.items():
-        chance = _success_of(track, "random")
-        yield f"| {title} | {_played(track, archive)} | {chance} |"
+    """Yield the table of small language models on the frozen tracks; an empty cell was not played."""
+    yield f"| player | {' | '.join(f'`{track}`' for track in LITE_TRACKS)} |"
+    yield f"|---|{'---|' * len(LITE_TRACKS)}"
+    for title, archive in WAYS.items():
+        cells = [
+            _played(track, archive) if (LEADERBOARD / track / f"{archive}.zip").exists() else ""
+            for track in LITE_TRACKS
+        ]
+        yield f"| {title} | {' | '.join(cells)} |"
+    chance = (_success_of(track, "random") for track in LITE_TRACKS)
+    yield f"| chance | {' | '.join(chance)} |"
 
 
 def language_models_answer() -> Iterator[str]:
-    """Yield how much two small language models know."""
-    by_recipes = _success_of("craft-8-lite", "smollm2-recipes")
-    qwen = _success_of("craft-8-lite", "qwen05-recipes")
-    few = [
-        _success_of("craft-1-lite", archive) for archive in ("qwen05-recipes", "smollm2-recipes")
-    ]
+    """Yield what small language models make by a recipe's text, and by the rules."""
+
+    def made(archive: str) -> str:
+        """Return the success on three tracks, as a text."""
+        tracks = ("craft-1-lite", "craft-8-lite", "goal-8-lite")
+        return _listed([_success_of(track, archive) for track in tracks])
+
+    made_up = _success_of("craft-1-lite-made-up", "qwen15-recipes")
+    by_rules = _played("craft-8-lite", "qwen15-constrained")
     yield (
-        f"**Answer.** A little: SmolLM2-135M makes {_played('craft-1-lite', 'smollm2-probabilities')} of the "
-        "goals of `craft-1-lite` by probabilities, "
-        f"{_played('craft-1-lite', 'smollm2-probabilities-look-ups')} with a look-up of the goal, where chance "
-        f"makes {_success_of('craft-1-lite', 'random')}. With more items it makes no more than "
-        f"chance, unless a recipe's text asks instead of the rules ([{by_recipes} of "
-        f"`craft-8-lite`](finetuned.md)). By that text Qwen2.5-Coder-0.5B, nearly four times as large, is level "
-        f"with it: {qwen} there, and {few[0]} of `craft-1-lite` ([{few[1]}](../leaderboard.md)); "
-        f"Qwen2.5-Coder-1.5B makes {_played('craft-1-lite', 'qwen15-recipes')} of this track."
+        "**Answer.** It knows words rather than the game. Asked for a recipe, without rules, Qwen2.5-Coder-1.5B "
+        f"makes {made('qwen15-recipes')} of the goals of `craft-1-lite`, `craft-8-lite` and `goal-8-lite`; "
+        f"chance makes {made('random')}, nearest words {made('nearest-words')}, a recipe scorer "
+        f"{made('scorer-glove')}. Asked by the rules, it makes {by_rules} of `craft-8-lite`. With made-up words it "
+        f"makes {made_up} of `craft-1-lite`."
     )
 
 
@@ -652,14 +655,10 @@ def language_models_caveats() -> Iterator[str]:
             "scorer": ("scorer-minilm", "scorer-no-words"),
         }.items()
     }
-    easy = "craft-1-lite"
-    small = [_success_of(track, "qwen05-recipes") for track in (easy, f"{easy}-made-up")]
     yield (
         "- Contamination: made-up words show how much is knowledge of words. On "
         f"`{real}` nearest words fall from {' to '.join(texts['nearest words'])}, a recipe scorer from "
-        f"{' to '.join(texts['scorer'])}; votes of the train recipes make {' and '.join(texts['votes'])}. "
-        f"On `{easy}` Qwen2.5-Coder-0.5B by recipes falls from {' to '.join(small)} (chance "
-        f"{_success_of(easy, 'random')})."
+        f"{' to '.join(texts['scorer'])}; votes of the train recipes make {' and '.join(texts['votes'])}."
     )
 
 
@@ -696,9 +695,26 @@ def finetuned() -> Iterator[str]:
 TRACKS = "craft-8-lite", "goal-8-lite", "craft-1-lite"
 
 
+def _listed(parts: list[str]) -> str:
+    """Return some parts as "one, two and three"."""
+    return f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
 def _on_tracks(player: str) -> str:
-    rates = [_shown(_tuned(player, track)["success"]) for track in TRACKS]
-    return f"{', '.join(rates[:-1])} and {rates[-1]}"
+    return _listed([_shown(_tuned(player, track)["success"]) for track in TRACKS])
+
+
+def _invalid_share(track: str, archive: str) -> str:
+    """Return the share of a submission's answers that are invalid, for games of one attempt."""
+    of = _submission(track, archive)
+    valid = of["figures"]["games"] - of["lost_attempts"]
+    return f"{100 * of['invalid_actions'] / (of['invalid_actions'] + valid):.0f} %"
+
+
+def _gain(player: str, track: str) -> str:
+    """Return what reinforcement adds to a model's success, with its interval."""
+    gain, low, high = map(signed, _tuned(player, track)["gain_by_reinforcement"])
+    return f"{gain} [{low}, {high}]"
 
 
 def finetuned_caveats() -> Iterator[str]:
@@ -708,32 +724,27 @@ def finetuned_caveats() -> Iterator[str]:
         f"- Half of the way is the question: the untuned model makes {_on_tracks(UNTUNED)} by the same text, in "
         f"the order of the table; by the rules' prompt {rules} on `craft-8-lite`."
     )
-    shares, rates = [], []
-    for track in ("craft-1-lite", "craft-8-lite"):
-        of = _submission(track, "smollm2-tuned-chats")
-        (games,) = re.findall(r"(\d+) games", of["training_data"])
-        valid = of["figures"]["games"] - of["lost_attempts"]
-        shares.append(f"{100 * of['invalid_actions'] / (of['invalid_actions'] + valid):.0f} %")
-        rates.append(f"{_shown(of['figures']['mean'])} of `{track}`")
-    before = _tuned("SmolLM2-135M, untuned, by generation", "craft-1-lite")
+    games_read = _submission(TRACKS[0], "smollm2-tuned-chats")["training_data"]
+    (games,) = re.findall(r"(\d+) games", games_read)
+    invalid = _listed([_invalid_share(track, "smollm2-tuned-chats") for track in TRACKS])
+    before = _tuned("SmolLM2-135M, untuned, by generation", TRACKS[0])
     yield (
-        f"- By generation it needs games, too: after {games} of them it makes {' and '.join(rates)}, up from "
-        f"{_shown(before['success'])}. Of its answers, {' and '.join(shares)} are invalid: they name an item "
-        "that is not on the table."
+        f"- By generation it needs games, too: after {games} of them it makes {_on_tracks(GAMES)}, up from "
+        f"{_shown(before['success'])}. Of its answers, {invalid} are invalid: they name an item that is not on "
+        f"the table. Constrained to the table, the same weights make {_on_tracks(GAMES_CONSTRAINED)}."
     )
     (reinforced,) = _read(f"{DATA}/reinforced.json")
     settings = reinforced["settings"]
-    rates = []
-    for track in ("craft-1-lite", "craft-8-lite"):
-        row = _tuned(REINFORCED, track)
-        gain, low, high = map(signed, row["gain_by_reinforcement"])
-        rates.append(f"{_shown(row['success'])} of `{track}` ({gain} [{low}, {high}])")
+    gains = [
+        _listed([_gain(player, track) for track in TRACKS])
+        for player in (REINFORCED, REINFORCED_CONSTRAINED)
+    ]
     yield (
         f"- {settings['steps']} steps of GRPO on its own answers ({settings['answers']} to each of "
         f"{settings['groups']} games a step, {reinforced['cpu_seconds'] / 60:.0f} CPU minutes, one setting "
-        f"tried) make that {' and '.join(rates)}. Of {reinforced['left_out']} games with left-out train "
-        f"recipes the first answer is right in {_shown(reinforced['success_after'])}, "
-        f"{_shown(reinforced['success_before'])} before."
+        f"tried) add {gains[0]} by generation; constrained, {gains[1]}. Of "
+        f"{reinforced['left_out']} games with left-out train recipes the first answer is right in "
+        f"{_shown(reinforced['success_after'])}, {_shown(reinforced['success_before'])} before."
     )
     first = _on_tracks("fine-tuned on recipes, an item with itself allowed")
     yield (

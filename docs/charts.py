@@ -61,7 +61,12 @@ def chart(
     """Return a picture of values with intervals: a label above each row, a line for each series.
 
     Labels stand above their marks, so that a narrow screen shows both in a readable size.
+
+    Raises:
+        ValueError: for more than two series; no further one has a colour.
     """
+    if len(series) > 2:
+        raise ValueError(f"'{title}' has {len(series)} series; expected one or two")
     marks = [mark for _, row in rows for mark in row if mark]
     low = min(0.0, *(mark.low for mark in marks))
     high = max(mark.high for mark in marks)

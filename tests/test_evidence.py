@@ -72,6 +72,8 @@ def test_a_figure_shows_the_named_columns_of_the_first_table(script):
         *("first, by slot", ".25"),
     ]
     assert script.answer(text) == "Yes."
+    with pytest.raises(ValueError, match="'Success of a' has 3 series; expected one or two"):
+        script.figure(text.replace("figure: b;", "figure: split; b;"))
 
 
 @pytest.mark.parametrize(

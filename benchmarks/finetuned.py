@@ -32,8 +32,8 @@ PLAYERS = {
     "smollm2-recipes": "SmolLM2-135M, untuned, by recipes",
     "smollm2-tuned-chats": "SmolLM2-135M, fine-tuned on recipes and games, by generation",
     "smollm2-tuned-chats-constrained": "SmolLM2-135M, fine-tuned on recipes and games, constrained",
-    "smollm2-reinforced": "SmolLM2-135M, fine-tuned, then by GRPO, by generation",
-    "smollm2-reinforced-constrained": "SmolLM2-135M, fine-tuned, then by GRPO, constrained",
+    "smollm2-reinforced": "SmolLM2-135M, fine-tuned on recipes and games, then GRPO, by generation",
+    "smollm2-reinforced-constrained": "SmolLM2-135M, fine-tuned on recipes and games, then GRPO, constrained",
     "smollm2-generation": "SmolLM2-135M, untuned, by generation",
     "scorer-minilm": "recipe scorer, MiniLM",
     "scorer-glove": "recipe scorer, GloVe",
@@ -86,6 +86,8 @@ def main() -> None:
     options = parser.parse_args()
     training = json.loads(options.training.read_text(encoding="utf-8"))
     of_track: dict[str, list[GameLine]] = {}
+    # A language model has the same weights on all tracks, and constrained as by generation.
+    weights_of = {TUNED: training["weights"]}
     rows = []
     for track in TRACKS:
         for archive, name in PLAYERS.items():
@@ -93,9 +95,12 @@ def main() -> None:
             if not path.exists():
                 continue
             submission, games = verified_games(path)
+            model = archive.removesuffix("-constrained")
+            # A recipe scorer is trained anew for each split.
+            is_one = model.startswith("smollm2")
+            if is_one and submission.weights != weights_of.setdefault(model, submission.weights):
+                parser.error(f"{path} was played with other weights than {weights_of[model]}")
             if archive == TUNED:
-                if submission.weights != training["weights"]:
-                    parser.error(f"{path.name} was played with other weights than {training}")
                 of_track[track] = games
             made = row(name, submission, games, of_track[track])
             if archive in BEFORE:

@@ -217,8 +217,8 @@ def games_of(path: Path) -> Iterator[tuple[Row, list[tuple[str, str]]]]:
             row = json.loads(line)
             said = [text["content"] for text in row["messages"] if text["role"] == "assistant"]
             pairs = [(first, second) for first, second in (text.split(" + ") for text in said)]
-            # Both are read later: fail here, with the number of the line.
-            row["id"], row["part"]
+            # These are read later: fail here, with the number of the line.
+            row["id"], row["part"], row["attempts"]
         except (ValueError, LookupError, TypeError, AttributeError):
             raise ValueError(
                 f"line {number} of '{path}' is no game with answers 'first + second'; expected a "
@@ -504,6 +504,11 @@ def main() -> None:
     other_chats: list[Row] = []
     if options.chats:
         chats, other_chats = read_chats(options.chats, splits, settings.folds)
+        if not chats:
+            raise ValueError(
+                f"'{options.chats}' has no game to learn: all use recipes that are left out, or "
+                "that a split holds out."
+            )
         grow = chat_trees(chats, reader.chat, reader.tokens, reader.end, settings.batch)
     else:
 

@@ -140,6 +140,20 @@ def text_of(reader: Reader, tokens: list[int]) -> str:
     return str(reader.tokenizer.decode(tokens, skip_special_tokens=True))
 
 
+def check(settings: Settings, games: int) -> None:
+    """Raise ValueError if no step could teach anything with so many games to learn."""
+    if not 1 <= settings.groups <= games:
+        raise ValueError(
+            f"found {games} games to learn, and {settings.groups} groups a step; expected at "
+            "least a group, and a game for each: set --groups, or write more games."
+        )
+    if settings.answers < 2:
+        raise ValueError(
+            f"found {settings.answers} answers to a question; expected two or more, since an "
+            "answer alone is as good as its group: set --answers."
+        )
+
+
 def reinforce(
     reader: Reader,
     rows: Sequence[Row],
@@ -164,16 +178,7 @@ def reinforce(
     Raises:
         ValueError: if the state has other settings or games, or if no step could teach anything.
     """
-    if not 1 <= settings.groups <= len(rows):
-        raise ValueError(
-            f"found {len(rows)} games to learn, and {settings.groups} groups a step; expected at "
-            "least a group, and a game for each: set --groups, or write more games."
-        )
-    if settings.answers < 2:
-        raise ValueError(
-            f"found {settings.answers} answers to a question; expected two or more, since an "
-            "answer alone is as good as its group: set --answers."
-        )
+    check(settings, len(rows))
     trained = parameters_to_train(reader.model, settings.layers)
     optimiser = torch.optim.AdamW(trained.values(), lr=settings.lr, weight_decay=0.0)
     facts = {"settings": asdict(settings), "games": [row["id"] for row in rows]}
@@ -216,8 +221,10 @@ def reinforce(
 
 
 @torch.no_grad()
-def success(reader: Reader, rows: Sequence[Row], games: Games, settings: Settings) -> float:
-    """Return the share of games made by the first, greedy answer."""
+def success(reader: Reader, rows: Sequence[Row], games: Games, settings: Settings) -> float | None:
+    """Return the share of games made by the first, greedy answer; None without games."""
+    if not rows:
+        return None
     reader.cut(0)
     made = []
     for row in rows:
@@ -248,6 +255,7 @@ def main() -> None:
 
     splits = [open_graph(graph).split for graph in options.graphs]
     rows, left_out = read_chats(options.chats, splits, settings.folds)
+    check(settings, len(rows))
     order = np.random.default_rng(settings.seed).permutation(len(left_out))
     judged = [left_out[place] for place in order[: options.tasks].tolist()]
     reader = Reader(options.model)

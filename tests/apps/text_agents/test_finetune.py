@@ -433,6 +433,8 @@ def test_a_first_answer_is_rewarded_as_in_the_game(reinforcing, written):
 def test_settings_that_teach_nothing_are_refused(reinforcing, written, tmp_path, wrong, message):
     rows = [json.loads(line) for line in written.read_text().splitlines()][:30]
     settings = reinforcing["Settings"](**wrong)
+    with pytest.raises(ValueError, match=message):
+        reinforcing["check"](settings, len(rows))
     steps = reinforcing["reinforce"](TinyReader(), rows, LowTokens(), settings, tmp_path)
     with pytest.raises(ValueError, match=message):
         next(steps)

@@ -11,8 +11,8 @@ with each source, and with all sources (``--only`` chooses rows). A source is NA
 train recipes of the split; ``--part valid`` plays validation tasks instead of test tasks. Success on all depth-1 tasks:
 the pair with the highest score, five distractor seeds; *few* counts tasks with an ingredient or goal in at most two
 train recipes. ``--made-by BOOK`` adds to every row the success on goals that this other book makes (*made*) and on
-goals that it does not make (*other*), and the share of tasks with the former (*share made*). Finished cells in --out
-are kept.
+goals that it does not make (*other*), the share of tasks with the former (*share made*), and the share that it has
+with one ingredient replaced by a near-synonym (*share reworded*). Finished cells in --out are kept.
 """
 
 import argparse
@@ -49,9 +49,11 @@ from wordcraft_kg.models.recipes.outside import (
     encoder_of_books,
     open_other_book,
     open_outside,
+    words_of_books,
 )
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.recipes.zero_shot import join_books
+from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
@@ -161,6 +163,24 @@ def goals_among(world: World, labels: frozenset[str]) -> NDArray[np.bool_]:
     return np.array([label in labels for label in world.graph.labels(world.tasks.goals)])
 
 
+def reworded(world: World, book: OtherBook) -> NDArray[np.bool_]:
+    """Mark the tasks that another book has with one ingredient replaced by a near-synonym.
+
+    The result and the other ingredient are the same; near-synonyms are those of the reports.
+    """
+    unit = words_of_books("glove", book.labels).unit_vectors
+    one, other, made = book.recipes.T
+    marks = []
+    for plans in world.tasks.plans:
+        a, b, goal = world.graph.recipes[plans[0][-1]].tolist()
+        ways = [(one, other), (other, one)]
+        x, y = np.concatenate([np.stack(way)[:, made == goal] for way in ways], axis=1)
+        near_a = unit[x] @ unit[a] >= NEAR_SYNONYM
+        near_b = unit[y] @ unit[b] >= NEAR_SYNONYM
+        marks.append(bool(((x == a) & near_b | (y == b) & near_a).any()))
+    return np.array(marks)
+
+
 def scorer_metrics(
     opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str], made_by: str | None
 ) -> dict[str, float]:
@@ -176,6 +196,7 @@ def scorer_metrics(
         made = frozenset(book.source.makes or ())
         world = World(opened, WordCraftConfig(part=part))  # type: ignore[arg-type]
         figures["share made"] = float(goals_among(world, made).mean())
+        figures["share reworded"] = float(reworded(world, book).mean())
     for amount in (8, 1):
         success = played(opened, knowledge, amount, part, made)
         figures |= {f"{group}{amount}": value for group, value in success.items()}

@@ -9,21 +9,24 @@
     python benchmarks/plan_weights.py graphs/everyday models/everyday --runs runs/weighed
 
 Plays an evenly spaced sample of tasks, a table each, with as many attempts as the depth. ``--parts-of``
-learns only some weights: those of probabilities, or those of a plan's form. ``--runs`` plays trained
-agents of the same graph on the same tables: what does training add to planner and weights? Prints a
-JSON line each.
+learns only some weights: those of probabilities, those of a plan's form, or those of the planner's own
+value and of using an ingredient again. ``--runs`` plays trained agents of the same graph on the same
+tables: what does training add to planner and weights? Prints a JSON line each. With unseen goals, the
+line has the success on tasks whose final goal is unseen, and on those with an unseen intermediate.
 """
 
 import argparse
 import json
 import time
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import torch
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import TaskConfig
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.plan_weights import TASKS, fit_plan_weights
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.base.statistics import paired_difference
@@ -41,7 +44,26 @@ PARTS = {
     "all": FEATURES,
     "probabilities": tuple(name for name in FEATURES if name not in FORM),
     "form": FORM,
+    "value and reused": ("value", "reused"),
 }
+
+
+def by_goal(world: World, planner: Evaluation, weighed: Evaluation) -> dict[str, Any]:
+    """Return both players' success on tasks whose final goal is unseen, and on the other tasks."""
+    made_in_train = world.split.recipes("train")[:, 2]
+    is_seen = np.isin(world.tasks.goals[planner.tasks], made_in_train)
+    rows = {}
+    for name, chosen in (("unseen", ~is_seen), ("seen", is_seen)):
+        before = planner.success[chosen]
+        after = weighed.success[chosen]
+        difference = paired_difference(after, before, planner.groups[chosen])
+        rows[name] = {
+            "tasks": int(chosen.sum()),
+            "planner": round(float(before.mean()), 4),
+            "weighed": round(float(after.mean()), 4),
+            "difference": [round(value, 4) for value in difference],
+        }
+    return rows
 
 
 def main() -> None:
@@ -99,6 +121,8 @@ def main() -> None:
                     ),
                     "cpu_seconds_to_learn": round(seconds, 1),
                 }
+                if opened.split.config.kind == "by-goal":
+                    row["by_goal"] = by_goal(world, planner, result)
                 print(json.dumps(row), flush=True)
         # Beside the weights of the last seed, which are all weights unless parts are asked for.
         for run in options.runs:

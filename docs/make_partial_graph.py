@@ -350,7 +350,7 @@ def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iter
     yield "|---|---|---|---|---|---|"
     for variant, name in IN_SHORT.items():
         columns = (("by-recipe", "text"), ("by-recipe", "own"), ("by-goal", "text"))
-        texts = [_text(of, variant, (split, 8), part).removesuffix("†") for split, part in columns]
+        texts = [_text(of, variant, (split, 8), part) for split, part in columns]
         if not all(texts):
             sys.exit(
                 f"the studies of Little Alchemy 2 have no figure of '{variant}' for the first table"

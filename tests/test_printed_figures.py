@@ -363,10 +363,19 @@ def test_the_evidence_on_words_prints_the_stored_success_and_votes():
     }
     lines = table("evidence/words.md", "Little Alchemy 2", "votes, MRR of results")
     assert len(lines) == 3
-    for name, *cells, votes in lines:
+    for name, *cells, best_pair, votes in lines:
         split = name.replace(" ", "-")
         for cell, player in zip(cells, players, strict=True):
             assert number(cell) == pytest.approx(np.mean(rows[split, player]), abs=CLOSE), name
+        pairs = [
+            row["8"]
+            for row in stored("link-quality.json")
+            if (row["book"], row["split"], row["row"])
+            == ("little-alchemy-2", split, "votes, best pair")
+        ]
+        assert bool(pairs) == bool(best_pair)
+        if pairs:
+            assert number(best_pair) == pytest.approx(np.mean(pairs), abs=CLOSE), name
         each = [
             row["mrr"]
             for row in stored("link-quality.json")

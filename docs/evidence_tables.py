@@ -346,6 +346,32 @@ def plan_weights() -> Iterator[str]:
         yield f"| {title} | {planner} | **{weighed}** | {' | '.join(of_splits)} | {tasks:,} |"
 
 
+PLAN_PARTS = f"{DATA}/plan-weights-parts.json"
+"""Gains of all weights of plans and of two of them, on split 0."""
+BY_UNSEEN = {"unseen": "the goal is unseen", "seen": "only the intermediate is unseen"}
+"""Kinds of tasks of depth 2 on a split by goal."""
+
+
+def plan_parts() -> Iterator[str]:
+    """Yield the table of all weights and of two, and of tasks with and without an unseen goal."""
+    yield "| book, split | tasks | planner | weights from play | gain | gain by value and reuse |"
+    yield "|---|---|---|---|---|---|"
+    for whole in _rows(PLAN_PARTS, weights="all"):
+        (two,) = _rows(
+            PLAN_PARTS, weights="value and reused", book=whole["book"], split=whole["split"]
+        )
+        title = f"{BOOKS[whole['book']]}, {whole['split'].replace('-', ' ')}"
+        yield _plan_cells(title, whole, two)
+        for name, text in BY_UNSEEN.items() if "by_goal" in whole else ():
+            yield _plan_cells(f"{title}, {text}", whole["by_goal"][name], two["by_goal"][name])
+
+
+def _plan_cells(title: str, whole: Row, two: Row) -> str:
+    rates = f"{_shown(whole['planner'])} | {_shown(whole['weighed'])}"
+    gains = f"{_with_ends(whole['difference'])} | {_with_ends(two['difference'])}"
+    return f"| {title} | {whole['tasks']:,} | {rates} | {gains} |"
+
+
 def plan_agents() -> Iterator[str]:
     """Yield the table of trained agents with plans: gains over the planner and over its weights.
 
@@ -1009,6 +1035,17 @@ def planning_today() -> Iterator[str]:
         "- Scorer and planner by tables, with outside knowledge. Today's, by lists and without it, make "
         f"{' and '.join(texts)} at depth 2, by recipe and by goal ([plan weights](plan-weights.md))."
     )
+    texts = []
+    for row in _rows(PLAN_PARTS, weights="all", split="by-goal"):
+        unseen, seen = (row["by_goal"][name] for name in BY_UNSEEN)
+        texts.append(
+            f"{100 * unseen['tasks'] / row['tasks']:.0f} % of the tasks of {BOOKS[row['book']]} "
+            f"({_shown(unseen['planner'])}; others {_shown(seen['planner'])})"
+        )
+    yield (
+        "- At depth 2 by goal, only a part of the tasks have an unseen final goal; in the others the "
+        f"intermediate is unseen. Today's planner, split 0: {' and '.join(texts)}."
+    )
 
 
 def planning_caveats() -> Iterator[str]:
@@ -1326,6 +1363,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "finetuned": finetuned,
     "plan weights": plan_weights,
     "plan agents": plan_agents,
+    "plan parts": plan_parts,
     "attempts": attempts,
     **{
         f"planning {split}": partial(

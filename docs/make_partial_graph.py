@@ -492,7 +492,7 @@ def caveats(
     recipes, links = of_links["recipes, u v"], of_links["ComplEx, u v"]
     (studied_links,) = those(rows, variant="ComplEx, u v", **at)
     yield (
-        "- *Better links, better agents?* By recipe [yes](evidence/training-data.md). By goal no: the "
+        "- *Better links, better agents?* By recipe [more train recipes do](evidence/training-data.md). By goal no: the "
         f"recipe scorer has {recipes['mrr'] / links['mrr']:.1f} times the MRR of ComplEx, and link "
         f"scores of both leave an agent at {_figure(recipes['success'])} (one training, a million "
         f"steps) and {_figure(studied_links['success'])}."

@@ -426,20 +426,6 @@ def intervals() -> Iterator[str]:
     )
 
 
-def intervals_caveats() -> Iterator[str]:
-    """Yield the coverage where tasks are in groups."""
-    texts = []
-    for kind in ("success of one player over goals", "difference of two players over goals"):
-        (row,) = _rows("interval-coverage.json", kind=kind)
-        ends = f"{_shown(row['lowest'])} to {_shown(row['highest'])}"
-        texts.append(f"{_shown(row['coverage'])} ({ends})")
-    yield (
-        "- With tasks in groups, such as goals, an interval without seeds is a little too narrow: it holds the "
-        f"success of one player in {texts[0]} of the simulations, and the difference of two in {texts[1]}. "
-        "Another simulation, by other code, found .88 to .94."
-    )
-
-
 def speed() -> Iterator[str]:
     """Yield the CPU seconds of an agent, and how fast the trainer is."""
     seconds = column("speed", "CPU seconds for 3,000,000 steps")
@@ -838,7 +824,6 @@ ANSWERS: dict[str, Callable[[], Iterator[str]]] = {
     "penalty answer": penalty,
     "people pairs answer": people_pairs,
     "intervals answer": intervals,
-    "intervals caveats": intervals_caveats,
     "speed answer": speed,
     "probabilities answer": probabilities,
     "joint training answer": joint_training,

@@ -1035,17 +1035,6 @@ def planning_today() -> Iterator[str]:
         "- Scorer and planner by tables, with outside knowledge. Today's, by lists and without it, make "
         f"{' and '.join(texts)} at depth 2, by recipe and by goal ([plan weights](plan-weights.md))."
     )
-    texts = []
-    for row in _rows(PLAN_PARTS, weights="all", split="by-goal"):
-        unseen, seen = (row["by_goal"][name] for name in BY_UNSEEN)
-        texts.append(
-            f"{100 * unseen['tasks'] / row['tasks']:.0f} % of the tasks of {BOOKS[row['book']]} "
-            f"({_shown(unseen['planner'])}; others {_shown(seen['planner'])})"
-        )
-    yield (
-        "- At depth 2 by goal, only a part of the tasks have an unseen final goal; in the others the "
-        f"intermediate is unseen. Today's planner, split 0: {' and '.join(texts)}."
-    )
 
 
 def planning_caveats() -> Iterator[str]:
@@ -1232,11 +1221,11 @@ def over_splits(differences: Sequence[float]) -> str:
     return f"{_plain(_mean(differences))} [{low}, {high}]"
 
 
-def _gain(book: str, split: str, source: str = "all", before: str = "and GloVe") -> str:
-    """Return what a source adds, with 8 distractors, to recipes and words."""
+def _gain(book: str, split: str) -> str:
+    """Return what all sources add to recipes and GloVe, with Student's interval over splits."""
     by_row = [
         sorted(_rows("outside-knowledge.json", book=book, split=split, row=name), key=_seed)
-        for name in (source, before)
+        for name in ("all", "and GloVe")
     ]
     return over_splits([after["8"] - alone["8"] for after, alone in zip(*by_row, strict=True)])
 
@@ -1314,18 +1303,6 @@ def outside_caveats() -> Iterator[str]:
         f"({added('language model', 'other 8')}) and WordNet ({added('WordNet', 'other 8')}) add more. "
         "Single tasks of these rows are not stored, so these differences have no interval."
     )
-    recipes = [
-        f"{name} {_gain('little-alchemy-2', 'by-recipe', source, 'and words')}"
-        for source, name in (
-            ("language model", "a language model"),
-            ("WordNet", "WordNet"),
-            ("book", "another book"),
-        )
-    ]
-    yield (
-        f"- With unseen recipes, next to MiniLM, {', '.join(recipes[:-1])} and {recipes[-1]} add little "
-        "[paired, over splits]."
-    )
     with_all, without = (
         _mean(
             [
@@ -1341,39 +1318,6 @@ def outside_caveats() -> Iterator[str]:
         f"- Agents get it all: {_shown(with_all)} instead of {_shown(without)} with unseen goals, "
         "without significant difference to their scorers (last folded table)."
     )
-
-
-WITH_GLOVE = f"{DATA}/outside-infinite-craft-glove.json"
-"""Infinite Craft as another book with GloVe, by whether it makes the goal."""
-
-
-def outside_large() -> Iterator[str]:
-    """Yield how much of a split by goal Infinite Craft makes, and its gain there and elsewhere."""
-    yield (
-        "By goal, little is unseen in both books, and Infinite Craft helps where it makes the goal by other "
-        "recipes (*reworded*: with one ingredient replaced by a near-synonym). With GloVe instead of MiniLM, "
-        "so with other figures than below, three splits:"
-    )
-    yield ""
-    for book in dict.fromkeys(row["book"] for row in _read(WITH_GLOVE)):
-        before, after = (
-            sorted(_rows(WITH_GLOVE, book=book, row=name), key=_seed)
-            for name in ("and GloVe", "Infinite Craft")
-        )
-        gains = {
-            group: over_splits([b[group] - a[group] for a, b in zip(before, after, strict=True)])
-            for group in ("made 8", "other 8")
-        }
-        made, reworded = (
-            f"{100 * _mean([row[share] for row in after]):.0f} %"
-            for share in ("share made", "share reworded")
-        )
-        others = round(sum(row["tasks"] * (1 - row["share made"]) for row in after))
-        yield (
-            f"- {BOOKS[book]}: it makes the goals of {made} of the tasks, and has {reworded} of the tasks "
-            f"reworded; it adds {gains['made 8']} on goals that it makes, and {gains['other 8']} on the other "
-            f"{others} tasks."
-        )
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
@@ -1422,7 +1366,6 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "outside made": outside_made,
     "outside small": outside_small,
     "outside caveats": outside_caveats,
-    "outside large": outside_large,
     "scripted players": scripted,
     "discoverers": discoverers,
     "penalty": penalty,

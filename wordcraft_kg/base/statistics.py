@@ -1,7 +1,7 @@
 """Confidence intervals for success rates, and comparisons of agents trained with several seeds.
 
 Intervals have a nominal confidence of 95 % unless stated otherwise. Simulated studies with tasks in
-groups, such as goals, cover .93 on average over scenarios for one player, and .86 in the worst
+groups, such as goals, cover .93 on average over scenarios for one player, and .87 in the worst
 (``benchmarks/interval_coverage.py``). ``draws`` is the number of resamples, and ``seed`` fixes the
 resampling. Functions of tasks and seeds raise a ConfigError for scores that
 are empty, not finite or misshapen; :func:`bootstrap`, :func:`interval` and :func:`standardised`

@@ -3,9 +3,8 @@
 Intervals have a nominal confidence of 95 % unless stated otherwise. Simulated studies with tasks in
 groups, such as goals, cover .93 on average over scenarios for one player, and .87 in the worst
 (``benchmarks/interval_coverage.py``). ``draws`` is the number of resamples, and ``seed`` fixes the
-resampling. Functions of tasks and seeds raise a ConfigError for scores that
-are empty, not finite or misshapen; :func:`bootstrap`, :func:`interval` and :func:`standardised`
-check nothing.
+resampling. Functions of tasks and seeds raise a ConfigError for scores that are empty, not finite
+or misshapen; :func:`bootstrap`, :func:`interval` and :func:`standardised` check nothing.
 """
 
 import math

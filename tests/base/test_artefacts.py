@@ -84,7 +84,7 @@ def test_a_book_larger_than_any_is_refused(tmp_path):
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
 def test_weights_that_are_not_finite_are_refused_by_name(value):
     tensors = {"sound": torch.zeros(3), "entity_real": torch.tensor([[0.0, value]])}
-    with pytest.raises(ArtefactError, match="the tensor entity_real holds NaN or infinity"):
+    with pytest.raises(ArtefactError, match="the tensor 'entity_real' holds NaN, infinity"):
         read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))
     del tensors["entity_real"]
     assert list(read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))) == [

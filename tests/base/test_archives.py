@@ -1,6 +1,7 @@
 import gzip
 import io
 import struct
+import warnings
 import zipfile
 from pathlib import Path
 
@@ -16,7 +17,8 @@ CONTENT = b"one line\n" * 100
 
 def zipped(*members, method=zipfile.ZIP_DEFLATED):
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", method) as archive:
+    with zipfile.ZipFile(buffer, "w", method) as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a name that is written twice
         for name, content in members:
             archive.writestr(name, content)
     return buffer.getvalue()
@@ -52,10 +54,17 @@ def test_a_damaged_archive_is_an_error_of_the_readers_class(case):
         ZipArchive(PATH, data, ConfigError).read("a.json", 1000)
 
 
-@pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_a_name_that_occurs_twice_is_refused():
-    with pytest.raises(ConfigError, match=r"'a\.json', occurs twice"):
-        ZipArchive(PATH, zipped(("a.json", "1"), ("a.json", "2")), ConfigError)
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (zipped(("a.json", "1"), ("a.json", "2")), r"a\.json"),
+        (changed(46, 0, "<B"), ""),  # a name ends at its first zero
+    ],
+    ids=["twice", "empty"],
+)
+def test_a_name_that_is_empty_or_occurs_twice_is_refused(data, name):
+    with pytest.raises(ConfigError, match=rf"'{name}', has no name of its own"):
+        ZipArchive(PATH, data, ConfigError)
 
 
 def test_no_more_than_the_claim_is_asked_from_the_decompressor(monkeypatch):

@@ -94,7 +94,8 @@ class ZipArchive:
             error: class of the errors.
 
         Raises:
-            WordCraftKGError: if the archive is damaged, has too many members, or a name twice.
+            WordCraftKGError: if the archive is damaged, has too many members, an empty name or a
+                name twice.
         """
         self.path = path
         self._error = error
@@ -105,8 +106,8 @@ class ZipArchive:
             raise error(f"{path} has {len(entries):,} members; the limit is {MAX_MEMBERS:,}.")
         self.members: dict[str, zipfile.ZipInfo] = {}
         for entry in entries:
-            if entry.filename in self.members:
-                raise self._refuse(entry.filename, "occurs twice")
+            if not entry.filename or entry.filename in self.members:
+                raise self._refuse(entry.filename, "has no name of its own")
             self.members[entry.filename] = entry
 
     def check(self, name: str, largest: int) -> None:

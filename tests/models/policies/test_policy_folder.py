@@ -257,6 +257,33 @@ def test_restored_sources_of_one_scorer_share_its_lists(cross_fitted, kitchen, t
     assert w.knowledge.lists() is p.knowledge.lists()
 
 
+@pytest.mark.parametrize("rows", [0, 1, -1])
+def test_knowledge_with_fewer_rows_than_entities_is_refused(cross_fitted, kitchen, tmp_path, rows):
+    """Compiled loops would read past the arrays."""
+    policy = plain(use="recipe,plan", scorer=cross_fitted, graph=kitchen, observed=None)
+    path = written(tmp_path, policy) / "constants.safetensors"
+    tensors = safetensors.torch.load_file(path)
+    size = len(tensors["sources.p.knowledge.vectors"][:rows])
+    for name, tensor in tensors.items():
+        if name.endswith(("recipes", "near_words")):
+            tensor.clamp_(max=max(size - 1, 0))
+        if name.endswith(("knowledge.vectors", "near_words")):
+            tensors[name] = tensor[:rows].clone()
+    path.write_bytes(safetensors.torch.save(tensors))
+    with pytest.raises(ArtefactError, match=f"vectors has {size} rows; expected .* 80|outside 0"):
+        read(tmp_path)
+
+
+def test_weights_that_overflow_are_refused_when_they_are_used(tmp_path):
+    policy = plain("random", scorer=SCORER, scale="none", mixing="free")
+    for parameter in policy.parameters():
+        torch.nn.init.constant_(parameter, 1e6)
+    policy.vectors.vectors.fill_(1e6)
+    loaded = read(written(tmp_path, policy))
+    with pytest.raises(ArtefactError, match="logits are not finite"):
+        loaded.act(0, [1, 2])
+
+
 @any_kind
 def test_training_changes_the_parameters_and_not_the_constants(make, kind, tmp_path):
     policy = make(kind)

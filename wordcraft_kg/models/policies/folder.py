@@ -149,6 +149,9 @@ def write_constants(folder: Path, policy: Policy) -> None:
     """Write a policy's untrained parts (features, scores), which training never changes.
 
     The files are ``policy.json``, with the settings, and ``constants.safetensors``.
+
+    Raises:
+        ConfigError: if a number is not finite, or too large to be read again.
     """
     description = _Description(
         graph=policy.graph_hash,
@@ -162,6 +165,7 @@ def write_constants(folder: Path, policy: Policy) -> None:
     constants = {name: tensor.cpu().contiguous() for name, tensor in policy.state_dict().items()}
     for name, _ in policy.named_parameters():
         del constants[name]
+    _check_numbers(constants)
     # Sources of one scorer may share tensors, such as w and p the words; the file has a copy each.
     owners: dict[int, str] = {}
     for name, tensor in constants.items():
@@ -169,6 +173,16 @@ def write_constants(folder: Path, policy: Policy) -> None:
             constants[name] = tensor.clone()
     write_atomically(folder / "constants.safetensors", safetensors.torch.save(constants))
     write_atomically(folder / "policy.json", dump_json(as_values(description)))
+
+
+def _check_numbers(tensors: Mapping[str, Tensor]) -> None:
+    """Raise ConfigError for numbers that :func:`read_policy` would refuse."""
+    for name, tensor in tensors.items():
+        if not largest(tensor) <= MAX_WEIGHT:
+            raise ConfigError(
+                f"the policy's {name} has numbers that are not finite, or above {MAX_WEIGHT:g}. "
+                "Nothing was written. Train with a smaller `learning_rate`, or with smaller scores."
+            )
 
 
 def write_parameters(folder: Path, policy: Policy) -> None:
@@ -225,10 +239,8 @@ def read_policy(
             # load_state_dict would convert another type in silence.
             if name in weights and weights[name].dtype != tensor.dtype:
                 raise ValueError(f"{name} has type {weights[name].dtype}, not {tensor.dtype}")
-        for name, tensor in parameters.items():
-            # Those of a checkpoint, beside which an optimiser's numbers may be larger.
-            if not largest(tensor) <= MAX_WEIGHT:
-                raise ValueError(f"{name} holds NaN, infinity or a number above {MAX_WEIGHT:g}")
+        # In a checkpoint, other numbers may be larger.
+        _check_numbers(parameters)
         # Assigned, not copied: the tensors may be large.
         policy.load_state_dict(weights, assign=True)
         share_lists(policy.sources.values())
@@ -270,11 +282,7 @@ def save_policy(
     """
     if not policy.entities:
         raise ConfigError("the policy has no `entities`: use make_policy or load_policy.")
-    if not all(largest(tensor) <= MAX_WEIGHT for tensor in policy.state_dict().values()):
-        raise ConfigError(
-            f"some of the policy's numbers are not finite, or above {MAX_WEIGHT:g}. Nothing was "
-            "written."
-        )
+    _check_numbers(dict(policy.named_parameters()))
     # Written into a folder beside, which takes the place of the old one at the end.
     out = with_a_name(Path(folder))
     with staged_folder(out, force=force) as staging:

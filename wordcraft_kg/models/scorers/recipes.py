@@ -316,7 +316,4 @@ class RecipeScorer(StoredScorer):
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        check_stored(tensors, size)
-        num_models = len(tensors["seen"])
-        if num_models != 1:
-            raise ValueError(f"the tensors are those of {num_models} models; expected one")
+        check_stored(tensors, size, 1)

@@ -222,12 +222,8 @@ class StoredScorer(Scorer):
 
 
 def _check_range(ids: Tensor, size: int, what: str) -> None:
-    if not _are_within(ids, size - 1):
+    # Negative ids are refused too: they would index from the end without an error.
+    if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) < size:
         raise UnknownEntityError(
             f"{what} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}."
         )
-
-
-def _are_within(ids: Tensor, high: int) -> bool:
-    # Negative ids are refused too: they would index from the end without an error.
-    return not ids.numel() or 0 <= int(ids.min()) <= int(ids.max()) <= high

@@ -1,8 +1,6 @@
 """The knowledge of recipe scorers in sources: of one model, or of all folds' models together."""
 
-from collections.abc import Iterable, Mapping
-
-from torch import Tensor
+from collections.abc import Iterable
 
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
@@ -37,28 +35,6 @@ def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledg
             models.append(left_out.knowledge)
     # Stacked even if alone, because moving a module moves its tensors in place.
     return RecipeKnowledge.stacked(models).cpu()
-
-
-def restored_knowledge(
-    constants: Mapping[str, Tensor],
-    num_entities: int,
-    models: int,
-) -> RecipeKnowledge:
-    """Return knowledge of saved tensors.
-
-    Args:
-        constants: the saved tensors by name, as found, perhaps damaged.
-        num_entities: E.
-        models: number of models M.
-
-    Raises:
-        KeyError: if a tensor is missing.
-        ValueError: if a tensor, or the number of models, is not as expected.
-    """
-    knowledge = RecipeKnowledge(constants, num_entities)
-    if knowledge.num_models != models:
-        raise ValueError(f"there are {knowledge.num_models} models; expected {models}")
-    return knowledge
 
 
 def share_lists(sources: Iterable[Source]) -> None:

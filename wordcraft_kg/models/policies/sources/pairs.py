@@ -11,7 +11,7 @@ from torch import Tensor
 from wordcraft_kg.base.tensors import check_tensors, with_prefix
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources import U, V
-from wordcraft_kg.models.policies.sources.knowledge import knowledge_of_models, restored_knowledge
+from wordcraft_kg.models.policies.sources.knowledge import knowledge_of_models
 from wordcraft_kg.models.policies.sources.source import (
     FoldedSource,
     KeptScores,
@@ -163,7 +163,7 @@ class PairSource(FoldedSource):
         of_links = with_prefix(constants, _KNOWLEDGE)
         knowledge = None
         if of_links:
-            knowledge = restored_knowledge(of_links, num_entities, (folds or 0) + 1)
+            knowledge = RecipeKnowledge(of_links, num_entities, (folds or 0) + 1)
         return cls(num_entities, constants, knowledge)
 
     @classmethod

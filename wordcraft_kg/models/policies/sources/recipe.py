@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.sources.knowledge import knowledge_of_models, restored_knowledge
+from wordcraft_kg.models.policies.sources.knowledge import knowledge_of_models
 from wordcraft_kg.models.policies.sources.source import (
     Evidence,
     FoldedSource,
@@ -80,7 +80,7 @@ class BestRecipe(FoldedSource):
         cls, num_entities: int, constants: Mapping[str, Tensor]
     ) -> Source:
         models = (cls.num_folds(constants) or 0) + 1
-        knowledge = restored_knowledge(with_prefix(constants, "knowledge."), num_entities, models)
+        knowledge = RecipeKnowledge(with_prefix(constants, "knowledge."), num_entities, models)
         return cls(num_entities, knowledge, constants.get("fold_of_recipe"))
 
     @classmethod

@@ -103,12 +103,18 @@ class RecipeKnowledge(nn.Module):
     seen: Tensor
     results_second: Tensor
 
-    def __init__(self, constants: Mapping[str, Tensor], num_entities: int | None = None):
+    def __init__(
+        self,
+        constants: Mapping[str, Tensor],
+        num_entities: int | None = None,
+        num_models: int | None = None,
+    ):
         """Take the tensors in :data:`~.stored.BUFFERS` by name, on which all loops rely.
 
         Args:
             constants: the tensors, perhaps from a damaged file.
             num_entities: E, which the tensors must agree with; None for the stored number.
+            num_models: M likewise.
 
         Raises:
             KeyError: if a tensor is missing.
@@ -118,7 +124,7 @@ class RecipeKnowledge(nn.Module):
         self.workers: int | None = None
         if num_entities is None:
             num_entities = int(constants["num_own"].sum())
-        check_stored(constants, num_entities)
+        check_stored(constants, num_entities, num_models)
         self.num_entities = num_entities
         self._names = stored_names(constants)
         for name in self._names:

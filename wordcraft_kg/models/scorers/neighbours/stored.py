@@ -103,12 +103,17 @@ def num_features(*, has_encoder: bool) -> int:
     return len(FEATURES) + (len(OF_ENCODER) if has_encoder else 0)
 
 
-def check_stored(constants: Mapping[str, Tensor], num_entities: int) -> None:
+def check_stored(
+    constants: Mapping[str, Tensor],
+    num_entities: int,
+    num_models: int | None = None,
+) -> None:
     """Check that stored tensors are safe for compiled loops, as the module says.
 
     Args:
         constants: the tensors by name, as found, perhaps damaged.
         num_entities: E, which the tensors must agree with.
+        num_models: M likewise; None for any number.
 
     Raises:
         KeyError: if a tensor is missing.
@@ -124,6 +129,8 @@ def check_stored(constants: Mapping[str, Tensor], num_entities: int) -> None:
         # Tables of link scores, or none.
         "side": num_entities if constants[LINK_TABLES[0]].numel() else 0,
     }
+    if num_models is not None:
+        sizes["models"] = num_models
     layouts = _LAYOUTS
     if has_encoder:
         layouts = _LAYOUTS | _OF_ENCODER

@@ -76,7 +76,7 @@ slow: .venv/installed-docs
 
 # Loops with checked bounds, and machine code of their own: the cached one checks none.
 bounds: install
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=build/bounds $(BIN)/python -m pytest $(FAST) \
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/bounds $(BIN)/python -m pytest $(FAST) \
 		tests/models/scorers tests/models/recipes tests/models/policies tests/planning
 
 browser: install

@@ -176,12 +176,12 @@ def write_constants(folder: Path, policy: Policy) -> None:
 
 
 def _check_numbers(tensors: Mapping[str, Tensor]) -> None:
-    """Raise ConfigError for numbers that :func:`read_policy` would refuse."""
+    """Raise ConfigError for numbers that :func:`read_policy` refuses."""
     for name, tensor in tensors.items():
         if not largest(tensor) <= MAX_WEIGHT:
             raise ConfigError(
-                f"the policy's {name} has numbers that are not finite, or above {MAX_WEIGHT:g}. "
-                "Nothing was written. Train with a smaller `learning_rate`, or with smaller scores."
+                f"the policy's {name} has numbers that are not finite, or above {MAX_WEIGHT:g}; "
+                "expected smaller ones. Train with a smaller `learning_rate` or smaller scores."
             )
 
 

@@ -360,7 +360,7 @@ def test_a_changed_or_missing_file_is_named(folder, name):
         *({"entities": value} for value in (5, list(GRAPH.entities[:-1]), None)),
         {"entities": [list(GRAPH.entities)]},
         {"entities": [GRAPH.entities[0]] * SIZE},
-        *({"dim": value} for value in (0, -1, 2_000_000, 10**30, "many")),
+        *({"dim": value} for value in (0, -1, 2_000_000, 2**62, 2**63 - 1, 10**30, "many")),
         *({"sources": value} for value in (["u"], [], None)),
     ],
     ids=str,
@@ -370,7 +370,7 @@ def test_a_description_that_does_not_fit_the_weights_is_an_artefact_error(folder
         read(edited(folder, **changes))
 
 
-@pytest.mark.parametrize("slots", [None, "4", SLOTS + 1, -3, 0, 40_000, 10**12])
+@pytest.mark.parametrize("slots", [None, "4", SLOTS + 1, -3, 0, 40_000, 2**62, 2**63 - 1])
 def test_other_slots_and_cut_constants_are_artefact_errors(tmp_path, slots):
     """An mlp with other slots and truncated constants are artefact errors."""
     folder = written(tmp_path, plain("random", policy="mlp"))

@@ -234,7 +234,8 @@ def read_policy(
             constant = torch.zeros(size, dim) if dim and not is_learned else None
             vectors = EntityVectors(size, constant, learned_dim=dim if is_learned else 0)
             policy = _policy(config, vectors, num_slots or 0, sources)
-        weights = {**tensors, **parameters}
+        # Constants, which have been checked, come before parameters of the same name.
+        weights = {**parameters, **tensors}
         for name, tensor in policy.state_dict().items():
             # load_state_dict would convert another type in silence.
             if name in weights and weights[name].dtype != tensor.dtype:

@@ -16,13 +16,14 @@ PIP_INSTALL := -m pip install --quiet --no-compile
 INSTALL_TORCH := $(PIP_INSTALL) $(or $(TORCH),--constraint constraints.txt) $(shell grep -o '^torch==[0-9.]*' constraints.txt)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-core test-apps slow browser lint format docs notebooks results site check-site pictures dist lock release clean
+.PHONY: help install demo test test-core test-apps slow bounds browser lint format docs notebooks results site check-site pictures dist lock release clean
 
 help:
 	@echo "make demo     set up, then book -> graph -> scorers -> agents -> a table and reports, on the book everyday"
 	@echo "make test     set up, then the tests, in minutes, the core first; a part with make test-core, make test-apps"
 	@echo "make install  set up .venv with the tools of tests; CPU build of torch with TORCH='--index-url URL', see docs/installation.md"
 	@echo "make slow     thorough and long tests, property tests with more examples; of some rooms with ROOMS='tests/runs tests/models'"
+	@echo "make bounds   the tests of scorers, policies and planning, with compiled loops that check bounds"
 	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, directions of imports, generated pages"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/terms.md from the glossary"
@@ -72,6 +73,11 @@ test-apps: install
 slow: .venv/installed-docs
 	$(BIN)/python -m pytest -m "(slow or hypothesis) and not browser" --hypothesis-profile thorough \
 		--numprocesses auto --dist loadfile $(ROOMS) || [ $$? = 5 ]
+
+# Loops with checked bounds, and machine code of their own: the cached one checks none.
+bounds: install
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/bounds $(BIN)/python -m pytest $(FAST) \
+		tests/models/scorers tests/models/recipes tests/models/policies tests/planning
 
 browser: install
 	$(BIN)/python -m pytest -m browser --numprocesses auto --dist loadfile

@@ -81,10 +81,17 @@ def test_a_book_larger_than_any_is_refused(tmp_path):
         read_book(path)
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+@pytest.mark.parametrize("dtype", [torch.float8_e4m3fn, torch.bfloat16, torch.int16])
+def test_weights_of_types_that_are_not_written_are_refused_by_name(dtype):
+    tensors = {"sound": torch.zeros(3), "entity_real": torch.zeros(3).to(dtype)}
+    with pytest.raises(ArtefactError, match=f"'entity_real' has type {dtype}; expected one of"):
+        read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 3e38, -1.1e6])
 def test_weights_that_are_not_finite_are_refused_by_name(value):
     tensors = {"sound": torch.zeros(3), "entity_real": torch.tensor([[0.0, value]])}
-    with pytest.raises(ArtefactError, match="the tensor entity_real holds NaN or infinity"):
+    with pytest.raises(ArtefactError, match="the tensor 'entity_real' holds NaN, infinity"):
         read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))
     del tensors["entity_real"]
     assert list(read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))) == [

@@ -6,11 +6,13 @@ import re
 import sys
 import tempfile
 from collections import Counter
+from itertools import chain
 from pathlib import Path
 
 import torch
 
-from . import artefacts, books, values
+from . import artefacts, books, folders, values
+from .archives import problems_of_archive
 from .harness import call, problems_of
 from .home import make_home
 
@@ -30,43 +32,71 @@ def run_case(part, number, home, *, is_shown=False):
         return [f"{part}:{number}: {problem}" for problem in problems_of(trial, Path(folder))]
 
 
+def cases_of(given):
+    """Return the cases of commands: a part and a number each."""
+    cases = [("books", given.first + i) for i in range(given.books)]
+    cases += [("artefacts", given.first + i) for i in range(given.artefacts)]
+    cases += [
+        ("values", i) for i in range(given.first, given.values * len(values.cases()), given.every)
+    ]
+    return cases
+
+
+def faults_of_folders(first, number):
+    """Yield the faults of models and agents."""
+    if number:
+        with tempfile.TemporaryDirectory() as folder:
+            problems, refused = folders.problems_of(
+                folders.make_folders(Path(folder)), first, number
+            )
+        print(f"{number:,} folders, {refused:,} of them refused", file=sys.stderr)
+        yield from problems
+
+
+def faults_of_commands(cases, *, is_shown):
+    """Yield the faults of commands, and tell how far the cases are."""
+    if not cases:
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        home = make_home(Path(folder))
+        for done, (part, number) in enumerate(cases, 1):
+            yield from run_case(part, number, home, is_shown=is_shown)
+            if done % 100 == 0 or done == len(cases):
+                print(f"{done:,} of {len(cases):,} cases", file=sys.stderr, flush=True)
+
+
 def main():
     """Run what is asked for and return 1 if anything is wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--books", type=int, default=0, help="number of books")
     parser.add_argument("--artefacts", type=int, default=0, help="number of artefacts")
+    parser.add_argument("--folders", type=int, default=0, help="number of models and agents")
+    parser.add_argument("--archives", type=int, default=0, help="number of archives")
     parser.add_argument("--values", action="store_true", help="all options with all values")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--every", type=int, default=1, help="only one value in so many")
     parser.add_argument("--replay", help="a case, such as books:123")
     given = parser.parse_args()
     torch.set_num_threads(1)
-    cases = [("books", given.first + i) for i in range(given.books)]
-    cases += [("artefacts", given.first + i) for i in range(given.artefacts)]
-    cases += [
-        ("values", i) for i in range(given.first, given.values * len(values.cases()), given.every)
-    ]
+    cases = cases_of(given)
     if given.replay:
         part, _, number = given.replay.partition(":")
-        cases = [(part, int(number))]
+        given.first = int(number)
+        cases = [(part, given.first)] if part in PARTS else []
+        given.folders = int(part == "folders")
+        given.archives = int(part == "archives")
+    archives = range(given.first, given.first + given.archives)
     kinds = Counter()
-    with tempfile.TemporaryDirectory() as folder:
-        home = make_home(Path(folder))
-        for done, (part, number) in enumerate(cases, 1):
-            for problem in run_case(part, number, home, is_shown=bool(given.replay)):
-                place = re.findall(r'File "(.*?)", line (\d+)', problem)
-                kind = f"{':'.join(place[-1]) if place else ''} {problem.strip().splitlines()[-1]}"[
-                    :200
-                ]
-                kinds[kind] += 1
-                if kinds[kind] <= 3:
-                    print(f"--- {problem}", flush=True)
-            if done % 100 == 0 or done == len(cases):
-                print(
-                    f"{done:,} of {len(cases):,} cases, {kinds.total():,} problems",
-                    file=sys.stderr,
-                    flush=True,
-                )
+    for problem in chain(
+        chain.from_iterable(map(problems_of_archive, archives)),
+        faults_of_folders(given.first, given.folders),
+        faults_of_commands(cases, is_shown=bool(given.replay)),
+    ):
+        place = re.findall(r'File "(.*?)", line (\d+)', problem)
+        kind = f"{':'.join(place[-1]) if place else ''} {problem.strip().splitlines()[-1]}"[:200]
+        kinds[kind] += 1
+        if kinds[kind] <= 3:
+            print(f"--- {problem}", flush=True)
     for kind, count in kinds.most_common():
         print(f"{count:>6}  {kind}")
     return bool(kinds)

@@ -4,6 +4,8 @@ slow`` runs many."""
 import pytest
 
 from .__main__ import run_case
+from .archives import problems_of_archive
+from .folders import make_folders, problems_of
 from .home import make_home
 from .values import cases
 
@@ -33,3 +35,16 @@ def test_bad_input_is_answered_with_a_sentence(sound, part, count, monkeypatch):
     assert not problems, "\n".join(
         [*problems, "Again: python -m tests.fuzz --replay <what stands first in a line>"]
     )
+
+
+@pytest.mark.slow
+def test_spoilt_tensors_and_records_are_refused_or_serve(tmp_path):
+    problems, refused = problems_of(make_folders(tmp_path), 0, 2_000)
+    assert not problems, "\n".join(problems)
+    assert refused > 1_000
+
+
+@pytest.mark.parametrize("count", [40, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_spoilt_archives_are_refused_or_read(count):
+    problems = [problem for number in range(count) for problem in problems_of_archive(number)]
+    assert not problems, "\n".join(problems)

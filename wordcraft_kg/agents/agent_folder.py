@@ -22,7 +22,7 @@ from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.folder import read_history
-from wordcraft_kg.models.policies.folder import read_policy
+from wordcraft_kg.models.policies.folder import load_policy, read_policy
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
@@ -173,11 +173,7 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
     checkpoint = records.checkpoint
     opened = files.graph(graph or records.config.graph)
     if records.run.status == "done":
-        policy = read_policy(
-            folder,
-            files.bytes("constants.safetensors"),
-            files.tensors("policy.safetensors"),
-        )
+        policy = load_policy(folder)
     else:
         last = AGENTS.checkpoints(folder).load()
         policy = policy_at(files, last)

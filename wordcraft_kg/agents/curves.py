@@ -4,7 +4,6 @@ Lines are appended while training goes on, so that a run can be watched. A check
 long the file was; resuming cuts later lines, which training writes again.
 """
 
-import json
 import os
 import time
 from contextlib import suppress
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.base.artefacts import json_text
 from wordcraft_kg.base.errors import ArtefactError, TaskError
 from wordcraft_kg.envs.evaluation_tables import MOST_TASKS
 from wordcraft_kg.envs.world import World
@@ -95,7 +95,7 @@ class MetricsFile:
         """Append a line of metrics; without NaN and infinity, which JSON lacks."""
         # One write for a line, so that a reader sees whole lines but for the last.
         with self.path.open("ab") as file:
-            file.write((json.dumps(row, allow_nan=False) + "\n").encode())
+            file.write((json_text(row) + "\n").encode())
         self._log(
             row["step"],
             {name: value for name, value in row.items() if name != "step"},

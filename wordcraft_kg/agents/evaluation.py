@@ -27,7 +27,7 @@ from wordcraft_kg.envs.evaluation_tables import (
 )
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids, padded
-from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.policy import Policy, checked_logits
 
 # An odd factor of a 64-bit linear congruential generator: a product with it loses no bits.
 _HASH_FACTOR = 6_364_136_223_846_793_005
@@ -65,7 +65,7 @@ class PolicyPlayer:
         for batch in batches:
             scores = self.policy.external_scores(batch, self.silent)
             logits.append(self.policy(batch, weights, scores).logits)
-        slots = torch.cat(logits).argmax(1)
+        slots = checked_logits(torch.cat(logits)).argmax(1)
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()
 
 

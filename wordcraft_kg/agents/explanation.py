@@ -24,7 +24,7 @@ from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.graphs.tasks import Rows, TaskSet
-from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
+from wordcraft_kg.models.policies.policy import Policy, PolicyOutput, checked_logits
 from wordcraft_kg.models.policies.sources import ALPHA
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
@@ -666,7 +666,7 @@ def _slots(
     evidence: Sequence[SlotEvidence | None],
 ) -> tuple[ExplainedSlot, ...]:
     # The only state of the batch.
-    own_logits = output.logits[0]
+    own_logits = checked_logits(output.logits)[0]
     logits = own_logits.tolist()
     probabilities = torch.softmax(own_logits, dim=0).tolist()
     if output.sources is None or output.lambdas is None:

@@ -8,7 +8,6 @@ Checkpoints hold the complete trainer state, so that on a CPU an interrupted and
 with the same bits as an uninterrupted run.
 """
 
-import json
 import logging
 import math
 import time
@@ -36,7 +35,7 @@ from wordcraft_kg.agents.records import (
     PlayedTask,
     read_summary,
 )
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.artefacts import dump_json, json_text, write_atomically
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import check_device, torch_threads
@@ -480,4 +479,4 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
                 terminations=tuple(TERMINATION_REASONS[code] for code in codes),
                 actions=tuple(result.actions[i].tolist()),
             )
-            yield json.dumps(msgspec.to_builtins(row), ensure_ascii=False) + "\n"
+            yield json_text(msgspec.to_builtins(row)) + "\n"

@@ -61,12 +61,32 @@ def package_hash() -> str:
     return hashlib.sha256("".join(hashes).encode()).hexdigest()
 
 
-def dump_json(value: Any) -> str:
-    """Return a value as indented JSON text with a final newline.
+def json_text(value: Any, **settings: Any) -> str:
+    """Return a value as JSON text in a line; names keep their order.
 
-    Names keep their order. NaN and infinity raise a ValueError: JSON has no such numbers.
+    Args:
+        value: dictionaries, lists, strings and numbers.
+        settings: of :func:`json.dumps`.
+
+    Raises:
+        ArtefactError: for NaN and infinity; JSON has no such numbers.
     """
-    return json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
+    try:
+        return json.dumps(value, **({"ensure_ascii": False} | settings), allow_nan=False)
+    except ValueError as error:
+        raise ArtefactError(
+            f"a result is NaN or infinite ({error}); expected numbers that JSON can hold. If a "
+            "model made it, train the model again, with a smaller learning rate."
+        ) from None
+
+
+def dump_json(value: Any) -> str:
+    """Return a value as indented JSON text with a final newline, see :func:`json_text`.
+
+    Raises:
+        ArtefactError: for NaN and infinity.
+    """
+    return json_text(value, indent=2) + "\n"
 
 
 def check_file(path: Path, largest: int = LARGE_FILE) -> None:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, TypeVar, dataclass_transform
 import msgspec
 from msgspec.inspect import DataclassType, Field, StructType, Type, type_info
 
-from wordcraft_kg.base.artefacts import read_small_file
+from wordcraft_kg.base.artefacts import json_text, read_small_file
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.settings import MOST
 
@@ -145,12 +145,9 @@ def as_lines(records: Iterable[Any]) -> list[str]:
 
     Raises:
         TypeError: if a value has no JSON form, such as a NumPy number.
-        ValueError: if a number is not finite.
+        ArtefactError: if a number is not finite.
     """
-    return [
-        json.dumps(as_values(record), ensure_ascii=False, allow_nan=False) + "\n"
-        for record in records
-    ]
+    return [json_text(as_values(record)) + "\n" for record in records]
 
 
 def as_values(record: Any) -> Any:
@@ -158,10 +155,10 @@ def as_values(record: Any) -> Any:
 
     Raises:
         TypeError: if a value has no JSON form, such as a NumPy number.
-        ValueError: if a number is not finite.
+        ArtefactError: if a number is not finite.
     """
     # The round trip through text turns tuples into lists and refuses what JSON cannot hold.
-    return json.loads(json.dumps(msgspec.to_builtins(record), allow_nan=False))
+    return json.loads(json_text(msgspec.to_builtins(record)))
 
 
 def checked_values(record: Record) -> Any:
@@ -170,8 +167,8 @@ def checked_values(record: Record) -> Any:
     A record made in Python is not checked by msgspec; this function checks types and bounds.
 
     Raises:
-        ValueError: if a field has another type or is out of bounds, with its name; or if a number
-            is not finite.
+        ValueError: if a field has another type or is out of bounds, with its name; ArtefactError
+            if a number is not finite.
         TypeError: if a value has no JSON form, such as a NumPy number.
     """
     values = as_values(record)

@@ -13,8 +13,23 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 
+MAX_WEIGHT = 1e6
+"""Largest absolute value of a number in a stored model.
 
-def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
+Trained ones are below 100. With three layers of larger numbers, scores would be infinite or NaN.
+"""
+_DTYPES = (
+    *(torch.bool, torch.uint8, torch.int32, torch.int64),
+    *(torch.float16, torch.float32, torch.float64),
+)
+"""Types of stored tensors."""
+
+
+def read_tensors(
+    path: Path,
+    data: bytes,
+    largest_value: float = MAX_WEIGHT,
+) -> dict[str, torch.Tensor]:
     """Return the tensors in a safetensors file by name.
 
     safetensors and not pickle: reading a file from the internet runs no code of its author.
@@ -22,9 +37,11 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
     Args:
         path: where the bytes come from, for the error.
         data: content of the file.
+        largest_value: limit of the absolute values of floating-point numbers.
 
     Raises:
-        ArtefactError: if the file is damaged, or a tensor holds NaN or infinity.
+        ArtefactError: if the file is damaged, or a tensor has a type that this package does not
+            write, or holds NaN, infinity or a number above the limit.
     """
     try:
         tensors = safetensors.torch.load(data)
@@ -33,20 +50,66 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
             f"{path} is damaged ({error}). Train the model again, or restore a copy."
         ) from None
     for name, tensor in tensors.items():
-        if not _is_finite(tensor):
+        if tensor.dtype not in _DTYPES:
+            expected = ", ".join(map(str, _DTYPES))
             raise ArtefactError(
-                f"{path} is damaged: the tensor {name} holds NaN or infinity. "
+                f"{path}: the tensor {name!r} has type {tensor.dtype}; expected one of {expected}. "
                 "Train the model again, or restore a copy."
+            )
+        if not largest(tensor) <= largest_value:
+            raise ArtefactError(
+                f"{path} is damaged: the tensor {name!r} holds NaN, infinity or a number above "
+                f"{largest_value:g}. Train the model again, or restore a copy."
             )
     return tensors
 
 
-def _is_finite(tensor: Tensor) -> bool:
+def largest(tensor: Tensor) -> float:
+    """Return the largest absolute value of floating-point numbers, NaN if one is; else 0."""
     if not tensor.is_floating_point() or not tensor.numel():
-        return True
-    # The extremes are enough: NaN is an extreme for torch. Checking each number would take twice
-    # the tensor's memory.
-    return bool(torch.isfinite(torch.stack(tensor.aminmax())).all())
+        return 0.0
+    # NaN is an extreme for torch. Absolute values would take the tensor's memory again.
+    low, high = torch.stack(tensor.aminmax()).tolist()
+    return float(max(-low, high))
+
+
+def check_tensors(
+    tensors: Mapping[str, Tensor],
+    layouts: Mapping[str, str],
+    **sizes: int,
+) -> None:
+    """Check types and shapes of tensors from a file, and that their numbers are sound.
+
+    Args:
+        tensors: tensors by name; further tensors are ignored.
+        layouts: each expected tensor's axis names, then its type, such as ``N N float32``. Axes
+            with the same name have the same size, also across tensors.
+        **sizes: known sizes by axis name; the first tensor with another axis sets the axis's size.
+
+    Raises:
+        KeyError: if a tensor is missing.
+        ValueError: if a tensor has another type or shape, or holds NaN, infinity or a number above
+            :data:`MAX_WEIGHT`.
+    """
+    for name, layout in layouts.items():
+        *axes, dtype = layout.split()
+        tensor = tensors[name]
+        # With too few or too many axes, the comparison of `ndim` below fails.
+        expected = [
+            sizes.setdefault(axis, size) for axis, size in zip(axes, tensor.shape, strict=False)
+        ]
+        if (
+            str(tensor.dtype) != f"torch.{dtype}"
+            or len(axes) != tensor.ndim
+            or expected != list(tensor.shape)
+        ):
+            shape = ", ".join(f"{axis} = {sizes[axis]}" for axis in axes if axis in sizes)
+            raise ValueError(
+                f"{name} has type {tensor.dtype}, shape {tuple(tensor.shape)}: expected {layout}"
+                f" with {shape or 'no axes'}"
+            )
+        if not largest(tensor) <= MAX_WEIGHT:
+            raise ValueError(f"{name} holds NaN, infinity or a number above {MAX_WEIGHT:g}")
 
 
 def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
@@ -56,12 +119,6 @@ def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]
         for name, tensor in tensors.items()
         if name.startswith(prefix)
     }
-
-
-def lazily_zero(tensor: Tensor) -> Tensor:
-    """Return a zero tensor, shaped and typed like ``tensor``; it takes memory when written."""
-    # NumPy takes zero pages from the system, which cost nothing until a write; torch writes zeros.
-    return torch.from_numpy(np.zeros(tensor.shape, tensor.numpy().dtype))
 
 
 def copied(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

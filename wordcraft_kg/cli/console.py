@@ -2,7 +2,6 @@
 
 import codecs
 import io
-import json
 import logging
 import re
 import shlex
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.artefacts import check_output_file, staged_file, write_atomically
+from wordcraft_kg.base.artefacts import check_output_file, json_text, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError, StdoutError
 from wordcraft_kg.base.escaping import code_point, for_json, for_terminal
 from wordcraft_kg.base.progress import listening
@@ -113,11 +112,11 @@ def json_line(value: Any) -> str:
 
     Characters that the encoding of stdout lacks become JSON's own escapes; the value is unchanged.
     """
-    line = for_json(json.dumps(value, ensure_ascii=False))
+    line = for_json(json_text(value))
     try:
         line.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
-        return json.dumps(value)
+        return json_text(value, ensure_ascii=True)
     return line
 
 

@@ -8,10 +8,12 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import MAX_DIM
+from wordcraft_kg.base.tensors import check_tensors
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
-from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView, check_constants
+from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -103,14 +105,19 @@ class BestPlan(BestRecipe):
         constants: Mapping[str, Tensor],
     ) -> Self:
         # Besides an intercept for each kind of pair: slope, shift and width.
-        check_constants(constants, {"curve": "values float64"}, values=KINDS + 3)
+        check_tensors(constants, {"curve": "values float64"}, values=KINDS + 3)
+        width = constants["curve"].tolist()[-1]
+        if width not in range(MAX_DIM + 1):
+            raise ValueError(
+                f"curve has the width {width}; expected a whole number up to {MAX_DIM}"
+            )
         source = super().restored(num_entities, constants)
         assert isinstance(source, cls)
-        source.register_buffer("curve", torch.zeros_like(constants["curve"]))
+        source.register_buffer("curve", constants["curve"])
         if "weights" in constants:
             sizes = {"attempts": MAX_ATTEMPTS, "features": len(FEATURES)}
-            check_constants(constants, {"weights": "attempts features float32"}, **sizes)
-            source.weigh(torch.zeros_like(constants["weights"]))
+            check_tensors(constants, {"weights": "attempts features float32"}, **sizes)
+            source.weigh(constants["weights"])
         return source
 
     def weigh(self, weights: Tensor) -> None:

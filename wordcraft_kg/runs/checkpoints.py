@@ -8,6 +8,7 @@ import hashlib
 import logging
 import re
 import shutil
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -188,4 +189,6 @@ class Checkpoints(Generic[P]):
         data = read_large_file(tensors)
         if hashlib.sha256(data).hexdigest() != record.sha256:
             raise ArtefactError(f"{tensors} is damaged: the SHA-256 differs from the record.")
-        return Checkpoint(number, read_tensors(tensors, data), record.progress)
+        # An optimiser's numbers may be larger than a model's.
+        values = read_tensors(tensors, data, largest_value=sys.float_info.max)
+        return Checkpoint(number, values, record.progress)

@@ -7,7 +7,6 @@ version. It holds the results without durations, so the same training on the sam
 same bytes. ``packs`` has the files.
 """
 
-import json
 import logging
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any, Literal
 
 from msgspec import structs
 
-from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.artefacts import json_text, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_record, as_values, parse_record
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -197,7 +196,7 @@ def _text(task: Task, figures: TaskMetrics) -> str:
         figures=values,
     )
     # Without blanks: cells are many, and are read by programs.
-    return json.dumps(as_values(cell), ensure_ascii=False, separators=(",", ":")) + "\n"
+    return json_text(as_values(cell), separators=(",", ":")) + "\n"
 
 
 def _is_here(task: Task, root: Path) -> bool:

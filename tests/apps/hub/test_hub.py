@@ -11,6 +11,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+import safetensors.torch
+import torch
 from huggingface_hub import constants
 
 import wordcraft_kg.agents.training as agents
@@ -19,6 +21,8 @@ import wordcraft_kg.models.recipes.training as recipes
 from wordcraft_kg import open_model
 from wordcraft_kg.agents.agent_folder import INPUTS
 from wordcraft_kg.apps.hub import folders
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import make_policy, save_policy
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 
@@ -286,6 +290,28 @@ def test_a_model_that_does_not_open_is_refused_though_all_hashes_agree(
 
     outcome = push_and_change(recipes_folder, changed)
     assert (outcome.code, outcome.kind, Path("new").exists()) == (1, "ArtefactError", False)
+
+
+def test_an_agent_with_fewer_rows_of_knowledge_than_entities_is_never_kept(
+    push_and_change, cross_fitted, kitchen, tmp_path
+):
+    policy, _ = make_policy(PolicyConfig(use="recipe"), kitchen, 4, scorer=cross_fitted.whole)
+    name = "constants.safetensors"
+
+    def changed(files):
+        tensors = safetensors.torch.load(files[name])
+        for part in ("vectors", "near_words", "recipes"):
+            key = f"sources.w.knowledge.{part}"
+            tensors[key] = tensors[key][:3].clamp(max=2).clone()
+        tensors["sources.w.knowledge.seen"] = torch.ones(1, 3, dtype=torch.bool)
+        files[name] = safetensors.torch.save(tensors)
+        record = json.loads(files["run.json"])
+        record["outputs"][name] = hashlib.sha256(files[name]).hexdigest()
+        files["run.json"] = json.dumps(record).encode()
+
+    outcome = push_and_change(save_policy(tmp_path / "agent", policy), changed)
+    assert (outcome.code, outcome.kind, Path("new").exists()) == (1, "ArtefactError", False)
+    assert "vectors has 3 rows; expected one for each of 80 entities" in outcome.err
 
 
 @pytest.mark.parametrize("name", ["README.md", "config.toml", "metrics.json", "run.json"])

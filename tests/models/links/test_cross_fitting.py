@@ -308,7 +308,7 @@ def set_to(name, value):
         ),
         (
             set_to("fold0.entity_real", torch.full((80, 14), torch.nan)),
-            "fold0.entity_real holds NaN",
+            "'fold0.entity_real' holds NaN",
         ),
         (drop("of_recipe"), "no assignment from recipes to folds"),
     ],

@@ -9,7 +9,6 @@ import pytest
 import torch
 from link_helpers import random_graph
 
-from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.models.scorers.kernel import (
@@ -421,11 +420,35 @@ def test_unknown_ids_are_refused_and_a_missing_goal_has_no_features():
 @pytest.mark.parametrize("name", ["recipes", "near_words"])
 def test_stored_ids_outside_the_book_are_damage(name):
     known = random_knowledge(0)
-    spoilt = known.constants()[name].clone()
-    spoilt[0, 0] = SIZE
-    changed = RecipeKnowledge(known.constants() | {name: spoilt})
-    with pytest.raises(ArtefactError, match=r"outside 0 \.\. 11"):
-        changed(*random_tables(), torch.zeros(30, dtype=torch.int64))
+    for wrong in (SIZE, -2):
+        spoilt = known.constants()[name].clone()
+        spoilt[0, 0] = wrong
+        with pytest.raises(ValueError, match=rf"{name} contains numbers outside -?\d \.\. 11"):
+            RecipeKnowledge(known.constants() | {name: spoilt})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"num_own": torch.tensor([SIZE + 1], dtype=torch.int32)}, "vectors has 12 rows"),
+        ({"vectors": torch.zeros(SIZE - 1, 4).half()}, "near_words has type .* T = 11"),
+        ({"vectors": torch.full((SIZE, 4), 2.0).half()}, "vectors holds numbers above 1"),
+        ({"seen": torch.ones(2, 3, dtype=torch.bool)}, "seen has type"),
+        ({"bias": torch.full((1,), 3e38)}, "bias holds NaN, infinity or a number above 1e"),
+        ({"recipes": torch.zeros(3, 3)}, "recipes has type torch.float32"),
+        ({"componentOf_table": torch.zeros(1, 3, 3).half()}, "_table has type"),
+    ],
+)
+def test_tensors_that_compiled_loops_could_leave_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        RecipeKnowledge(random_knowledge(0).constants() | change)
+
+
+def test_tensors_that_are_loaded_later_are_checked_as_well():
+    known = random_knowledge(0)
+    wrong = {"recipes": known.recipes + SIZE}
+    with pytest.raises(ValueError, match="recipes contains numbers outside"):
+        known.load_state_dict(known.state_dict() | wrong)
 
 
 def test_a_stack_answers_as_each_model_also_from_its_constants():

@@ -446,7 +446,7 @@ def test_embeddings_of_another_type_are_an_artefact_error(spoilt, dtype):
     path.write_bytes(
         safetensors.torch.save({**tensors, "entity_real": tensors["entity_real"].to(dtype)})
     )
-    with pytest.raises(ArtefactError, match=rf"entity_real has type {dtype}, not torch\.float32"):
+    with pytest.raises(ArtefactError, match=rf"entity_real'? has type {dtype}.*expected"):
         load_scorer(mended(folder, "model.safetensors"))
 
 

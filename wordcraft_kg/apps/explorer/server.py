@@ -1,7 +1,6 @@
 """The site as a web application."""
 
 import asyncio
-import json
 import os
 import sys
 import threading
@@ -26,6 +25,7 @@ from wordcraft_kg.apps.explorer.pages.entities import search_entities
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.apps.web.files import file_endpoint
 from wordcraft_kg.apps.web.guard import Guard
+from wordcraft_kg.base.artefacts import json_text
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.base.records import as_values
 
@@ -176,4 +176,4 @@ def end_process() -> None:
 
 
 def _json(values: Any) -> Response:
-    return Response(json.dumps(values, ensure_ascii=False), media_type="application/json")
+    return Response(json_text(values), media_type="application/json")

@@ -23,7 +23,7 @@ from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import Pair, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.named_games import name_of, tool_opening
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
-from wordcraft_kg.base.artefacts import staged_file, write_atomically
+from wordcraft_kg.base.artefacts import json_text, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.wording import counted
@@ -312,7 +312,7 @@ def write_chats(
 
     def lines() -> Iterator[str]:
         for row in rows:
-            line = json.dumps(row, ensure_ascii=False) + "\n"
+            line = json_text(row) + "\n"
             digest.update(line.encode())
             yield line
 

@@ -103,12 +103,14 @@ class AttentionPolicy(Policy):
 
     def _first_lambdas(self) -> Tensor:
         """Return the mixing weights λ with which training begins, shape (S,)."""
+        # On the CPU, also where a policy is made without memory: they are not in its files.
         if not self._looks_ahead:
-            return torch.ones(len(self.labels))
+            return torch.ones(len(self.labels), device="cpu")
         # Start as the planner alone: the other sources value one pair only, and would lead away
         # from plans of several attempts.
         ahead = [source.label for source in self.sources.values() if source.reads_attempts]
-        return torch.tensor([AHEAD if label in ahead else 0.0 for label in self.labels])
+        lambdas = [AHEAD if label in ahead else 0.0 for label in self.labels]
+        return torch.tensor(lambdas, device="cpu")
 
     @torch.no_grad()
     def _set_first_lambdas(self) -> None:

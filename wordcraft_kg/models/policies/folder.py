@@ -8,21 +8,23 @@ once at the start; trained parameters in ``policy.safetensors``.
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
+import msgspec
 import safetensors.torch
 import torch
 from torch import Tensor
 
 from wordcraft_kg.base.artefacts import (
     dump_json,
-    read_json,
     staged_folder,
     with_a_name,
     write_atomically,
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, reason
 from wordcraft_kg.base.feature_spec import LEARNED
-from wordcraft_kg.base.tensors import copied, read_tensors, with_prefix
+from wordcraft_kg.base.records import Count, Record, as_values, read_record
+from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -40,8 +42,29 @@ from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import end_run, read_finished_run, start_run
 
-_POLICY_FORMAT = "wordcraft-kg policy 1"
 _POLICY_FILES = ("policy.json", "constants.safetensors", "policy.safetensors")
+
+
+class _Description(Record, frozen=True, kw_only=True):
+    """The file ``policy.json``: what the tensors are.
+
+    Attributes:
+        format: name and version of the file format.
+        graph: content hash of the recipe graph.
+        entities: labels in id order.
+        settings: of :class:`~wordcraft_kg.models.policies.config.PolicyConfig`, by name.
+        sources: short names of the sources in mixing order; none without a scorer.
+        num_slots: slots of an mlp; None for other policies.
+        dim: length of entity vectors; 0 for one-hot vectors.
+    """
+
+    format: Literal["wordcraft-kg policy 1"] = "wordcraft-kg policy 1"
+    graph: str
+    entities: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    settings: dict[str, Any]
+    sources: tuple[str, ...]
+    num_slots: Count | None
+    dim: Count
 
 
 def make_policy(
@@ -126,27 +149,40 @@ def write_constants(folder: Path, policy: Policy) -> None:
     """Write a policy's untrained parts (features, scores), which training never changes.
 
     The files are ``policy.json``, with the settings, and ``constants.safetensors``.
+
+    Raises:
+        ConfigError: if a number is not finite, or too large to be read again.
     """
-    description = {
-        "format": _POLICY_FORMAT,
-        "graph": policy.graph_hash,
-        "entities": policy.entities,
-        "settings": asdict(policy.config),
-        "sources": list(policy.sources),
-        "num_slots": policy.num_slots if isinstance(policy, MLPPolicy) else None,
-        "dim": 0 if policy.vectors.is_one_hot else policy.vectors.dim,
-    }
+    description = _Description(
+        graph=policy.graph_hash,
+        entities=policy.entities,
+        settings=asdict(policy.config),
+        sources=tuple(policy.sources),
+        num_slots=policy.num_slots if isinstance(policy, MLPPolicy) else None,
+        dim=0 if policy.vectors.is_one_hot else policy.vectors.dim,
+    )
     # Everything that is not a parameter: buffers of vectors and sources.
     constants = {name: tensor.cpu().contiguous() for name, tensor in policy.state_dict().items()}
     for name, _ in policy.named_parameters():
         del constants[name]
+    _check_numbers(constants)
     # Sources of one scorer may share tensors, such as w and p the words; the file has a copy each.
     owners: dict[int, str] = {}
     for name, tensor in constants.items():
         if owners.setdefault(tensor.data_ptr(), name) != name:
             constants[name] = tensor.clone()
     write_atomically(folder / "constants.safetensors", safetensors.torch.save(constants))
-    write_atomically(folder / "policy.json", dump_json(description))
+    write_atomically(folder / "policy.json", dump_json(as_values(description)))
+
+
+def _check_numbers(tensors: Mapping[str, Tensor]) -> None:
+    """Raise ConfigError for numbers that :func:`read_policy` refuses."""
+    for name, tensor in tensors.items():
+        if not largest(tensor) <= MAX_WEIGHT:
+            raise ConfigError(
+                f"the policy's {name} has numbers that are not finite, or above {MAX_WEIGHT:g}; "
+                "expected smaller ones. Train with a smaller `learning_rate` or smaller scores."
+            )
 
 
 def write_parameters(folder: Path, policy: Policy) -> None:
@@ -173,34 +209,44 @@ def read_policy(
     Raises:
         ArtefactError: if the files do not fit each other.
     """
-    description = read_json(folder / "policy.json")
+    description = read_record(folder / "policy.json", _Description)
     tensors = read_tensors(folder / "constants.safetensors", constants)
+    entities = description.entities
+    size = len(entities)
     try:
-        if description["format"] != _POLICY_FORMAT:
-            raise ValueError(f"unknown format {description['format']!r}")
-        config = PolicyConfig(**description["settings"])
-        size = len(description["entities"])
-        dim = description["dim"]
-        is_learned = config.features == LEARNED
-        with torch.random.fork_rng(devices=[]):  # modules draw parameters, which are replaced below
-            # Zeros stand for vectors that are loaded below; only shapes matter here.
+        if len(set(entities)) < size:
+            raise ValueError("a label occurs twice among the entities")
+        config = PolicyConfig(**description.settings)
+        num_slots = description.num_slots
+        if config.policy == "mlp" and not num_slots:
+            raise ValueError(f"an mlp with `num_slots` {num_slots}; expected 1 or more")
+        if description.sources not in ((), config.sources):
+            raise ValueError(f"sources {description.sources}, settings for {config.sources}")
+        # From the files' own tensors, which they check.
+        sources = [
+            source_class(name).restored(size, with_prefix(tensors, f"sources.{name}."))
+            for name in description.sources
+        ]
+        # Modules without memory, whatever sizes the description names: only shapes matter here.
+        with torch.device("meta"):
+            is_learned = config.features == LEARNED
+            dim = description.dim
             constant = torch.zeros(size, dim) if dim and not is_learned else None
             vectors = EntityVectors(size, constant, learned_dim=dim if is_learned else 0)
-            sources = [
-                source_class(name).restored(size, with_prefix(tensors, f"sources.{name}."))
-                for name in description["sources"]
-            ]
-            policy = _policy(config, vectors, description["num_slots"], sources)
-        weights = {**tensors, **parameters}
+            policy = _policy(config, vectors, num_slots or 0, sources)
+        # Constants, which have been checked, come before parameters of the same name.
+        weights = {**parameters, **tensors}
         for name, tensor in policy.state_dict().items():
             # load_state_dict would convert another type in silence.
             if name in weights and weights[name].dtype != tensor.dtype:
                 raise ValueError(f"{name} has type {weights[name].dtype}, not {tensor.dtype}")
+        # In a checkpoint, other numbers may be larger.
+        _check_numbers(parameters)
         # Assigned, not copied: the tensors may be large.
         policy.load_state_dict(weights, assign=True)
         share_lists(policy.sources.values())
-        policy.entities = tuple(description["entities"])
-        policy.graph_hash = description["graph"]
+        policy.entities = entities
+        policy.graph_hash = description.graph
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ArtefactError(
             f"{folder / 'policy.json'} and the weights do not make a policy ({reason(error)}). "
@@ -227,7 +273,8 @@ def save_policy(
 
     Raises:
         OutputExistsError: if ``folder`` exists and ``force`` is False.
-        ConfigError: if the policy has no entity labels, or a parameter is not finite.
+        ConfigError: if the policy has no entity labels, or one of its numbers is not finite
+            or too large.
 
     Example:
         >>> policy = load_policy("runs/kitchen")
@@ -236,8 +283,7 @@ def save_policy(
     """
     if not policy.entities:
         raise ConfigError("the policy has no `entities`: use make_policy or load_policy.")
-    if not all(torch.isfinite(parameter).all() for parameter in policy.parameters()):
-        raise ConfigError("some policy parameters are not finite numbers. Nothing was written.")
+    _check_numbers(dict(policy.named_parameters()))
     # Written into a folder beside, which takes the place of the old one at the end.
     out = with_a_name(Path(folder))
     with staged_folder(out, force=force) as staging:

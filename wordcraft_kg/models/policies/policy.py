@@ -6,7 +6,7 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.base.errors import UnknownEntityError
+from wordcraft_kg.base.errors import ArtefactError, UnknownEntityError
 from wordcraft_kg.base.settings import nearest, refuse
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -294,6 +294,7 @@ class Policy(nn.Module):
             UnknownEntityError: for a label or id that the policy does not know, with the nearest
                 labels.
             ConfigError: if the table is empty, or has other slots than an mlp was made for.
+            ArtefactError: if the policy's numbers overflow.
         """
         if all(entity is None for entity in table):
             raise refuse("table", list(table), "at least an entity")
@@ -308,7 +309,7 @@ class Policy(nn.Module):
         attempts = Attempts(batch(attempts_left))
         states = States(batch(goal_id), batch(selection_id), batch(slots), attempts=attempts)
         # On the CPU, where the generator is: the same slot on every device.
-        probabilities = torch.softmax(self(states).logits[0], dim=0).cpu()
+        probabilities = torch.softmax(checked_logits(self(states).logits)[0], dim=0).cpu()
         if generator is None:
             slot = int(probabilities.argmax())
         else:
@@ -334,6 +335,20 @@ class Policy(nn.Module):
                 f"the policy has no entity {entity}; expected 0 .. {self.num_entities - 1}."
             )
         return int(entity)
+
+
+def checked_logits(logits: Tensor) -> Tensor:
+    """Return logits (B, A), after a check that they are not NaN or infinite.
+
+    Raises:
+        ArtefactError: if a policy has such large weights that its numbers overflow.
+    """
+    if not bool((logits.amax(1) < torch.inf).all()):
+        raise ArtefactError(
+            "the policy's logits are not finite: its weights, or the scores that it mixes, are too "
+            "large. Train again, or restore a copy."
+        )
+    return logits
 
 
 def log_policy(logits: Tensor) -> Tensor:

@@ -34,7 +34,7 @@ from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
 from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
-from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge, num_features
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
@@ -45,6 +45,7 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     pairs_of,
 )
 from wordcraft_kg.models.scorers.neighbours.results import propose_results
+from wordcraft_kg.models.scorers.neighbours.stored import num_features
 from wordcraft_kg.models.scorers.ranker import Ranker
 
 TABLES = (8, 2)

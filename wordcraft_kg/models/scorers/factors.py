@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from wordcraft_kg.base.tensors import check_tensors
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer, check_shapes
+from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 
 
 class TableScorer(StoredScorer):
@@ -40,7 +41,9 @@ class TableScorer(StoredScorer):
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        check_shapes(tensors, {"scores": (len(RELATIONS), size, size)})
+        check_tensors(
+            tensors, {"scores": "relations E E float32"}, relations=len(RELATIONS), E=size
+        )
 
     @classmethod
     def restored(  # noqa: D102 - inherited
@@ -141,14 +144,13 @@ class ComplExScorer(StoredScorer):
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        dim = tensors["entity_real"].shape[-1]
-        expected = {
-            "entity_real": (size, dim),
-            "entity_imag": (size, dim),
-            "relation_real": (len(RELATIONS), dim),
-            "relation_imag": (len(RELATIONS), dim),
+        layouts = {
+            "entity_real": "E dim float32",
+            "entity_imag": "E dim float32",
+            "relation_real": "relations dim float32",
+            "relation_imag": "relations dim float32",
         }
-        check_shapes(tensors, expected)
+        check_tensors(tensors, layouts, relations=len(RELATIONS), E=size)
 
     def tensors(self) -> dict[str, Tensor]:  # noqa: D102 - inherited
         return {

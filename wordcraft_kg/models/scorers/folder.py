@@ -18,7 +18,7 @@ from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, reason
 from wordcraft_kg.base.records import Record, as_values
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.tensors import copied, with_prefix
+from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -270,8 +270,11 @@ def stored(scorer: TripleScorer) -> StoredScorer:
             "without a table."
         )
     # A NaN would make every rank wrong, and no error would say so.
-    if not all(torch.isfinite(tensor).all() for tensor in result.tensors().values()):
-        raise ConfigError("some scores are not finite numbers. Nothing was written.")
+    if not all(largest(tensor) <= MAX_WEIGHT for tensor in result.tensors().values()):
+        raise ConfigError(
+            f"some scores are not finite, or above {MAX_WEIGHT:g}. Nothing was written. Divide the "
+            "scores by a number."
+        )
     return result
 
 

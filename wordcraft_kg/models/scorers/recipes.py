@@ -8,23 +8,14 @@ from torch import Tensor
 
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.scorers.config import has_table
 from wordcraft_kg.models.scorers.factors import grids
-from wordcraft_kg.models.scorers.neighbours.knowledge import (
-    LINK_FEATURES,
-    LINK_TABLES,
-    RESULT_RANKER,
-    WITH_ENCODER,
-    RecipeKnowledge,
-    Support,
-    num_features,
-    stored_names,
-)
-from wordcraft_kg.models.scorers.neighbours.pair_encoder import encoder_shapes
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge, Support
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
+from wordcraft_kg.models.scorers.neighbours.stored import check_stored
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
+from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
 _ROWS = 4_096
 """Recipes scored at once."""
@@ -35,13 +26,6 @@ With 800,000, all scores of a pair would take half a minute.
 """
 _MANY = 8
 """With more links than a share of 1 / 8, all links are scored, which is faster, and kept."""
-_DTYPES = {
-    "vectors": torch.half,
-    **dict.fromkeys(("num_own", "near_words", "recipes"), torch.int32),
-    "seen": torch.bool,
-    **dict.fromkeys((*LINK_TABLES, "encoder_used", "encoder_made"), torch.half),
-}
-"""Stored tensor types, where not float32."""
 
 
 class Witness(Record):
@@ -158,7 +142,6 @@ class RecipeScorer(StoredScorer):
                 range.
         """
         super().__init__(entities, graph_hash, **kwargs)
-        self.check(tensors, len(self.entities))
         knowledge = RecipeKnowledge(tensors, len(self.entities))
         self.knowledge = knowledge.to(self.device).requires_grad_(False)
         self._tables: dict[int, Tensor] = {}
@@ -333,52 +316,4 @@ class RecipeScorer(StoredScorer):
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        hidden = tensors["first"].shape[-1] if tensors["first"].ndim else 0
-        num_recipes = len(tensors["recipes"])
-        # Entities of other books come after the scorer's own.
-        every = max(size, len(tensors["vectors"]))
-        names = stored_names(tensors)
-        has_encoder = names == WITH_ENCODER
-        of_pairs = num_features(has_encoder=has_encoder)
-        shapes: dict[str, tuple[int, ...]] = {
-            "num_own": (1,),
-            "vectors": (every, tensors["vectors"].shape[-1]),
-            "near_words": (every, tensors["near_words"].shape[-1]),
-            "recipes": (num_recipes, 3),
-            "seen": (1, num_recipes),
-            "first": (1, of_pairs, hidden),
-            "first_bias": (1, hidden),
-            "second": (1, hidden),
-            "bias": (1,),
-        }
-        for number, relation in enumerate(RELATIONS):
-            first = tensors[f"{relation}_first"]
-            width = first.shape[-1] if first.ndim else 0
-            shapes |= {
-                f"{relation}_first": (1, len(LINK_FEATURES[number]), width),
-                f"{relation}_first_bias": (1, width),
-                f"{relation}_second": (1, width),
-                f"{relation}_bias": (1,),
-            }
-            # A table of link scores, or none.
-            has_table = tensors[f"{relation}_table"].numel() > 0
-            side = size if has_table else 0
-            shapes[f"{relation}_table"] = (1, side, side)
-        if has_encoder:
-            shapes |= encoder_shapes(tensors, every, tensors["vectors"].shape[-1])
-            first = tensors["results_first"]
-            width = first.shape[-1] if first.ndim else 0
-            of_ranker = ((1, of_pairs, width), (1, width), (1, width), (1,))
-            shapes |= dict(zip(RESULT_RANKER, of_ranker, strict=True))
-        assert {*shapes} == {*names}
-        check_shapes(tensors, shapes, _DTYPES)
-        for name in shapes:
-            tensor = tensors[name]
-            if tensor.dtype.is_floating_point and not bool(torch.isfinite(tensor).all()):
-                raise ValueError(f"{name} contains numbers that are not finite")
-        if int(tensors["num_own"]) != size:
-            raise ValueError(f"num_own is {int(tensors['num_own'])}, the vocabulary has {size}")
-        # Compiled loops index by ids without checks.
-        check_ids("recipes", tensors["recipes"], every - 1)
-        # -1 ends a list.
-        check_ids("near_words", tensors["near_words"] + 1, every)
+        check_stored(tensors, size, 1)

@@ -221,55 +221,9 @@ class StoredScorer(Scorer):
         return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
 
 
-def check_shapes(
-    tensors: Mapping[str, Tensor],
-    expected: Mapping[str, tuple[int, ...]],
-    dtypes: Mapping[str, torch.dtype] = {},
-) -> None:
-    """Check that tensors from a file have the shapes and types that the vocabulary needs.
-
-    Args:
-        tensors: tensors by name; further tensors are ignored.
-        expected: shapes of the needed tensors, by name.
-        dtypes: types by name; float32 for all others.
-
-    Raises:
-        KeyError: if a tensor is missing.
-        ValueError: if a tensor has another shape or type.
-    """
-    for name, shape in expected.items():
-        tensor = tensors[name]
-        dtype = dtypes.get(name, torch.float32)
-        if tensor.dtype != dtype:
-            raise ValueError(f"{name} has type {tensor.dtype}, not {dtype}")
-        if tensor.shape != shape:
-            raise ValueError(
-                f"{name} has shape {tuple(tensor.shape)}, the vocabulary needs {shape}"
-            )
-
-
-def check_ids(name: str, ids: Tensor, high: int) -> None:
-    """Check that ids from a file can index something.
-
-    Args:
-        name: the tensor's name, for the error.
-        ids: integers of any shape; an empty tensor passes.
-        high: largest valid id; the smallest is 0.
-
-    Raises:
-        ValueError: if an id is outside 0 .. ``high``.
-    """
-    if not _are_within(ids, high):
-        raise ValueError(f"{name} contains numbers outside 0 .. {high}")
-
-
 def _check_range(ids: Tensor, size: int, what: str) -> None:
-    if not _are_within(ids, size - 1):
+    # Negative ids are refused too: they would index from the end without an error.
+    if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) < size:
         raise UnknownEntityError(
             f"{what} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}."
         )
-
-
-def _are_within(ids: Tensor, high: int) -> bool:
-    # Negative ids are refused too: they would index from the end without an error.
-    return not ids.numel() or 0 <= int(ids.min()) <= int(ids.max()) <= high

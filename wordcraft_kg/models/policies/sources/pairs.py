@@ -8,16 +8,15 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor
 
-from wordcraft_kg.base.tensors import lazily_zero, with_prefix
+from wordcraft_kg.base.tensors import check_tensors, with_prefix
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources import U, V
-from wordcraft_kg.models.policies.sources.knowledge import empty_knowledge, knowledge_of_models
+from wordcraft_kg.models.policies.sources.knowledge import knowledge_of_models
 from wordcraft_kg.models.policies.sources.source import (
     FoldedSource,
     KeptScores,
     Rows,
     ScoreView,
-    check_constants,
 )
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import SelfEdges
@@ -32,7 +31,7 @@ from wordcraft_kg.models.scorers.scales import (
     scaled_table,
 )
 
-# Axis names and types of the buffers, for `check_constants`; N is E + 1.
+# Axis names and types of the buffers, for `check_tensors`; N is E + 1.
 _TABLE = {"scores": "N N float32"}
 _FACTORS = {
     "left": "N m float32",
@@ -159,13 +158,13 @@ class PairSource(FoldedSource):
         # an empty model needs no lists.
         if folds is not None:
             layouts = {name: f"models {layout}" for name, layout in layouts.items()}
-        check_constants(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)
+        check_tensors(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)
+        _check_scaling(constants)
         of_links = with_prefix(constants, _KNOWLEDGE)
         knowledge = None
         if of_links:
-            knowledge = empty_knowledge(of_links, num_entities, (folds or 0) + 1)
-        zeros = {name: lazily_zero(tensor) for name, tensor in constants.items()}
-        return cls(num_entities, zeros, knowledge)
+            knowledge = RecipeKnowledge(of_links, num_entities, (folds or 0) + 1)
+        return cls(num_entities, constants, knowledge)
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
@@ -318,6 +317,24 @@ def _layouts(constants: Mapping[str, Tensor]) -> dict[str, str]:
         return _TABLE
     of_kind = _FACTORS if "left" in constants else _LINKS
     return of_kind | _RANKS if "knots" in constants else of_kind
+
+
+def _check_scaling(constants: Mapping[str, Tensor]) -> None:
+    """Check saved numbers by which scores are divided, or among which they are looked up.
+
+    Raises:
+        ValueError: if a deviation is not positive, or knots are too few or not ascending.
+    """
+    if "deviation" in constants:
+        deviations = constants["deviation"].flatten()
+        # The last of several models is the empty one, whose scores are not used.
+        used = deviations[:-1] if len(deviations) > 1 else deviations
+        if not bool((used > 0).all()):
+            raise ValueError("deviation holds a number that is not positive")
+    if "knots" in constants:
+        knots = constants["knots"]
+        if knots.shape[-1] < 2 or bool((knots.diff() < 0).any()):
+            raise ValueError("knots are not two or more numbers in ascending order")
 
 
 def _without_each_fold(

@@ -6,9 +6,9 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.tensors import lazily_zero, with_prefix
+from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.sources.knowledge import empty_knowledge, knowledge_of_models
+from wordcraft_kg.models.policies.sources.knowledge import knowledge_of_models
 from wordcraft_kg.models.policies.sources.source import (
     Evidence,
     FoldedSource,
@@ -80,11 +80,8 @@ class BestRecipe(FoldedSource):
         cls, num_entities: int, constants: Mapping[str, Tensor]
     ) -> Source:
         models = (cls.num_folds(constants) or 0) + 1
-        knowledge = empty_knowledge(with_prefix(constants, "knowledge."), num_entities, models)
-        of_recipe = constants.get("fold_of_recipe")
-        if of_recipe is not None:
-            of_recipe = lazily_zero(of_recipe)
-        return cls(num_entities, knowledge, of_recipe)
+        knowledge = RecipeKnowledge(with_prefix(constants, "knowledge."), num_entities, models)
+        return cls(num_entities, knowledge, constants.get("fold_of_recipe"))
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
+from wordcraft_kg.base.tensors import check_tensors
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import Label
@@ -223,7 +224,7 @@ class Source(nn.Module, ABC):
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Source":
-        """Return a source whose buffers have the saved shapes, before values are loaded.
+        """Return a source of saved buffers; their values are loaded once more afterwards.
 
         Args:
             num_entities: E.
@@ -231,7 +232,7 @@ class Source(nn.Module, ABC):
 
         Raises:
             KeyError: if a buffer is missing.
-            ValueError: if a buffer has an unexpected type or shape.
+            ValueError: if a buffer has an unexpected type or shape, or holds a number out of range.
         """
         return cls(num_entities)
 
@@ -279,40 +280,6 @@ class Source(nn.Module, ABC):
             slots whose score this source cannot justify by recipes. By default None everywhere.
         """
         return (None,) * states.table.shape[1]
-
-
-def check_constants(
-    constants: Mapping[str, Tensor],
-    layouts: Mapping[str, str],
-    **sizes: int,
-) -> None:
-    """Check types and shapes of a source's saved tensors, which may come from a damaged folder.
-
-    Args:
-        constants: tensors by name.
-        layouts: each expected tensor's axis names, then its type, such as ``N N float32``. Axes
-            with the same name have the same size, also across tensors.
-        **sizes: known sizes by axis name; the first tensor with another axis sets the axis's size.
-
-    Raises:
-        KeyError: if a tensor is missing.
-        ValueError: if a type or shape is wrong.
-    """
-    for name, layout in layouts.items():
-        *axes, dtype = layout.split()
-        tensor = constants[name]
-        # With too few or too many axes, the comparison of `ndim` below fails.
-        expected = [
-            sizes.setdefault(axis, size) for axis, size in zip(axes, tensor.shape, strict=False)
-        ]
-        if (
-            str(tensor.dtype) != f"torch.{dtype}"
-            or len(axes) != tensor.ndim
-            or expected != list(tensor.shape)
-        ):
-            raise ValueError(
-                f"{name} has type {tensor.dtype}, shape {tuple(tensor.shape)}: expected {layout}"
-            )
 
 
 class Evidence(NamedTuple):
@@ -364,14 +331,19 @@ class FoldedSource(Source):
         """Return the number of left-out folds in saved buffers; None for a single model.
 
         Raises:
-            ValueError: if the saved folds have an unexpected type or shape.
+            ValueError: if the saved folds have an unexpected type or shape, or a number below -1.
         """
         if "fold_of_recipe" not in constants:
             return None
-        check_constants(constants, {"fold_of_recipe": "recipes int64"})
+        check_tensors(constants, {"fold_of_recipe": "recipes int64"})
         of_recipe = constants["fold_of_recipe"]
-        # Recipes outside train have the number -1. Without tasks there were no models of folds.
-        return int(of_recipe.max()) + 1 if len(of_recipe) else None
+        # Without tasks there were no models of folds.
+        if not len(of_recipe):
+            return None
+        # Recipes outside train have the number -1.
+        if int(of_recipe.min()) < -1:
+            raise ValueError(f"fold_of_recipe has the number {int(of_recipe.min())}")
+        return int(of_recipe.max()) + 1
 
     @staticmethod
     def fold_numbers(scorer: TripleScorer, view: ScoreView) -> Tensor | None:

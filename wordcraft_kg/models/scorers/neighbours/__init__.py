@@ -51,6 +51,9 @@ further features; :mod:`.results` proposes results of a pair by both.
 With lists as long as the book nothing is approximate but the pruning: tests compare features with
 full tables.
 
+Compiled loops check no bounds: :mod:`.stored` says what they rely on, and checks stored tensors for
+it whenever knowledge is made.
+
 Read :mod:`.pair_features` and :mod:`.feature_loops` for the features of tables, :mod:`.link_rows`
 for those of links, :mod:`.similar` for k. Links are followed from an entity to all others, and
 above 50,000 entities links to some candidates are computed one by one. Loops that make lists and

@@ -1,14 +1,25 @@
 """Compilation of inner loops by numba, once for each machine.
 
+The machine code on the disk is checked by hashes before it runs: a file that is empty, cut or
+garbled, as after a power failure, is made again.
+
 A loop that is called for each pair takes the arrays that it reads, not all lists: a call copies
 each array's address and shape, and for 30 arrays that takes longer than the work of a short loop.
 """
 
+import hashlib
+import logging
+import pickle
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
+_log = logging.getLogger(__name__)
 F = TypeVar("F", bound=Callable[..., Any])
 
 _SUMS_IN_ANY_ORDER = {"reassoc", "contract", "nsz", "arcp"}
@@ -45,9 +56,69 @@ def compiled(function: F) -> F:
 
 
 def _compiled(function: F, options: dict[str, Any]) -> F:
-    try:
-        made = numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # no folder for the machine code
-        made = numba.njit(**options)(function)
+    made = numba.njit(**options)(function)
+    with suppress(RuntimeError):  # no folder for the machine code
+        # As `cache=True` does, with files that are checked.
+        made._cache = _Cache(function)
     result: F = made
     return result
+
+
+class _Files(IndexDataCacheFile):
+    """Files that end with the hash of their content, which is compared when they are read."""
+
+    def _dump(self, value: Any) -> bytes:
+        data: bytes = super()._dump(value)
+        # Behind the end of the pickle, where its reader stops.
+        return data + hashlib.sha256(data).digest()
+
+    def _load_index(self) -> Any:
+        if Path(self._index_path).exists():
+            # The index begins with the version of numba, which is no part of the hashed content.
+            _check(self._index_path, pickle.dumps(self._version, protocol=-1))
+        return super()._load_index()
+
+    def _load_data(self, name: str) -> Any:
+        _check(self._data_path(name))
+        return super()._load_data(name)
+
+
+def _check(path: str, start: bytes = b"") -> None:
+    content = Path(path).read_bytes().removeprefix(start)
+    length = hashlib.sha256().digest_size
+    if hashlib.sha256(content[:-length]).digest() != content[-length:]:
+        raise ValueError(f"{path} differs from its hash")
+
+
+class _Cache(FunctionCache):
+    """The machine code of a function on the disk; what cannot be read is compiled again."""
+
+    def __init__(self, function: Callable[..., Any]):
+        super().__init__(function)
+        # Names of their own: other files of this function have no hash.
+        self._cache_file = _Files(
+            cache_path=self._cache_path,
+            filename_base=f"{self._impl.filename_base}.hashed-{numba.__version__}",
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
+
+    def load_overload(self, *arguments: Any) -> Any:
+        try:
+            return super().load_overload(*arguments)
+        # Reading a pickle may raise anything, as where it names a class that has another name now.
+        except Exception as error:
+            _say(self._cache_path)
+            _log.debug("%s", error)
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, *arguments: Any) -> None:
+        # Without files, as where they are damaged and cannot be replaced, each process compiles.
+        with suppress(OSError, ValueError):
+            super().save_overload(*arguments)
+
+
+@cache
+def _say(folder: str) -> None:
+    _log.warning("damaged machine code in %s is compiled again, which takes some seconds", folder)

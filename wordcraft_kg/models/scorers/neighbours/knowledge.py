@@ -1,7 +1,7 @@
 """Recipe knowledge by neighbour lists: scores of pairs and links, and what supports them."""
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
@@ -12,16 +12,10 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 
-from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids, recipe_keys
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scorers.neighbours.link_rows import (
-    CELLS,
-    OF_COMBINES,
-    OF_COMPONENTS,
-    LinkRows,
-)
+from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import ENCODER, PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
@@ -32,49 +26,28 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     pairs_of,
     square_of,
 )
+from wordcraft_kg.models.scorers.neighbours.stored import (
+    LINK_FEATURES,
+    LINK_RANKERS,
+    LINK_TABLES,
+    RESULT_RANKER,
+    WITH_ENCODER,
+    check_stored,
+    num_features,
+    stored_names,
+)
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 _ROWS = 64
 """Fewest tables for a thread: starting it takes as long as a few tables."""
 _BLOCK = 32
 """Most tables that a thread takes at once: few, so that all threads end at about the same time."""
-LINK_FEATURES = {COMBINES_WITH: OF_COMBINES, COMPONENT_OF: OF_COMPONENTS}
-"""Features of links by relation."""
-LINK_RANKERS = tuple(f"{relation}_{name}" for relation in RELATIONS for name in RANKER)
-"""Names of the link rankers' weights."""
-LINK_TABLES = tuple(f"{relation}_table" for relation in RELATIONS)
-"""Names of the tables of link scores."""
 _TOGETHER = 256
 """Entities whose links are scored together."""
 _FEW = 4
 """With more links of an entity than a share of 1 / 4, all its links are scored: that is faster."""
-BUFFERS = (
-    "num_own",
-    "vectors",
-    "near_words",
-    "recipes",
-    "seen",
-    *RANKER,
-    *LINK_RANKERS,
-    *LINK_TABLES,
-)
-"""Names of the stored tensors."""
-RESULT_RANKER = tuple(f"results_{name}" for name in RANKER)
-"""Names of the weights of the ranker of results, see :mod:`.results`."""
-WITH_ENCODER = (*BUFFERS, *ENCODER, *RESULT_RANKER)
-"""Names of the stored tensors of a model with a pair encoder."""
 LEAST_SHARE = 0.01
 """Smallest evidence share of a supporting recipe that counts as a reason."""
-
-
-def stored_names(constants: Collection[str]) -> tuple[str, ...]:
-    """Return the names that a model's tensors must have: more if any is that of an encoder."""
-    return BUFFERS if set(constants).isdisjoint((*ENCODER, *RESULT_RANKER)) else WITH_ENCODER
-
-
-def num_features(*, has_encoder: bool) -> int:
-    """Return the number of features of a pair and a goal."""
-    return len(FEATURES) + (len(OF_ENCODER) if has_encoder else 0)
 
 
 class Support(NamedTuple):
@@ -112,10 +85,10 @@ class RecipeKnowledge(nn.Module):
         workers: most threads that compute features, whose number never changes a bit; None for as
             many as torch uses.
 
-    The link rankers' weights are buffers with the names in :data:`LINK_RANKERS`, shaped as those of
-    the recipe rankers. Where links have features from outside the recipes, tables of their scores
-    stand for the rankers: buffers with the names in :data:`LINK_TABLES`, shape (M, E, E), half, row
-    = head; (M, 0, 0) elsewhere.
+    The link rankers' weights are buffers with the names in :data:`~.stored.LINK_RANKERS`, shaped as
+    those of the recipe rankers. Where links have features from outside the recipes, tables of their
+    scores stand for the rankers: buffers with the names in :data:`~.stored.LINK_TABLES`, shape (M,
+    E, E), half, row = head; (M, 0, 0) elsewhere.
     """
 
     num_entities: int
@@ -130,23 +103,36 @@ class RecipeKnowledge(nn.Module):
     seen: Tensor
     results_second: Tensor
 
-    def __init__(self, constants: Mapping[str, Tensor], num_entities: int | None = None):
-        """Take the tensors in :data:`BUFFERS` by name.
+    def __init__(
+        self,
+        constants: Mapping[str, Tensor],
+        num_entities: int | None = None,
+        num_models: int | None = None,
+    ):
+        """Take the tensors in :data:`~.stored.BUFFERS` by name, on which all loops rely.
 
         Args:
-            constants: the tensors.
-            num_entities: E; None for all T.
+            constants: the tensors, perhaps from a damaged file.
+            num_entities: E, which the tensors must agree with; None for the stored number.
+            num_models: M likewise.
+
+        Raises:
+            KeyError: if a tensor is missing.
+            ValueError: if a tensor does not fit, see :func:`~.stored.check_stored`.
         """
         super().__init__()
         self.workers: int | None = None
+        if num_entities is None:
+            num_entities = int(constants["num_own"].sum())
+        check_stored(constants, num_entities, num_models)
+        self.num_entities = num_entities
         self._names = stored_names(constants)
         for name in self._names:
             self.register_buffer(name, constants[name])
         self.has_encoder = self._names == WITH_ENCODER
-        self.num_entities = len(self.vectors) if num_entities is None else num_entities
         self._lists: dict[int, Lists] = {}
         self._link_rows: dict[int, LinkRows] = {}
-        self.register_load_state_dict_post_hook(_forget)
+        self.register_load_state_dict_post_hook(_renew)
 
     @classmethod
     def of_recipes(
@@ -218,7 +204,7 @@ class RecipeKnowledge(nn.Module):
         for name in names:
             of_models = [getattr(model, name) for model in models]
             constants[name] = torch.cat(of_models)
-        stack = cls(constants, models[0].num_entities)
+        stack = cls(constants)
         # Lists that are made already serve the stack, too.
         first = 0
         for model in models:
@@ -239,7 +225,7 @@ class RecipeKnowledge(nn.Module):
         for number, table in tables.items():
             # With a first axis for the single model.
             named[f"{RELATIONS[number]}_table"] = table.half()[None]
-        return type(self)(self.constants() | named, self.num_entities)
+        return type(self)(self.constants() | named)
 
     def of_entities(self, own: Tensor) -> Self:
         """Return the knowledge about the entities ``own``, ids (n,), which get the ids from 0.
@@ -270,28 +256,14 @@ class RecipeKnowledge(nn.Module):
             if table.numel():
                 own_rows = table[:, own]
                 changed[name] = own_rows[:, :, own]
-        return type(self)(self.constants() | changed, len(own))
+        return type(self)(self.constants() | changed)
 
     def lists(self, model: int = 0) -> Lists:
-        """Return a model's lists; made at the first call by one thread, so that none differ.
-
-        Raises:
-            ArtefactError: if stored recipes or words name entities that are not there.
-        """
+        """Return a model's lists; made at the first call by one thread, so that none differ."""
         if model not in self._lists:
             of_model = self.recipes[self.seen[model]]
             recipes = of_model.cpu().numpy().astype(np.int64)
             near_words = self.near_words.cpu().numpy()
-            # An agent's folder may come from anywhere, and compiled loops check no bounds.
-            size = len(self.vectors)
-            are_ids = 0 <= recipes.min(initial=0) <= recipes.max(initial=0) < size
-            # -1 ends a list.
-            are_near = -1 <= near_words.min(initial=-1) <= near_words.max(initial=-1) < size
-            if not are_ids or not are_near:
-                raise ArtefactError(
-                    f"the stored knowledge names entities outside 0 .. {size - 1}. Train again, or "
-                    "restore a copy."
-                )
             others = list(self._lists.values())
             # All models have the same words: their lists share one copy.
             vectors = others[0].vectors if others else self.vectors.float().cpu().numpy()
@@ -332,7 +304,6 @@ class RecipeKnowledge(nn.Module):
 
         Raises:
             IndexError: for an entity id out of range.
-            ArtefactError: if stored recipes or words name entities that are not there.
         """
         # Compiled loops are imported late: numba takes as long to import as all the rest.
         from wordcraft_kg.models.scorers.neighbours import feature_loops
@@ -340,8 +311,8 @@ class RecipeKnowledge(nn.Module):
         first, second = pairs or pairs_of(table.shape[1], table.device)
         one = first.cpu().numpy()
         other = second.cpu().numpy()
-        goals = self._ids(goal)
-        tables = self._ids(table)
+        goals = self.ids(goal)
+        tables = self.ids(table)
         of_slots = np.zeros((*tables.shape, feature_loops.OF_SLOTS), dtype=np.float32)
         shape = (len(goals), len(one), feature_loops.OF_PAIRS)
         of_pairs = np.zeros(shape, dtype=np.float32)
@@ -432,14 +403,13 @@ class RecipeKnowledge(nn.Module):
 
         Raises:
             IndexError: for an entity id out of range, where no table of scores is stored.
-            ArtefactError: if stored recipes or words name entities that are not there.
         """
         if self._link_table(relation).numel():
             return self._from_table(relation, model, table, key[:, None])
         from wordcraft_kg.models.scorers.neighbours import link_loops
 
-        keys = self._ids(key)
-        tables = self._ids(table)
+        keys = self.ids(key)
+        tables = self.ids(table)
         shape = (*tables.shape, len(LINK_FEATURES[relation]))
         features = np.zeros(shape, dtype=np.float32)
         paths: dict[int, tuple[Any, ...]] = {}
@@ -525,11 +495,7 @@ class RecipeKnowledge(nn.Module):
         return table
 
     def link_rows(self, model: int = 0) -> LinkRows:
-        """Return what computes the features of a model's links; made at the first call.
-
-        Raises:
-            ArtefactError: if stored recipes or words name entities that are not there.
-        """
+        """Return what computes the features of a model's links; made at the first call."""
         if model not in self._link_rows:
             self._link_rows[model] = LinkRows(self.lists(model))
         return self._link_rows[model]
@@ -554,9 +520,6 @@ class RecipeKnowledge(nn.Module):
 
         Returns:
             shape (B, N), or (B, E), float32.
-
-        Raises:
-            ArtefactError: if stored recipes or words name entities that are not there.
         """
         size = self.num_entities
         table = self._link_table(relation)
@@ -577,8 +540,8 @@ class RecipeKnowledge(nn.Module):
         with torch_threads(1):
             for start in range(0, len(entities), step):
                 block = slice(start, start + step)
-                some = entities[block].cpu().numpy()
-                others = None if candidates is None else candidates[block].cpu().numpy()
+                some = self.ids(entities[block])
+                others = None if candidates is None else self.ids(candidates[block])
                 features = rows.of_relation(relation, some, others, heads=heads)
                 scores[block] = ranker(features)[:, :width]
         return scores.to(entities.device)
@@ -644,12 +607,10 @@ class RecipeKnowledge(nn.Module):
         Returns:
             recipes, ids (R, 3); similarity of their results to the goal, shape (R,); and of their
             ingredients to a and b in both orders, shape (R,) each.
-
-        Raises:
-            ArtefactError: if stored recipes or words name entities that are not there.
         """
         from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 
+        a, b, goal = self.ids(torch.tensor([a, b, goal])).tolist()
         lists = self.lists(model)
         numbers = lists.support[goal]
         terms = np.zeros((len(numbers), 2), dtype=np.float32)
@@ -700,8 +661,12 @@ class RecipeKnowledge(nn.Module):
         a, b, result = recipes.long().cpu().numpy().T
         return recipe_keys(a, b, result, num_entities=len(self.vectors))
 
-    def _ids(self, entities: Tensor) -> Ids:
-        """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot."""
+    def ids(self, entities: Tensor) -> Ids:
+        """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot.
+
+        Raises:
+            IndexError: for an id that is not 0 .. E.
+        """
         ids = entities.cpu().numpy()
         if ids.size and not 0 <= ids.min() <= ids.max() <= self.num_entities:
             raise IndexError(f"entity ids must be 0 .. {self.num_entities}")
@@ -729,12 +694,11 @@ class RecipeKnowledge(nn.Module):
 
         Raises:
             IndexError: for an id out of range.
-            ArtefactError: if stored recipes or words name entities that are not there.
         """
         from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 
-        goals = self._ids(goal)
-        tables = self._ids(table)
+        goals = self.ids(goal)
+        tables = self.ids(table)
         models = model.cpu().numpy()
         found = np.full((len(goals), width), -1, dtype=np.int32)
         for number in np.unique(models).tolist():
@@ -773,13 +737,13 @@ class RecipeKnowledge(nn.Module):
         """Return a copy with a single ranker; only for a single model, M = 1."""
         weights = ranker.weights()
         rankers = {name: weights[name][None] for name in RANKER}
-        return type(self)(self.constants() | rankers, self.num_entities)
+        return type(self)(self.constants() | rankers)
 
     def with_result_ranker(self, ranker: Ranker) -> Self:
         """Return a copy with a ranker of results; only for a single model with an encoder."""
         weights = ranker.weights()
         rankers = {f"results_{name}": weights[name][None] for name in RANKER}
-        return type(self)(self.constants() | rankers, self.num_entities)
+        return type(self)(self.constants() | rankers)
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Score all slot pairs for the goal.
@@ -793,7 +757,7 @@ class RecipeKnowledge(nn.Module):
             shape (B, A, A), in nats, symmetric; -inf for pairs with an empty slot.
 
         Raises:
-            IndexError, ArtefactError: as :meth:`features`.
+            IndexError: as :meth:`features`.
         """
         # A pair is scored once and looked up for both orders of its slots.
         features = self.features(goal, table, model)
@@ -835,9 +799,6 @@ class RecipeKnowledge(nn.Module):
             goal: id of the result.
             model: number of the model.
             limit: maximum number of recipes.
-
-        Raises:
-            ArtefactError: if stored recipes or words name entities that are not there.
         """
         supporting, like_goal, straight, crossed = self.support_of(a, b, goal, model)
         orders = torch.stack([straight, crossed])
@@ -873,8 +834,9 @@ def _of_one_model(ranker: Ranker) -> dict[str, Tensor]:
     return {name: weights[None] for name, weights in ranker.weights().items()}
 
 
-def _forget(knowledge: nn.Module, _: object) -> None:
-    """Drop lists that were made from other recipes."""
+def _renew(knowledge: nn.Module, _: object) -> None:
+    """Check tensors that were loaded, and drop lists that were made from other recipes."""
     assert isinstance(knowledge, RecipeKnowledge)
+    check_stored(knowledge.constants(), knowledge.num_entities)
     knowledge._lists = {}
     knowledge._link_rows = {}

@@ -14,7 +14,6 @@ small books these features may come from the encoder of other, large books, as o
 Shapes: T entities, D numbers of a word vector, U of an ingredient, Z of a result, V hidden units.
 """
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
@@ -196,50 +195,6 @@ class PairEncoder(NamedTuple):
 
 ENCODER = tuple(f"{_PREFIX}{name}" for name in PairEncoder._fields)
 """Names of an encoder's tensors, in files and modules."""
-
-
-def encoder_shapes(
-    tensors: Mapping[str, Tensor],
-    size: int,
-    dim: int,
-) -> dict[str, tuple[int, ...]]:
-    """Return the shapes that an encoder's tensors must have, with a first axis for a single model.
-
-    Args:
-        tensors: the tensors by name, as found, perhaps damaged; U, Z and V are free.
-        size: T.
-        dim: D.
-
-    Raises:
-        KeyError: if a tensor is missing.
-    """
-
-    def length(name: str) -> int:
-        """Return the length of a tensor's last axis."""
-        shape = tensors[_PREFIX + name].shape
-        return shape[-1] if shape else 0
-
-    used = length("used")
-    made = length("made")
-    hidden = length("first")
-    shapes = {
-        "used": (size, used),
-        "made": (size, made),
-        "bias": (size,),
-        "first": (3 * used, hidden),
-        "first_bias": (hidden,),
-        "second": (hidden, made),
-        "second_bias": (made,),
-        "pair": (hidden,),
-        "pair_bias": (),
-        "used_words": (dim, used),
-        "used_bias": (used,),
-        "made_words": (dim, made),
-        "made_bias": (made,),
-        "bias_words": (dim,),
-        "bias_base": (),
-    }
-    return {_PREFIX + name: (1, *shape) for name, shape in shapes.items()}
 
 
 def pair_inputs(one: Tensor, other: Tensor) -> Tensor:

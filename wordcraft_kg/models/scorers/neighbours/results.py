@@ -14,9 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from wordcraft_kg.models.scorers.neighbours.knowledge import RESULT_RANKER, RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
+from wordcraft_kg.models.scorers.neighbours.stored import RESULT_RANKER
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 CANDIDATES = 64
@@ -93,16 +94,15 @@ def results_of(
     Returns:
         ids, shape (n, C), int64, E where there are fewer; and scores in nats, shape (n, C), -inf
         likewise: log-odds against each other; recipe scores without an encoder.
-
-    Raises:
-        ArtefactError: if stored recipes or words name entities that are not there.
     """
+    knowledge.ids(torch.stack([a, b]))  # raises IndexError
     lists = knowledge.lists(model)
     nothing = knowledge.num_entities
     has_ranker = knowledge.has_result_ranker
     encoder = knowledge.encoder(model) if has_ranker else None
     proposed = propose_results(lists, encoder, a, b, number).to(a.device)
-    ids = proposed.masked_fill(proposed < 0, nothing)
+    # Entities of other books, which come last, cannot be made.
+    ids = proposed.masked_fill((proposed < 0) | (proposed > nothing), nothing)
     names = RESULT_RANKER if has_ranker else RANKER
     stacks = [getattr(knowledge, name) for name in names]
     ranker = Ranker(*(stack[model] for stack in stacks))

@@ -1,6 +1,7 @@
 """Texts from outside: no format reads them as anything but text."""
 
 import json
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.base.escaping import (
+    for_file,
     for_html,
     for_json,
     for_markdown,
@@ -96,6 +98,14 @@ def test_html_is_escaped_once_and_marks_of_direction_are_codes():
     assert str(once) == "&lt;b&gt;&lt;U+202E&gt;x &amp; y"
     assert for_html(once) is once
     assert str(for_html(3)) == "3"
+
+
+@given(st.text(st.characters(codec=None), max_size=20))
+def test_a_text_for_a_file_is_unchanged_but_for_halves_of_characters(text):
+    written = for_file(text)
+    assert written.encode().decode() == written
+    if not re.search("[\ud800-\udfff]", text):
+        assert written == text
 
 
 @given(st.text())

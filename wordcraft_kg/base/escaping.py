@@ -78,6 +78,18 @@ def for_html(text: object) -> "Markup":
     return escape(_BIDI_MARK.sub(_code, str(text)))
 
 
+def for_file(text: str) -> str:
+    r"""Return a text for a file in UTF-8: U+FFFD stands for halves of characters.
+
+    JSON may hold such halves (lone surrogates), and no file can.
+
+    Example:
+        >>> for_file("a\ud800b \ud83d\ude80")
+        'a\ufffdb 🚀'
+    """
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
 def for_json(dumped: str) -> str:
     r"""Return a JSON text with control and direction characters as escapes, such as ``\u009b``.
 

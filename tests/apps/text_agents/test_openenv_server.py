@@ -366,6 +366,52 @@ def test_games_of_a_track_become_a_submission_that_verifies(tmp_path, run):
         assert line.pairs == game.pairs
 
 
+@contextmanager
+def recorded(path, play):
+    """Yield a session whose games are recorded, and how to ask it."""
+    header = GamesHeader(player="clients", settings=play.settings)
+    with (
+        kept_conversations(path, header) as keep,
+        session(client_of(GameList({"test": [play]}), keep=keep)) as ask,
+    ):
+        yield ask
+
+
+@pytest.mark.parametrize("answer", ["\ud800", "1 + \udfff \0", "x" * 1_000_000])
+def test_a_game_is_recorded_whatever_its_player_says(tmp_path, answer):
+    path = tmp_path / "games.jsonl"
+    with recorded(path, open_track("craft-1-lite").play()) as ask:
+        for index in range(2):
+            seen(ask("reset", {"index": index}))
+            done = False
+            while not done:
+                done = seen(ask("step", {"answer": answer}))["done"]
+        seen(ask("reset", {"index": 2}))
+        ask("step", {"answer": answer})  # and left
+    assert [(one.task, one.success) for one in read_games(path)[1]] == [
+        (0, False),
+        (1, False),
+        (2, False),
+    ]
+
+
+def test_a_lost_game_cannot_be_played_again_because_the_disk_was_full(tmp_path, monkeypatch):
+    def full(file):
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "games.jsonl"
+    with recorded(path, open_track("craft-1-lite").play()) as ask:
+        with monkeypatch.context() as patch:
+            patch.setattr("os.fsync", full)
+            seen(ask("reset", {"index": 0}))
+            assert "was not saved" in ask("step", {"answer": "1 + 1"})["data"]["message"]
+            assert "was not saved" in ask("reset", {"index": 0})["data"]["message"]
+        assert not read_games(path)[1]
+        seen(ask("reset", {"index": 0}))
+        seen(ask("step", {"answer": "1 + 2"}))
+    assert [(one.task, len({*one.last})) for one in read_games(path)[1]] == [(0, 1), (0, 2)]
+
+
 def test_parts_are_told_apart_by_name():
     games = GameList({"test": [open_play("kitchen", "test", 1, 2, None)]})
     with pytest.raises(ConfigError, match="the part 'train' is not offered"):

@@ -8,11 +8,13 @@ same bytes. What a player declares about itself cannot be verified; it may only 
 import datetime
 import hashlib
 import json
+import os
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -25,7 +27,7 @@ from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.apps.text_agents.submission_files import SUBMISSION_FILE, read_submission_file
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.artefacts import TEMPORARY, dump_json, made_folder, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
 from wordcraft_kg.base.records import (
     Count,
@@ -413,11 +415,14 @@ def write_submission(
     # Everything is complete and checked before an earlier submission is replaced.
     dumped = dump_json(as_values(submission))
     _check_versions(folder, parse_record(dumped.encode(), Submission, folder / SUBMISSION_FILE))
-    folder.mkdir(parents=True, exist_ok=True)
-    # The games first: between the two writes, `games_hash` of an earlier submission does not fit,
-    # and verification refuses it.
-    write_atomically(folder / GAMES_FILE, text)
-    write_atomically(folder / SUBMISSION_FILE, dumped)
+    with made_folder(folder), TemporaryDirectory(TEMPORARY, ".", folder) as staging:
+        files = {GAMES_FILE: text, SUBMISSION_FILE: dumped}
+        for name, content in files.items():
+            write_atomically(Path(staging) / name, content)
+        # Both are written before one is replaced. Between the two renames, `games_hash` of an
+        # earlier submission does not fit, and verification refuses it.
+        for name in files:
+            os.replace(Path(staging) / name, folder / name)
     return submission, lines
 
 

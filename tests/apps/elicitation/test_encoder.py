@@ -139,6 +139,18 @@ def test_an_interrupted_encoding_continues_to_the_same_bits(
     assert max(left["minutes_left"] for *_, left in reports) > 0
 
 
+def test_an_encoding_whose_first_part_cannot_be_saved_leaves_no_folder(
+    encoder_folder, kitchen, tmp_path, monkeypatch
+):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module, "save_rows", full)
+    with pytest.raises(OSError, match="No space"):
+        encode_folder(tmp_path / "new" / "vectors", kitchen.entities, encoder_folder, inputs={})
+    assert not [*tmp_path.iterdir()]
+
+
 def test_another_encoder_or_label_takes_no_saved_vectors(
     encoder_folder, kitchen, tmp_path, monkeypatch
 ):

@@ -493,6 +493,33 @@ def test_no_other_file_is_changed(tmp_path, files, force, reason):
     assert all((tmp_path / name).read_text() == "mine" for name in files)
 
 
+def test_of_two_runs_into_one_folder_one_is_refused(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+
+    def meanwhile(*arguments):
+        with pytest.raises(ArtefactError, match="is being written by another process"):
+            bench_run("craft-1-lite", player="random", out=out)
+        return enter(*arguments)
+
+    monkeypatch.setattr(benchmark_players, "enter", meanwhile)
+    bench_run("craft-1-lite", player="votes", out=out)
+    assert verify(out).kind == "votes"
+
+
+def test_a_submission_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    whole = submission.write_atomically
+
+    def full(path, content):
+        if path.name == "submission.json":
+            raise OSError(28, "No space left on device")
+        whole(path, content)
+
+    monkeypatch.setattr(submission, "write_atomically", full)
+    with pytest.raises(OSError, match="No space"):
+        bench_run("craft-1-lite", player="random", out=tmp_path / "new" / "out")
+    assert not [*tmp_path.iterdir()]
+
+
 @pytest.mark.slow
 def test_a_forced_run_keeps_the_earlier_until_it_is_complete(submitted, tmp_path):
     """A forced run keeps the earlier submission until the new one is complete."""

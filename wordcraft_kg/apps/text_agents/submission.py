@@ -416,7 +416,7 @@ def write_submission(
     dumped = dump_json(as_values(submission))
     _check_versions(folder, parse_record(dumped.encode(), Submission, folder / SUBMISSION_FILE))
     with made_folder(folder), TemporaryDirectory(TEMPORARY, ".", folder) as staging:
-        files = {GAMES_FILE: text, SUBMISSION_FILE: dumped}
+        files: dict[str, str | bytes] = {GAMES_FILE: text, SUBMISSION_FILE: dumped}
         for name, content in files.items():
             write_atomically(Path(staging) / name, content)
         # Both are written before one is replaced. Between the two renames, `games_hash` of an

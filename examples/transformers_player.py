@@ -31,7 +31,7 @@ from transformers.utils import logging
 
 from wordcraft_kg.apps.elicitation.chat_template import ChatTemplate, usual_template
 from wordcraft_kg.apps.elicitation.language_model import open_language_model
-from wordcraft_kg.apps.elicitation.weights import locate_model
+from wordcraft_kg.apps.elicitation.weights import locate_model, working
 from wordcraft_kg.base.errors import WordCraftKGError
 
 Message = dict[str, str]
@@ -70,7 +70,8 @@ class Reader:
 
     def tokens(self, text: str) -> list[int]:
         """Return the tokens of a part of an answer."""
-        return list(self.tokenizer(text, add_special_tokens=False).input_ids)
+        with working(self.tokenizer.name_or_path):
+            return list(self.tokenizer(text, add_special_tokens=False).input_ids)
 
     def chat(self, messages: list[Message], is_asked: bool) -> list[int]:
         """Return the tokens of a conversation.
@@ -95,7 +96,9 @@ class Reader:
             )
         )
         new = torch.tensor([ids[len(self.ids) :]])
-        logits = self.model(input_ids=new, past_key_values=self.cache, logits_to_keep=1).logits
+        with working(self.tokenizer.name_or_path):  # such as tokens beyond the rows of the weights
+            output = self.model(input_ids=new, past_key_values=self.cache, logits_to_keep=1)
+        logits = output.logits
         self.ids, self.next = ids, logits[0, -1].log_softmax(-1)
 
     def log_probs(self, texts: list[list[int]]) -> list[float]:

@@ -79,6 +79,63 @@ def test_a_label_of_unknown_words_alone_is_refused(encoder_folder):
         encode_labels(["flour", "zqxjkv"], encoder_folder)
 
 
+@pytest.fixture
+def static_folder(kitchen, tmp_path):
+    """Return a function that makes an encoder of word vectors, with given numbers of rows and
+    settings of the tokenizer."""
+
+    def make(rows, **settings):
+        from sentence_transformers import SentenceTransformer
+        from sentence_transformers.sentence_transformer.modules import StaticEmbedding
+        from tokenizers import Tokenizer, models, pre_tokenizers
+
+        words = ("[UNK]", "flour", "water", "egg")
+        tokenizer = Tokenizer(
+            models.WordLevel(dict(zip(words, range(4), strict=True)), unk_token="[UNK]")
+        )
+        tokenizer.pre_tokenizer = pre_tokenizers.Whitespace()
+        weights = np.eye(4, 8, dtype=np.float32)[:rows]
+        module = StaticEmbedding(tokenizer, embedding_weights=weights)
+        folder = tmp_path / "static"
+        SentenceTransformer(modules=[module], device="cpu").save(str(folder))
+        (folder / "config.json").write_text("{}")
+        path = folder / "tokenizer.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | settings))
+        return folder
+
+    return make
+
+
+def test_word_vectors_with_a_row_for_each_token_are_an_encoder(static_folder):
+    vectors, _ = encode_labels(["flour", "egg water"], static_folder(4))
+    assert vectors.argmax(1).tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("rows", "settings", "says"),
+    [
+        (2, {}, "static' fails: .*range"),
+        (
+            4,
+            {
+                "truncation": {
+                    "direction": "Right",
+                    "max_length": 1,
+                    "strategy": "LongestFirst",
+                    "stride": 5,
+                }
+            },
+            "static' fails: PanicException: `stride` must",
+        ),
+    ],
+)
+def test_tokens_without_a_row_and_a_panic_of_the_tokenizer_are_errors_that_name_the_model(
+    static_folder, rows, settings, says
+):
+    with pytest.raises(ArtefactError, match=says):
+        encode_labels(["flour egg water", "egg"], static_folder(rows, **settings))
+
+
 def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, monkeypatch):
     monkeypatch.chdir(home)
     outcome = run(

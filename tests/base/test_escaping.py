@@ -127,6 +127,14 @@ def test_json_for_a_terminal_has_the_same_value_and_no_control_character(text):
         ("p1anner", "pIanner"),
         ("modern", "modem"),
         ("\u0391gent", "agent"),  # a Greek capital
+        ("\u0397UMA\u039d\u03a5", "humany"),  # Greek capitals with other small letters
+        ("\ua4d6\ua4d1\ua4d4-4", "GPT-4"),  # Lisu
+        ("\u13c0\u13e2\u13a2-4", "GPT-4"),  # Cherokee
+        ("\uab90\uabb2\uab72-4", "GPT-4"),  # small Cherokee letters
+        ("\u0262\u1d18\u1d1b-4", "GPT-4"),  # small capitals
+        ("\u0280\u1d00\u0274\u1d05\u1d0f\u1d0d", "random"),
+        ("\U0001f1f7andom", "random"),  # a letter of flags
+        ("\u024dandom", "random"),  # with a stroke
     ],
 )
 def test_names_that_look_alike_share_a_key(one, other):

@@ -322,6 +322,8 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"player": "mine\U000e0100"}, "player.*invisible characters"),
         ({"player": "e" + "\u0301" * 9}, "player.*at most two accents"),
         ({"kind": "a\nb"}, "kind.*on one line"),
+        ({"kind": "people"}, "'kind' is people; expected the kind of a program"),
+        ({"kind": "P\u0435ople "}, "'kind' is P.ople ; expected the kind of a program"),
         ({"training_data": "javascript:alert(1)"}, "training_data.*http or https only"),
         ({"training_data": "ftp://example.org"}, "training_data.*http or https only"),
         ({"licence": "`a` | b"}, "licence.*a text without"),
@@ -741,6 +743,26 @@ def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, 
     assert (
         len(re.findall(r"^\| 1 \| partial KG, +votes ‡", page, re.MULTILINE | re.IGNORECASE)) == 2
     )
+
+
+def test_a_name_that_stands_twice_in_a_track_is_marked(submitted, tmp_path):
+    """Also with equal games, which would look like a second player of the same skill."""
+
+    def marked(*players, **values):
+        """Return how often the names of two submissions are marked."""
+        for number, player in enumerate(players):
+            folder = tmp_path / f"{number}"
+            folder.mkdir(exist_ok=True)
+            for file in submitted(player=player).glob("*.json*"):
+                (folder / file.name).write_bytes(file.read_bytes())
+            edit(folder, player="mine", kind="own", **(values if number else {}))
+        bench_leaderboard(tmp_path, out=tmp_path / "page.md")
+        return len(re.findall(r"^\| . \| mine ‡", (tmp_path / "page.md").read_text(), re.MULTILINE))
+
+    other = {"prompts": "custom", "prompt_hash": OTHER}
+    assert marked("votes", "votes") == marked("votes", "votes", **other) == 2
+    assert marked("votes", "random") == 2
+    assert marked("votes", "random", **other) == 0
 
 
 def test_a_folder_name_begins_no_line_of_its_own_on_the_screen(submitted, tmp_path, capsys):

@@ -29,6 +29,7 @@ from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.apps.text_agents.submission_files import SUBMISSION_FILE, read_submission_file
 from wordcraft_kg.base.artefacts import TEMPORARY, dump_json, made_folder, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
+from wordcraft_kg.base.escaping import look_alike_key
 from wordcraft_kg.base.records import (
     Count,
     Hash,
@@ -535,6 +536,11 @@ def _check_versions(path: Path, submission: Submission) -> None:
     for name, value in versions.items():
         if getattr(submission, name) != value:
             raise _refused(path, name, getattr(submission, name), value)
+    # Nobody could verify it. Answers of people are in the folder of `people serve`, which checks
+    # them, and are compared by `reference --external-results`.
+    if look_alike_key(submission.kind) == look_alike_key("people"):
+        expected = "the kind of a program or model, since a submission cannot show who played"
+        raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
     for name in ("player", "kind", "training_data", "licence"):
         check_declared(f"{path}: {name}", getattr(submission, name))
     for key in (*submission.weights, *(submission.tokens or ())):

@@ -22,13 +22,17 @@ examples/finetune_language_model.py taught the train recipes.
 import argparse
 import json
 import sys
-from pathlib import Path
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 import torch
-from transformers import AutoModelForCausalLM, AutoTokenizer, DynamicCache
+from transformers import DynamicCache
 from transformers.utils import logging
+
+from wordcraft_kg.apps.elicitation.chat_template import ChatTemplate, usual_template
+from wordcraft_kg.apps.elicitation.language_model import open_language_model
+from wordcraft_kg.apps.elicitation.weights import locate_model, working
+from wordcraft_kg.base.errors import WordCraftKGError
 
 Message = dict[str, str]
 ANSWERS = 200
@@ -42,42 +46,39 @@ class Reader:
     """
 
     def __init__(self, name: str):
-        """Load a model folder, a .gguf file, or a model on the hub."""
-        path, where = Path(name), name
-        # Without False, the library asks on stdin, where the games come from, whether to run the
-        # model's own code.
-        options: dict[str, Any] = {"trust_remote_code": False}
-        if path.is_file():
-            where, options["gguf_file"] = str(path.parent), path.name
-        self.tokenizer = AutoTokenizer.from_pretrained(where, **options)
-        if not self.tokenizer.chat_template:
-            sys.exit(
-                f"error: the tokenizer of '{name}' has no chat template, so the model was not "
-                "trained to answer. Take an instruct model, or set the template of its tokenizer."
-            )
-        # A pickle can run code; a .gguf file is none.
-        self.model = AutoModelForCausalLM.from_pretrained(
-            where, dtype=torch.float32, use_safetensors=not path.is_file(), **options
-        ).eval()
+        """Load a model folder, a .gguf file, or a model on the hub.
+
+        Nothing in it runs code, and it is no larger than its weights, see `elicit`.
+
+        Raises:
+            WordCraftKGError: for another model, or one without a chat template.
+        """
+        opened = open_language_model(locate_model("model", name))
+        self.model = opened.model
+        self.tokenizer = opened.tokenizer
+        usual_template(self.tokenizer)
         self.end: int = self.tokenizer.eos_token_id
         self.ids: list[int] = []
         self.cache = DynamicCache(config=self.model.config)
         self.next = torch.zeros(0)
         self.counts = {"prompts": 0, "input tokens": 0, "output tokens": 0}
 
+    @cached_property
+    def template(self) -> ChatTemplate:
+        """The model's chat template."""
+        return ChatTemplate(self.tokenizer)
+
     def tokens(self, text: str) -> list[int]:
         """Return the tokens of a part of an answer."""
-        return list(self.tokenizer(text, add_special_tokens=False).input_ids)
+        with working(self.tokenizer.name_or_path):
+            return list(self.tokenizer(text, add_special_tokens=False).input_ids)
 
     def chat(self, messages: list[Message], is_asked: bool) -> list[int]:
         """Return the tokens of a conversation.
 
         They end with the beginning of an answer if the model is asked for one.
         """
-        text = self.tokenizer.apply_chat_template(
-            messages, add_generation_prompt=is_asked, tokenize=False
-        )
-        return self.tokens(text)
+        return self.tokens(self.template.render(messages, is_asked=is_asked))
 
     def cut(self, length: int) -> None:
         """Forget the text after the first ``length`` tokens."""
@@ -95,7 +96,9 @@ class Reader:
             )
         )
         new = torch.tensor([ids[len(self.ids) :]])
-        logits = self.model(input_ids=new, past_key_values=self.cache, logits_to_keep=1).logits
+        with working(self.tokenizer.name_or_path):  # such as tokens beyond the rows of the weights
+            output = self.model(input_ids=new, past_key_values=self.cache, logits_to_keep=1)
+        logits = output.logits
         self.ids, self.next = ids, logits[0, -1].log_softmax(-1)
 
     def log_probs(self, texts: list[list[int]]) -> list[float]:
@@ -285,7 +288,8 @@ def play_by_recipes(reader: Reader) -> None:
         print(answer, flush=True)
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Play with the model that the command line names."""
     parser = argparse.ArgumentParser(
         description="A language model of transformers as a player of the line protocol."
     )
@@ -305,3 +309,10 @@ if __name__ == "__main__":
     else:
         play(player, options.by, options.context, options.new_tokens)
     print(", ".join(f"{count:,} {name}" for name, count in player.counts.items()), file=sys.stderr)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except WordCraftKGError as error:
+        sys.exit(f"error: {error}")

@@ -13,6 +13,7 @@ import torch
 from wordcraft_kg.base.artefacts import (
     LARGE_FILE,
     SMALL_FILE,
+    made_folder,
     read_large_file,
     read_small_file,
     staged_file,
@@ -130,14 +131,16 @@ def looping(path):
     path.symlink_to(path.name)
 
 
-def to_a_folder(out):
-    with staged_folder(out, force=True) as folder:
-        (folder / "graph.json").write_text("new")
+def to_a_folder(out, text="new", *, force=True, meanwhile=lambda: None):
+    with staged_folder(out, force=force) as folder:
+        (folder / "graph.json").write_text(text)
+        meanwhile()
 
 
-def to_a_file(out):
-    with staged_file(out, force=True) as file:
-        file.write_text("new")
+def to_a_file(out, text="new", *, force=True, meanwhile=lambda: None):
+    with staged_file(out, force=force) as file:
+        file.write_text(text)
+        meanwhile()
 
 
 @pytest.mark.parametrize(
@@ -186,6 +189,34 @@ def test_an_output_through_links_replaces_the_end_and_keeps_the_links(tmp_path, 
     assert end.read_text() == "new"
     assert (os.readlink(tmp_path / "near"), (tmp_path / "out").is_symlink()) == ("disk/far", True)
     assert [path.name for path in (tmp_path / "disk").iterdir()] == ["far"]
+
+
+@pytest.mark.parametrize("write", [to_a_folder, to_a_file])
+def test_of_two_outputs_at_once_the_second_is_refused_unless_it_is_forced(tmp_path, write):
+    """Both have checked that nothing is there before either is complete."""
+    out = tmp_path / "out"
+    with pytest.raises(OutputExistsError, match=r"another process has written '.*out'"):
+        write(out, "second", force=False, meanwhile=lambda: write(out, "first", force=False))
+    end = out / "graph.json" if out.is_dir() else out
+    assert end.read_text() == "first"
+    write(out, "second", meanwhile=lambda: write(out, "third"))
+    assert end.read_text() == "second"
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_folders_of_a_failed_output_disappear_and_those_with_content_stay(tmp_path):
+    def fail(*written):
+        with made_folder(tmp_path / "a" / "b" / "c"):
+            for name in written:
+                (tmp_path / name).write_text("")
+            raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        fail()
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(OSError, match="full"):
+        fail("a/b/run.json")
+    assert [path.name for path in tmp_path.rglob("*")] == ["a", "b", "run.json"]
 
 
 def test_a_link_inside_a_folder_is_replaced_not_followed(tmp_path):

@@ -1,6 +1,7 @@
 """Texts from outside: no format reads them as anything but text."""
 
 import json
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.base.escaping import (
+    for_file,
     for_html,
     for_json,
     for_markdown,
@@ -98,6 +100,14 @@ def test_html_is_escaped_once_and_marks_of_direction_are_codes():
     assert str(for_html(3)) == "3"
 
 
+@given(st.text(st.characters(codec=None), max_size=20))
+def test_a_text_for_a_file_is_unchanged_but_for_halves_of_characters(text):
+    written = for_file(text)
+    assert written.encode().decode() == written
+    if not re.search("[\ud800-\udfff]", text):
+        assert written == text
+
+
 @given(st.text())
 def test_json_for_a_terminal_has_the_same_value_and_no_control_character(text):
     dumped = for_json(json.dumps({text: [text]}, ensure_ascii=False))
@@ -117,6 +127,14 @@ def test_json_for_a_terminal_has_the_same_value_and_no_control_character(text):
         ("p1anner", "pIanner"),
         ("modern", "modem"),
         ("\u0391gent", "agent"),  # a Greek capital
+        ("\u0397UMA\u039d\u03a5", "humany"),  # Greek capitals with other small letters
+        ("\ua4d6\ua4d1\ua4d4-4", "GPT-4"),  # Lisu
+        ("\u13c0\u13e2\u13a2-4", "GPT-4"),  # Cherokee
+        ("\uab90\uabb2\uab72-4", "GPT-4"),  # small Cherokee letters
+        ("\u0262\u1d18\u1d1b-4", "GPT-4"),  # small capitals
+        ("\u0280\u1d00\u0274\u1d05\u1d0f\u1d0d", "random"),
+        ("\U0001f1f7andom", "random"),  # a letter of flags
+        ("\u024dandom", "random"),  # with a stroke
     ],
 )
 def test_names_that_look_alike_share_a_key(one, other):

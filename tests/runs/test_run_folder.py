@@ -28,8 +28,15 @@ from wordcraft_kg.agents.agent_folder import AGENTS
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 from wordcraft_kg.models.links.training import LinksTraining
+from wordcraft_kg.runs import folder as folder_module
 from wordcraft_kg.runs.checkpoints import Checkpoints
-from wordcraft_kg.runs.folder import RunKind, check_run_output, new_run, resumed_run
+from wordcraft_kg.runs.folder import (
+    RunKind,
+    check_new_run,
+    check_run_output,
+    new_run,
+    resumed_run,
+)
 from wordcraft_kg.runs.record import read_run
 
 
@@ -414,10 +421,23 @@ def test_only_temporary_files_of_a_killed_process_make_way_for_a_new_run(tmp_pat
         assert not (tmp_path / "run" / name).exists()
 
 
-def test_a_first_run_that_fails_leaves_nothing(tmp_path):
+def test_a_first_run_that_fails_leaves_nothing_not_even_the_folders_above(tmp_path):
     with pytest.raises(RuntimeError, match="no more"):
-        plain_run.train(tmp_path / "run", "")
+        plain_run.train(tmp_path / "runs" / "mine" / "run", "")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_another_process_has_finished_meanwhile_stays(tmp_path, monkeypatch):
+    def checked(out, *, force):
+        """Let another process train between the first check and the lock."""
+        check_new_run(out, force=force)
+        monkeypatch.undo()
+        plain_run.train(out, "the first")
+
+    monkeypatch.setattr(folder_module, "check_new_run", checked)
+    with pytest.raises(OutputExistsError, match="exists"):
+        plain_run.train(tmp_path / "run", "the second")
+    assert (tmp_path / "run/result").read_text() == "the first"
 
 
 # --- killed at any moment -------------------------------------------------------------------------

@@ -307,6 +307,12 @@ def test_two_engines_do_not_work_in_one_folder(tmp_path):
     assert run_small(tmp_path, work=pretend).began
 
 
+def test_a_study_whose_first_file_cannot_be_written_leaves_no_folder(tmp_path):
+    with pytest.raises(OSError, match="full"), own_results(tmp_path / "results"):
+        raise OSError("full")
+    assert not [*tmp_path.iterdir()]
+
+
 @pytest.mark.parametrize("folder", ["studies", "graphs", "reports"])
 def test_files_that_a_killed_study_left_half_written_are_removed(tmp_path, folder):
     (tmp_path / folder).mkdir()

@@ -4,6 +4,7 @@ Files are written through a temporary sibling and a rename, and folders appear o
 so that readers never see incomplete content.
 """
 
+import errno
 import hashlib
 import json
 import os
@@ -322,7 +323,7 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     with _staging(target) as staging:
         os.chmod(staging, 0o777 & ~_umask())
         yield staging
-        _replace_folder(staging, target)
+        _replace_folder(staging, target, force=force)
 
 
 @contextmanager
@@ -339,7 +340,7 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
     with _staging(target) as staging:
         # The name as given: formats and titles come from it.
         yield staging / out.name
-        os.replace(staging / out.name, target)
+        _replace_file(staging / out.name, target, force=force)
 
 
 def check_output_file(out: Path, *, force: bool, setting: str = "out") -> None:
@@ -365,41 +366,81 @@ def check_output_file(out: Path, *, force: bool, setting: str = "out") -> None:
 
 
 @contextmanager
-def _staging(out: Path) -> Iterator[Path]:
-    """Make the parents of ``out`` and a temporary folder beside it.
-
-    New parents are removed if the block fails.
-    """
-    missing = [parent for parent in out.parents if not parent.exists()]
-    out.parent.mkdir(parents=True, exist_ok=True)
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder with its parents; those that are new and empty disappear if the block fails."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for path in missing:
+            # It may have content: of this block, to go on from, or of another process.
+            with suppress(OSError):
+                path.rmdir()
+        raise
+
+
+@contextmanager
+def _staging(out: Path) -> Iterator[Path]:
+    """Make the parents of ``out`` and a temporary folder beside it."""
+    with made_folder(out.parent):
         staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.", suffix=TEMPORARY))
         try:
             yield staging
         finally:
             shutil.rmtree(staging, ignore_errors=True)
-    except BaseException:
-        with suppress(OSError):  # another process wrote a file here: keep that file
-            for parent in missing:
-                parent.rmdir()
-        raise
 
 
-def _replace_folder(staging: Path, out: Path) -> None:
-    """Rename ``staging`` to ``out``; an existing ``out`` is restored after a failure."""
-    if not out.exists():
-        os.rename(staging, out)
-        return
+def _replace_folder(staging: Path, out: Path, *, force: bool) -> None:
+    """Rename ``staging`` to ``out``; with ``force`` in the place of an earlier folder.
+
+    The earlier folder is restored after a failure.
+
+    Raises:
+        OutputExistsError: if another process has written ``out`` since it was checked.
+    """
+    aside: Path | None = None
     # A rename does not replace a folder with content, so the old folder is moved aside first.
-    aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old.", suffix=TEMPORARY))
-    os.rename(out, aside / "was")
+    if force and out.exists():
+        aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old.", suffix=TEMPORARY))
+        os.rename(out, aside / "was")
     try:
         os.rename(staging, out)
-    except BaseException:
-        os.rename(aside / "was", out)
+    except BaseException as error:
+        is_taken = isinstance(error, OSError) and error.errno in (errno.EEXIST, errno.ENOTEMPTY)
+        if is_taken:
+            raise _written_meanwhile(out) from None
+        if aside is not None:
+            os.rename(aside / "was", out)
         raise
     finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        if aside is not None:
+            shutil.rmtree(aside, ignore_errors=True)
+
+
+def _replace_file(staged: Path, out: Path, *, force: bool) -> None:
+    """Rename ``staged`` to ``out``; only with ``force`` in the place of an earlier file.
+
+    Raises:
+        OutputExistsError: if another process has written ``out`` since it was checked.
+    """
+    if not force:
+        try:
+            # Unlike a rename, a link never replaces a file.
+            os.link(staged, out)
+            return
+        except FileExistsError:
+            raise _written_meanwhile(out) from None
+        except OSError:  # a file system without hard links
+            pass
+    os.replace(staged, out)
+
+
+def _written_meanwhile(out: Path) -> OutputExistsError:
+    return OutputExistsError(
+        f"another process has written '{out}' meanwhile, and nothing of this one was kept. Choose "
+        "another `out`, or replace it with `force`."
+    )
 
 
 def _umask() -> int:

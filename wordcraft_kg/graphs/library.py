@@ -15,7 +15,7 @@ from http.client import HTTPException
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
-from wordcraft_kg.base.artefacts import sha256_of, write_atomically
+from wordcraft_kg.base.artefacts import made_folder, sha256_of, write_atomically
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest
@@ -329,8 +329,8 @@ def fetch_file(
             f"the download of '{name}' has SHA-256 {downloaded[:12]}…, "
             f"expected {sha256[:12]}…; not kept. {by_hand}"
         )
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(target, data)
+    with made_folder(target.parent):
+        write_atomically(target, data)
     return target
 
 

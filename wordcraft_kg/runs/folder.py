@@ -19,6 +19,7 @@ from wordcraft_kg.base.artefacts import (
     check_output,
     drop_temporary,
     has_only_temporary,
+    made_folder,
     output_target,
     sha256_of,
     what_is,
@@ -269,18 +270,20 @@ def new_run(
     check_new_run(out, force=force)
     out = output_target(with_a_name(out))
     # Two locks: on the old folder while it is moved, then on the new one, which has the same name.
-    with locked(out) if out.exists() else nullcontext():
+    with locked(out) if out.exists() else nullcontext(), made_folder(out.parent):
+        # Once more under the lock: another process may have finished a run meanwhile.
+        check_new_run(out, force=force)
         _put_aside(out)
         try:
-            out.mkdir(parents=True)
+            out.mkdir()
         except FileExistsError:  # another process has just made the folder
             raise _in_use(out) from None
         except OSError:  # such as a full disk: the old folder comes back
             _settle(out)
             raise
         with locked(out):
-            (out / _BEGUN).touch()
             try:
+                (out / _BEGUN).touch()
                 with first_interrupt() as interrupted:
                     run = RunFolder(out, kind, interrupted)
                     with _failing(run):
@@ -401,6 +404,16 @@ def locked(folder: Path, use: str = "trained") -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+@contextmanager
+def locked_folder(folder: Path, use: str) -> Iterator[None]:
+    """Make a folder, and keep other processes from working there, see :func:`locked`.
+
+    If the block fails before it has written anything, the folder disappears.
+    """
+    with made_folder(folder), locked(folder, use):
+        yield
 
 
 def _in_use(folder: Path, use: str = "trained") -> ArtefactError:

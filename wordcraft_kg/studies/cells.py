@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from msgspec import structs
 
-from wordcraft_kg.base.artefacts import json_text, write_atomically
+from wordcraft_kg.base.artefacts import json_text, made_folder, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_record, as_values, parse_record
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -80,8 +80,8 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
             continue
         figures = read_cell(task, store, played)
         if figures is not None:
-            task.folder(root).mkdir(parents=True, exist_ok=True)
-            write_metrics(task.folder(root), structs.replace(figures, stored=True))
+            with made_folder(task.folder(root)):
+                write_metrics(task.folder(root), structs.replace(figures, stored=True))
             taken += 1
     return taken
 
@@ -175,8 +175,8 @@ def keep_cell(task: Task, root: Path, store: CellFiles) -> None:
 def _write_loose(task: Task, store: CellFiles, text: str) -> None:
     path = store.loose(task.address)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, text)
+        with made_folder(path.parent):
+            write_atomically(path, text)
     except OSError as error:
         logging.getLogger(__name__).warning(
             "the cell of '%s' cannot be written to '%s' (%s).",

@@ -19,7 +19,7 @@ from typing import Literal
 
 from msgspec import structs
 
-from wordcraft_kg.base.artefacts import drop_temporary, dump_json, write_atomically
+from wordcraft_kg.base.artefacts import drop_temporary, dump_json, made_folder, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_values, read_record
 from wordcraft_kg.base.settings import nearest
@@ -78,26 +78,34 @@ def own_results(root: Path) -> Iterator[None]:
     """
     if root.is_file():
         raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")
-    (root / _STUDIES).mkdir(parents=True, exist_ok=True)
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield
-        return
-    # Open for writing: network file systems lock writable files only.
-    handle = os.open(root / _STUDIES / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
-    try:
+    with made_folder(root / _STUDIES):
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ArtefactError(
-                f"another study runs in '{root}'; wait, stop that study, or choose another `out`."
-            ) from None
-        for folder in filter(Path.is_dir, root.iterdir()):
-            drop_temporary(folder)
-        yield
-    finally:
-        os.close(handle)
+            import fcntl
+        except ImportError:  # Windows
+            yield
+            return
+        lock = root / _STUDIES / ".lock"
+        # Open for writing: network file systems lock writable files only.
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ArtefactError(
+                    f"another study runs in '{root}'; wait, stop that study, or choose another "
+                    "`out`."
+                ) from None
+            try:
+                for folder in filter(Path.is_dir, root.iterdir()):
+                    drop_temporary(folder)
+                yield
+            except BaseException:
+                # Alone, it would keep a folder in which nothing has begun, as on a full disk.
+                if [*lock.parent.iterdir()] == [lock]:
+                    lock.unlink()
+                raise
+        finally:
+            os.close(handle)
 
 
 def write_plan(root: Path, plan: Plan, command: str) -> None:

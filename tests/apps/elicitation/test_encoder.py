@@ -79,6 +79,63 @@ def test_a_label_of_unknown_words_alone_is_refused(encoder_folder):
         encode_labels(["flour", "zqxjkv"], encoder_folder)
 
 
+@pytest.fixture
+def static_folder(kitchen, tmp_path):
+    """Return a function that makes an encoder of word vectors, with given numbers of rows and
+    settings of the tokenizer."""
+
+    def make(rows, **settings):
+        from sentence_transformers import SentenceTransformer
+        from sentence_transformers.sentence_transformer.modules import StaticEmbedding
+        from tokenizers import Tokenizer, models, pre_tokenizers
+
+        words = ("[UNK]", "flour", "water", "egg")
+        tokenizer = Tokenizer(
+            models.WordLevel(dict(zip(words, range(4), strict=True)), unk_token="[UNK]")
+        )
+        tokenizer.pre_tokenizer = pre_tokenizers.Whitespace()
+        weights = np.eye(4, 8, dtype=np.float32)[:rows]
+        module = StaticEmbedding(tokenizer, embedding_weights=weights)
+        folder = tmp_path / "static"
+        SentenceTransformer(modules=[module], device="cpu").save(str(folder))
+        (folder / "config.json").write_text("{}")
+        path = folder / "tokenizer.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | settings))
+        return folder
+
+    return make
+
+
+def test_word_vectors_with_a_row_for_each_token_are_an_encoder(static_folder):
+    vectors, _ = encode_labels(["flour", "egg water"], static_folder(4))
+    assert vectors.argmax(1).tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("rows", "settings", "says"),
+    [
+        (2, {}, "static' fails: .*range"),
+        (
+            4,
+            {
+                "truncation": {
+                    "direction": "Right",
+                    "max_length": 1,
+                    "strategy": "LongestFirst",
+                    "stride": 5,
+                }
+            },
+            "static' fails: PanicException: `stride` must",
+        ),
+    ],
+)
+def test_tokens_without_a_row_and_a_panic_of_the_tokenizer_are_errors_that_name_the_model(
+    static_folder, rows, settings, says
+):
+    with pytest.raises(ArtefactError, match=says):
+        encode_labels(["flour egg water", "egg"], static_folder(rows, **settings))
+
+
 def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, monkeypatch):
     monkeypatch.chdir(home)
     outcome = run(
@@ -137,6 +194,18 @@ def test_an_interrupted_encoding_continues_to_the_same_bits(
     assert sum(calls[4:]) == len(labels) - 48 + 16 * damage
     assert reports[-1] == (len(labels), len(labels), {"minutes_left": 0.0})
     assert max(left["minutes_left"] for *_, left in reports) > 0
+
+
+def test_an_encoding_whose_first_part_cannot_be_saved_leaves_no_folder(
+    encoder_folder, kitchen, tmp_path, monkeypatch
+):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module, "save_rows", full)
+    with pytest.raises(OSError, match="No space"):
+        encode_folder(tmp_path / "new" / "vectors", kitchen.entities, encoder_folder, inputs={})
+    assert not [*tmp_path.iterdir()]
 
 
 def test_another_encoder_or_label_takes_no_saved_vectors(

@@ -2,12 +2,15 @@ import io
 import itertools
 import json
 import runpy
+import shutil
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+
+from wordcraft_kg.base.errors import ArtefactError
 
 ITEMS = ["flour", "hot water", "egg", "milk", "sugar"]
 RULES = "rules: look up. " + 5 * "flour is a part of bread. "
@@ -140,8 +143,16 @@ def test_games_without_a_goal_are_refused_by_recipes(reader, monkeypatch):
 
 
 def test_a_tokenizer_without_chat_template_is_refused_by_name(model_folder):
-    with pytest.raises(SystemExit, match="has no chat template"):
+    with pytest.raises(ArtefactError, match="has no chat template"):
         player()["Reader"](str(model_folder))
+
+
+def test_a_model_that_asks_for_far_more_than_its_weights_is_refused(model_folder, tmp_path):
+    folder = shutil.copytree(model_folder, tmp_path / "model")
+    config = json.loads((folder / "config.json").read_text()) | {"num_hidden_layers": 10**9}
+    (folder / "config.json").write_text(json.dumps(config))
+    with pytest.raises(ArtefactError, match="num_hidden_layers is 1,000,000,000"):
+        player()["Reader"](str(folder))
 
 
 @pytest.mark.parametrize(

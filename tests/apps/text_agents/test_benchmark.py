@@ -322,6 +322,8 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"player": "mine\U000e0100"}, "player.*invisible characters"),
         ({"player": "e" + "\u0301" * 9}, "player.*at most two accents"),
         ({"kind": "a\nb"}, "kind.*on one line"),
+        ({"kind": "people"}, "'kind' is people; expected the kind of a program"),
+        ({"kind": "P\u0435ople "}, "'kind' is P.ople ; expected the kind of a program"),
         ({"training_data": "javascript:alert(1)"}, "training_data.*http or https only"),
         ({"training_data": "ftp://example.org"}, "training_data.*http or https only"),
         ({"licence": "`a` | b"}, "licence.*a text without"),
@@ -491,6 +493,33 @@ def test_no_other_file_is_changed(tmp_path, files, force, reason):
     with pytest.raises((ConfigError, OutputExistsError), match=reason):
         bench_run("craft-8-lite", player="unknown", out=tmp_path, force=force)
     assert all((tmp_path / name).read_text() == "mine" for name in files)
+
+
+def test_of_two_runs_into_one_folder_one_is_refused(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+
+    def meanwhile(*arguments):
+        with pytest.raises(ArtefactError, match="is being written by another process"):
+            bench_run("craft-1-lite", player="random", out=out)
+        return enter(*arguments)
+
+    monkeypatch.setattr(benchmark_players, "enter", meanwhile)
+    bench_run("craft-1-lite", player="votes", out=out)
+    assert verify(out).kind == "votes"
+
+
+def test_a_submission_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    whole = submission.write_atomically
+
+    def full(path, content):
+        if path.name == "submission.json":
+            raise OSError(28, "No space left on device")
+        whole(path, content)
+
+    monkeypatch.setattr(submission, "write_atomically", full)
+    with pytest.raises(OSError, match="No space"):
+        bench_run("craft-1-lite", player="random", out=tmp_path / "new" / "out")
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.slow
@@ -714,6 +743,26 @@ def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, 
     assert (
         len(re.findall(r"^\| 1 \| partial KG, +votes ‡", page, re.MULTILINE | re.IGNORECASE)) == 2
     )
+
+
+def test_a_name_that_stands_twice_in_a_track_is_marked(submitted, tmp_path):
+    """Also with equal games, which would look like a second player of the same skill."""
+
+    def marked(*players, **values):
+        """Return how often the names of two submissions are marked."""
+        for number, player in enumerate(players):
+            folder = tmp_path / f"{number}"
+            folder.mkdir(exist_ok=True)
+            for file in submitted(player=player).glob("*.json*"):
+                (folder / file.name).write_bytes(file.read_bytes())
+            edit(folder, player="mine", kind="own", **(values if number else {}))
+        bench_leaderboard(tmp_path, out=tmp_path / "page.md")
+        return len(re.findall(r"^\| . \| mine ‡", (tmp_path / "page.md").read_text(), re.MULTILINE))
+
+    other = {"prompts": "custom", "prompt_hash": OTHER}
+    assert marked("votes", "votes") == marked("votes", "votes", **other) == 2
+    assert marked("votes", "random") == 2
+    assert marked("votes", "random", **other) == 0
 
 
 def test_a_folder_name_begins_no_line_of_its_own_on_the_screen(submitted, tmp_path, capsys):

@@ -366,6 +366,52 @@ def test_games_of_a_track_become_a_submission_that_verifies(tmp_path, run):
         assert line.pairs == game.pairs
 
 
+@contextmanager
+def recorded(path, play):
+    """Yield a session whose games are recorded, and how to ask it."""
+    header = GamesHeader(player="clients", settings=play.settings)
+    with (
+        kept_conversations(path, header) as keep,
+        session(client_of(GameList({"test": [play]}), keep=keep)) as ask,
+    ):
+        yield ask
+
+
+@pytest.mark.parametrize("answer", ["\ud800", "1 + \udfff \0", "x" * 1_000_000])
+def test_a_game_is_recorded_whatever_its_player_says(tmp_path, answer):
+    path = tmp_path / "games.jsonl"
+    with recorded(path, open_track("craft-1-lite").play()) as ask:
+        for index in range(2):
+            seen(ask("reset", {"index": index}))
+            done = False
+            while not done:
+                done = seen(ask("step", {"answer": answer}))["done"]
+        seen(ask("reset", {"index": 2}))
+        ask("step", {"answer": answer})  # and left
+    assert [(one.task, one.success) for one in read_games(path)[1]] == [
+        (0, False),
+        (1, False),
+        (2, False),
+    ]
+
+
+def test_a_lost_game_cannot_be_played_again_because_the_disk_was_full(tmp_path, monkeypatch):
+    def full(file):
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "games.jsonl"
+    with recorded(path, open_track("craft-1-lite").play()) as ask:
+        with monkeypatch.context() as patch:
+            patch.setattr("os.fsync", full)
+            seen(ask("reset", {"index": 0}))
+            assert "was not saved" in ask("step", {"answer": "1 + 1"})["data"]["message"]
+            assert "was not saved" in ask("reset", {"index": 0})["data"]["message"]
+        assert not read_games(path)[1]
+        seen(ask("reset", {"index": 0}))
+        seen(ask("step", {"answer": "1 + 2"}))
+    assert [(one.task, len({*one.last})) for one in read_games(path)[1]] == [(0, 1), (0, 2)]
+
+
 def test_parts_are_told_apart_by_name():
     games = GameList({"test": [open_play("kitchen", "test", 1, 2, None)]})
     with pytest.raises(ConfigError, match="the part 'train' is not offered"):
@@ -374,8 +420,14 @@ def test_parts_are_told_apart_by_name():
 
 
 @contextmanager
-def running(*options):
-    """Run the command in another process; yield it with its address."""
+def running(*options, files=None):
+    """Run the command in another process, with a limit of open files; yield it with its address."""
+
+    def limit():
+        if files is not None:
+            resource = importlib.import_module("resource")  # not on Windows
+            resource.setrlimit(resource.RLIMIT_NOFILE, (files, files))
+
     command = [sys.executable, "-m", "wordcraft_kg", "serve", "openenv", "kitchen"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     process = subprocess.Popen(
@@ -383,6 +435,7 @@ def running(*options):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=environment,
+        preexec_fn=limit,
     )
     try:
         yield process, json.loads(process.stdout.readline())["address"]
@@ -421,6 +474,48 @@ def test_two_hundred_sessions_play_at_once_and_killed_clients_disturb_none():
         assert process.poll() is None
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
+def test_few_open_files_bound_the_sessions_and_a_finished_one_makes_room(tmp_path):
+    from websockets.asyncio.client import connect
+    from websockets.exceptions import InvalidStatus
+
+    async def ask(socket, kind, data):
+        await socket.send(json.dumps({"type": kind, "data": data}))
+        return json.loads(await socket.recv())
+
+    async def flood(address):
+        sockets = []
+        refused = []
+        for _ in range(150):
+            try:
+                sockets.append(await connect(f"ws{address[4:]}/ws", proxy=None))
+            except InvalidStatus as error:
+                refused.append(error.response.status_code)
+        # Those who are told that there is no room may keep their sockets, but not without end.
+        playing = sockets[:48]
+        assert len(sockets) + len(refused) == 150
+        assert {*refused} <= {503}
+        for number, socket in enumerate(playing):
+            assert (await ask(socket, "reset", {"index": number}))["type"] == "observation"
+            assert (await ask(socket, "step", {"answer": "1 + 2"}))["data"]["done"]
+        for socket in sockets:
+            socket.transport.abort()
+        async with connect(f"ws{address[4:]}/ws", proxy=None) as socket:
+            assert (await ask(socket, "reset", {"index": 0}))["type"] == "observation"
+
+    path = tmp_path / "games.jsonl"
+    with running("--out", str(path), files=256) as (process, address):
+        asyncio.run(flood(address))
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        errors = process.stderr.read().decode()
+        assert process.wait(10) == 0
+    assert "48 sessions in place of 256" in errors
+    assert "Traceback" not in errors
+    assert len(read_games(path)[1]) == 48
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ from wordcraft_kg.apps.elicitation.foreign_code import (
 )
 from wordcraft_kg.apps.elicitation.saved_rows import read_rows, save_rows, saved_rows
 from wordcraft_kg.apps.elicitation.sizes import check_counts, check_modules, check_size
-from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
+from wordcraft_kg.apps.elicitation.weights import hash_weights, loading, working
 from wordcraft_kg.base.artefacts import (
     check_output,
     read_json,
@@ -72,12 +72,14 @@ class _Encoder:
         Tokenizers other than those of transformers are not known here; then characters stand in.
 
         Raises:
+            ArtefactError: if the tokenizer fails.
             ConfigError: if a label has no token, as with an encoder for another script.
         """
         tokenizer = self.model.tokenizer
         if not hasattr(tokenizer, "unk_token_id"):
             return [list(map(ord, label)) for label in labels]
-        tokens = tokenizer(list(labels), add_special_tokens=False).input_ids
+        with working(self.path):
+            tokens = tokenizer(list(labels), add_special_tokens=False).input_ids
         unknown = tokenizer.unk_token_id
         if unknown is None:  # a vocabulary of bytes has tokens for any text
             return list(tokens)
@@ -94,17 +96,18 @@ class _Encoder:
         """Return the vectors of labels, ordered by their numbers of tokens, shape (N, D).
 
         Raises:
-            ArtefactError: if a number is not finite.
+            ArtefactError: if the model fails, or a number is not finite.
         """
         parts = []
         # Equal numbers of tokens: padding would change the last bits with the other labels.
         for _, same in groupby(range(len(labels)), key=lambda row: lengths[row]):
             some = [labels[row] for row in same]
-            parts.append(
-                self.model.encode(
+            # Such as tokens beyond the rows of the weights.
+            with working(self.path):
+                part = self.model.encode(
                     some, batch_size=_BATCH, normalize_embeddings=True, show_progress_bar=False
                 )
-            )
+            parts.append(part)
         # Half precision: a vector's last bits have no meaning, and the folder is half as large.
         vectors: NDArray[np.float16] = np.concatenate(parts).astype(np.float16)
         if not np.isfinite(vectors).all():

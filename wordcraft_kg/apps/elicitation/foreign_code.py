@@ -16,7 +16,7 @@ from typing import Any
 
 from packaging.version import Version
 
-from wordcraft_kg.base.artefacts import read_json
+from wordcraft_kg.base.artefacts import SMALL_FILE, check_file, read_json
 from wordcraft_kg.base.errors import ArtefactError, MissingExtraError
 from wordcraft_kg.base.extras import pip_install
 
@@ -53,6 +53,8 @@ _WEIGHTS = re.compile(r"[\w-][\w.-]*\.safetensors")
 _NOT_READ = ("tokenizer.json", "vocab.json")
 """Large JSON files of tokens, which name neither classes nor files."""
 _ADAPTER = "adapter_config.json"
+_TEXTS = (".json", ".jinja", ".txt", ".model")
+"""Endings of settings, of templates, and of files of tokenizers."""
 
 
 def check_sentence_transformers() -> None:
@@ -76,7 +78,8 @@ def check_model_files(path: Path) -> None:
     folder = path if path.is_dir() else path.parent
     if path.is_dir():
         # Only these folders are read; others hold what other libraries read, such as ONNX.
-        places = [folder, *_module_folders(folder)]
+        templates = folder / "additional_chat_templates"
+        places = [folder, *_module_folders(folder), *filter(Path.is_dir, [templates])]
         files = []
         for place in places:
             files += [entry for entry in sorted(place.iterdir()) if not entry.is_dir()]
@@ -151,7 +154,7 @@ def _module_folders(folder: Path) -> list[Path]:
 
 
 def _check_places(folder: Path, files: Iterable[Path]) -> None:
-    """Refuse devices, pipes, and links out of the model folder."""
+    """Refuse devices, pipes, links out of the model folder, and large files of text."""
     root = os.path.realpath(folder)
     inside = [root]
     # In a cache of the hub, the files of a model are links to the folder blobs beside its
@@ -168,6 +171,9 @@ def _check_places(folder: Path, files: Iterable[Path]) -> None:
             )
         if not file.is_file():
             raise ArtefactError(f"'{file}' is not a regular file. Restore a copy.")
+        # The libraries read these as a whole.
+        if file.suffix in _TEXTS:
+            check_file(file, SMALL_FILE)
 
 
 def _check_weights(place: Path) -> None:

@@ -23,7 +23,7 @@ from wordcraft_kg.apps.elicitation.foreign_code import check_model_files
 from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
 from wordcraft_kg.apps.elicitation.saved_rows import read_rows, save_rows, saved_rows
 from wordcraft_kg.apps.elicitation.sizes import check_counts, check_size
-from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
+from wordcraft_kg.apps.elicitation.weights import hash_weights, loading, working
 from wordcraft_kg.base.artefacts import check_output, read_json, with_a_name
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
@@ -162,7 +162,8 @@ class _LabelProbabilities:
         owners: list[int] = []
         counts: list[int] = []
         for owner, label in enumerate(labels):
-            own = label_tokens(self.tokenizer, label)
+            with working(self.tokenizer.name_or_path):
+                own = label_tokens(self.tokenizer, label)
             tokens += own
             owners += [owner] * len(own)
             counts += [len(own)] * len(own)
@@ -172,7 +173,8 @@ class _LabelProbabilities:
 
     def read(self, texts: Sequence[str]) -> list[list[int]]:
         """Return the tokens of texts."""
-        return [self.tokenizer(text).input_ids for text in texts]
+        with working(self.tokenizer.name_or_path):
+            return [self.tokenizer(text).input_ids for text in texts]
 
     @torch.inference_mode()
     def after(self, texts: Sequence[Sequence[int]]) -> Tensor:
@@ -182,7 +184,9 @@ class _LabelProbabilities:
             shape (B, E), in nats: the mean over the tokens of each label.
         """
         # Only the logits of the last position are computed: the others are (B, T, vocabulary).
-        logits = self.model(input_ids=torch.tensor(texts), logits_to_keep=1).logits[:, -1].float()
+        with working(self.tokenizer.name_or_path):  # such as tokens beyond the rows of the weights
+            output = self.model(input_ids=torch.tensor(texts), logits_to_keep=1)
+        logits = output.logits[:, -1].float()
         # Each token's share of its label's mean; index_add_ sums the shares of a label.
         parts = logits.log_softmax(-1)[:, self.tokens] / self.counts
         return torch.zeros(len(texts), self.size).index_add_(1, self.owners, parts)

@@ -11,7 +11,7 @@ from torch import Tensor
 from wordcraft_kg.base.artefacts import TEMPORARY, read_large_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.tensors import read_tensors
-from wordcraft_kg.runs.folder import locked
+from wordcraft_kg.runs.folder import locked_folder
 
 
 @contextmanager
@@ -28,8 +28,7 @@ def saved_rows(out: Path, key: str) -> Iterator[Path]:
     """
     digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder, "written"):
+    with locked_folder(folder, "written"):
         yield folder
 
 

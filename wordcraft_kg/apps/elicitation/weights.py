@@ -88,11 +88,35 @@ def loading(path: Path, expected: str) -> Iterator[None]:
         # A library that asks "run the custom code? [y/N]" reads no answer, whatever stands in a
         # pipe.
         sys.stdin = io.StringIO()
-        with redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
+        with (
+            redirect_stderr(io.StringIO()),
+            redirect_stdout(io.StringIO()),
+            working(path, f"cannot be loaded as {expected}"),
+        ):
             yield
+    finally:
+        sys.stdin = stdin
+
+
+@contextmanager
+def working(path: str | Path, problem: str = "fails") -> Iterator[None]:
+    """Turn errors of the libraries that load or use a model into one that names the model.
+
+    Args:
+        path: the model.
+        problem: what an error means, in words.
+
+    Raises:
+        ArtefactError: for any error but those of this package.
+    """
+    try:
+        yield
     except WordCraftKGError:
         raise
-    except Exception as error:  # libraries report damaged files by errors of many classes
+    except BaseException as error:  # libraries report damaged files by errors of many classes
+        # A panic of the tokenizers, which are written in Rust, is no Exception.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
         # The only sign of this cause, which needs another remedy than a damaged file.
         if "trust_remote_code" in str(error):
             raise ArtefactError(
@@ -100,8 +124,5 @@ def loading(path: Path, expected: str) -> Iterator[None]:
                 "model that transformers itself knows."
             ) from None
         raise ArtefactError(
-            f"'{path}' cannot be loaded as {expected}: {reason(error)}. Give another model, or "
-            "restore a copy."
+            f"'{path}' {problem}: {reason(error)}. Give another model, or restore a copy."
         ) from None
-    finally:
-        sys.stdin = stdin

@@ -42,7 +42,7 @@ from wordcraft_kg.base.artefacts import (
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.base.records import Count, Hash, Record, as_values, parse_record
 from wordcraft_kg.envs.world import GraphLike
-from wordcraft_kg.runs.folder import locked
+from wordcraft_kg.runs.folder import locked_folder
 
 STUDY_FILE = "study.json"
 
@@ -174,8 +174,7 @@ def kept_answers(folder: Path, study: HumanStudy) -> Iterator[AnswersDatabase]:
     if check_study_folder(folder, study.record) and (folder / ANSWERS_FILE).exists():
         _check_tasks(folder, study)
     output_target(folder)  # refuses a link that leads nowhere
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder, "served"):
+    with locked_folder(folder, "served"):
         # Once more under the lock: another server may have begun a study meanwhile.
         is_new = not check_study_folder(folder, study.record)
         try:

@@ -4,16 +4,18 @@ Players may reconnect by id. The memory is bounded, because anyone can begin gam
 games are forgotten, and long games are recorded in part.
 """
 
+import logging
 import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from weakref import WeakSet
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
-from wordcraft_kg.apps.text_agents.records import GamesHeader
+from wordcraft_kg.apps.text_agents.records import GamesHeader, TaskGameRecord, WorldGameRecord
 from wordcraft_kg.apps.text_agents.results import append_game, open_games, record_of
-from wordcraft_kg.base.artefacts import check_file
+from wordcraft_kg.base.artefacts import check_file, made_folder
 from wordcraft_kg.base.errors import ActionError, EpisodeError
 from wordcraft_kg.base.labels import read_label
 from wordcraft_kg.base.settings import MAX_SIZE
@@ -212,10 +214,44 @@ def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame
         yield keep
 
 
+class KeptGames:
+    """A file to which a server appends finished games, in the order in which they end."""
+
+    def __init__(self, path: Path, count: int):
+        """Bind the file, which is locked and has ``count`` games."""
+        self._path = path
+        self._count = count
+        self._waiting: list[TaskGameRecord | WorldGameRecord] = []
+        # Which conversations were recorded; those that are forgotten elsewhere are forgotten here.
+        self._recorded = WeakSet[Conversation]()
+
+    def __call__(self, talk: Conversation, messages: Sequence[str]) -> None:
+        """Record a finished game, and save it; a further call only tries to save it again.
+
+        Raises:
+            OSError: as :meth:`save`.
+        """
+        if talk not in self._recorded:
+            self._recorded.add(talk)
+            self._waiting.append(record_of(talk, messages, self._count))
+            self._count += 1
+        self.save()
+
+    def save(self) -> None:
+        """Write the games that could not be written before, such as on a full disk.
+
+        They come before all later games, so a game that went wrong is never the second of its task.
+
+        Raises:
+            OSError: if a game cannot be written; it still waits.
+        """
+        while self._waiting:
+            append_game(self._path, self._waiting[0])
+            del self._waiting[0]
+
+
 @contextmanager
-def kept_conversations(
-    path: Path, header: GamesHeader
-) -> Iterator[Callable[[Conversation, Sequence[str]], None]]:
+def kept_conversations(path: Path, header: GamesHeader) -> Iterator[KeptGames]:
     """Lock a games file, and yield a function that appends a finished game with its messages.
 
     Args:
@@ -227,17 +263,17 @@ def kept_conversations(
         GraphMismatchError: if its games are of another graph or split.
         ConfigError: if its games are of another player or other settings.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists():
-        path.touch()  # the lock needs a file
-    # No device, folder or broken link: records are appended for as long as the server runs.
-    check_file(path)
-    with locked(path, "written"):
-        count = len(open_games(path, header))
-
-        def keep(talk: Conversation, messages: Sequence[str]) -> None:
-            nonlocal count
-            append_game(path, record_of(talk, messages, count))
-            count += 1
-
-        yield keep
+    with made_folder(path.parent):
+        if not path.exists():
+            path.touch()  # the lock needs a file
+        # No device, folder or broken link: records are appended for as long as the server runs.
+        check_file(path)
+        with locked(path, "written"):
+            kept = KeptGames(path, len(open_games(path, header)))
+            try:
+                yield kept
+            finally:
+                try:
+                    kept.save()
+                except OSError as error:
+                    logging.getLogger(__name__).error("games were not saved: %s", error)

@@ -37,6 +37,7 @@ from wordcraft_kg.base.errors import (
     UnknownSettingError,
     WordCraftKGError,
 )
+from wordcraft_kg.base.escaping import for_file
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import MAX_SIZE, nearest, refuse, whole
@@ -60,6 +61,7 @@ try:
         stderr,
     )
     from inspect_ai.solver import Generate, Solver, TaskState, solver
+    from pydantic import BaseModel
 except ModuleNotFoundError:
     raise missing_extra("inspect", ["Inspect AI"]) from None
 
@@ -235,11 +237,11 @@ def conversation(play: Play) -> Solver:
         talk = play.begin(state.metadata.get("task", 0), seed)
         try:
             state = await generate(state)
-            reply = talk.hear(state.output.completion)
+            reply = talk.hear(_writable(state.output).completion)
             while not talk.is_over:
                 state.messages.append(ChatMessageUser(content=reply))
                 state = await generate(state)
-                reply = talk.hear(state.output.completion)
+                reply = talk.hear(_writable(state.output).completion)
         finally:
             # Also on a limit, which Inspect raises as an error: the game counts as it stands,
             # because a model that runs out of tokens has not made the goal.
@@ -253,6 +255,22 @@ def conversation(play: Play) -> Solver:
         return state
 
     return solve
+
+
+def _writable(value: Any) -> Any:
+    """Return a model's output with texts that a log can hold.
+
+    Otherwise the evaluation would fail, and a retry would play its games again. Objects are changed
+    in place, because the events of the log hold them as well.
+    """
+    if isinstance(value, str):
+        return for_file(value)
+    if isinstance(value, list):
+        value[:] = map(_writable, value)
+    elif isinstance(value, dict | BaseModel):
+        items = value if isinstance(value, dict) else vars(value)
+        items.update({name: _writable(item) for name, item in items.items()})
+    return value
 
 
 @metric(scores="unreduced")

@@ -1,7 +1,7 @@
 """The leaderboard: verified submissions by track, as a page in Markdown."""
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import compress
@@ -22,7 +22,7 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.evaluation.reference import literature
 
-REFERENCES = {"oracle": "oracle", "people": "people", "random": "chance"}
+REFERENCES = {"oracle": "oracle", "random": "chance"}
 """Kinds of players that are lines of reference, without a rank, and their names above a table."""
 _SMALL = "-lite"
 """Begins the ending of a track that is a smaller version of another."""
@@ -85,21 +85,27 @@ def _marked(path: Path) -> _Row:
 def _twins(marked: Sequence[_Row]) -> set[str]:
     """Return the names that readers could take for the name of another player on the page.
 
-    A name is a twin if another spelling looks the same, or if players of different kinds, or of one
-    track with different weights, have this name.
+    A name is a twin if another spelling looks the same, if players of different kinds, or of one
+    track with different weights, have this name, or if it stands twice in a track with the same
+    offer of look-ups: with the same games, or with other games by the same prompts.
     """
     spellings = defaultdict[str, set[str]](set)
     kinds = defaultdict[str, set[str]](set)
     weights = defaultdict[tuple[str, str], set[str]](set)
+    entries = Counter[tuple[str, ...]]()
     for row in marked:
         one = row.submission
         key = look_alike_key(one.player)
         spellings[key].add(one.player)
         kinds[key].add(one.kind)
         weights[key, one.track].add(json.dumps(one.weights, sort_keys=True))
+        # Rows with and without look-ups are told apart.
+        entries[key, one.track, one.knowledge, one.games_hash] += 1
+        entries[key, one.track, one.knowledge, one.prompt_hash or ""] += 1
     # Equal weights on different tracks are one player; so weights are compared within a track.
     several = {key for key, different in (*spellings.items(), *kinds.items()) if len(different) > 1}
     several |= {key for (key, _), different in weights.items() if len(different) > 1}
+    several |= {key for (key, *_), number in entries.items() if number > 1}
     names: set[str] = set()
     for key in several:
         names |= spellings[key]
@@ -116,7 +122,7 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     )
     yield (
         f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). "
-        "A bar shows the 95 % interval, a thin line chance or people."
+        "A bar shows the 95 % interval, a thin line chance."
     )
     yield (
         f"† marks a success above {SENSIBLE:.0%}, the share of sensible recipes in the book: "
@@ -126,8 +132,8 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     twins = _twins(marked)
     if twins:
         yield (
-            f"{_TWIN} marks a name that another player on this page has too, "
-            "or one that looks the same:"
+            f"{_TWIN} marks a name that another player on this page has too, one that looks the "
+            "same, or one that stands twice in a track:"
         )
         yield "judge such rows by their other columns."
     heading = ""
@@ -148,8 +154,10 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
             yield from ("", *_folded(_summary(track, rows), [*table, "", *details]))
         else:
             yield from ("", *table, "", *_folded(f"Details of {track}", details))
-    if not any(one.submission.kind == "people" for one in marked):
-        yield from ("", "People: no games were submitted yet.")
+    yield from (
+        "",
+        "A submission cannot show that a person has played: see [Let people play](people.md).",
+    )
     yield from ("", "## From the literature: other tasks, not comparable", "")
     yield from (
         f"- {row.player}: {row.in_words}. {row.reference}" for row in literature(["success"])
@@ -173,7 +181,7 @@ def _value(row: _Row) -> str:
 
 
 def _references(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
-    """Yield the line above a table with the oracle, people and chance."""
+    """Yield the line above a table with the oracle and chance."""
     found = [
         f"{about} {_value(one)} ({_player(one.submission, twins)}, {one.mark})"
         for kind, about in REFERENCES.items()
@@ -187,7 +195,7 @@ def _references(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
 def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
     """Yield the lines of a track's table, best first; nothing without a ranked player.
 
-    Equal results share a rank. Each bar also shows chance and people, as thin lines.
+    Equal results share a rank. Each bar also shows chance, as a thin line.
     """
     ranked = [one for one in rows if one.submission.kind not in REFERENCES]
     if not ranked:
@@ -199,7 +207,7 @@ def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
     most = max(1.0, *ends)
     lines = []
     for one in rows:
-        if one.submission.kind in ("random", "people"):
+        if one.submission.kind == "random":
             mean = one.submission.figures.mean
             lines.append(100 * mean / most)
     means = [one.submission.figures.mean for one in ranked]

@@ -20,13 +20,13 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
+from wordcraft_kg.apps.text_agents.hosted_games import KeptGames
 from wordcraft_kg.apps.text_agents.named_games import GameList
 from wordcraft_kg.apps.text_agents.openenv_session import (
     ACTION_SCHEMA,
     OBSERVATION_SCHEMA,
     STATE_SCHEMA,
     CraftingSession,
-    Keep,
 )
 from wordcraft_kg.apps.text_agents.openenv_tasks import NAME, task_routes
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard, foreign_host, is_of_another_site
@@ -126,7 +126,7 @@ def _error(code: str, message: str) -> str:
 def make_openenv_app(
     games: GameList,
     *,
-    keep: Keep | None = None,
+    keep: KeptGames | None = None,
     sessions: int = 256,
     idle: float = 900.0,
     host: str = LOOPBACK[0],
@@ -136,7 +136,7 @@ def make_openenv_app(
 
     Args:
         games: the games on offer.
-        keep: function that records a finished game; None records nothing.
+        keep: file for finished games; None records nothing.
         sessions: most sessions at a time; a further client is told so.
         idle: seconds without a message after which a session ends.
         host: address on which the server listens.

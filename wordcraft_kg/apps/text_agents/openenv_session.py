@@ -5,13 +5,14 @@ messages.
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame
+from wordcraft_kg.apps.text_agents.hosted_games import KeptGames
 from wordcraft_kg.apps.text_agents.named_games import GameList, NamedGame
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
@@ -52,8 +53,6 @@ STATE_SCHEMA: dict[str, Any] = {
     "type": "object",
     "properties": {"episode_id": {"type": ["string", "null"]}, "step_count": _WHOLE},
 }
-Keep = Callable[[Conversation, Sequence[str]], None]
-"""Records a finished game, from its conversation and all messages."""
 
 
 class CraftingSession:
@@ -63,12 +62,12 @@ class CraftingSession:
         games: the games on offer.
     """
 
-    def __init__(self, games: GameList, keep: Keep | None = None):
+    def __init__(self, games: GameList, keep: KeptGames | None = None):
         """Wait for :meth:`reset`.
 
         Args:
             games: the games on offer.
-            keep: function that records a finished game; None records nothing.
+            keep: file for finished games; None records nothing.
         """
         self.games = games
         self._keep = keep
@@ -91,6 +90,7 @@ class CraftingSession:
 
         Raises:
             ConfigError: for another argument, a value out of range, or a game that is not offered.
+            OSError: if a game cannot be recorded, of whatever session: no other may begin before.
         """
         unknown = sorted(asked.keys() - {*_RESET})
         if unknown:
@@ -99,6 +99,8 @@ class CraftingSession:
         # Begun before the last game ends: a refused reset changes nothing.
         talk = game.begin()
         self.close()
+        if self._keep is not None:
+            self._keep.save()
         self._game = game
         self._talk = talk
         self._messages = [talk.opening]

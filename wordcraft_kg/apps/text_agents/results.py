@@ -30,13 +30,14 @@ from wordcraft_kg.apps.text_agents.records import (
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.artefacts import read_large_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.escaping import for_file
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.runs.folder import locked
+from wordcraft_kg.runs.folder import locked_folder
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
@@ -79,7 +80,8 @@ def record_of(
     game = talk.game
     counts = {
         **{name: getattr(talk, name) for name in COUNTS},
-        "messages": tuple(messages),
+        # A record is written whatever the player says: a game without one could be played again.
+        "messages": tuple(map(for_file, messages)),
         "pairs": tuple(game.pairs),
     }
     if isinstance(game, DiscoveryGame):
@@ -276,9 +278,8 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
     for distractor_seed in range(settings.distractor_seeds):
         for task in tasks:
             missing[task, distractor_seed] = None
-    folder.mkdir(parents=True, exist_ok=True)
     # Two processes that play at once would play the same games.
-    with locked(folder, "written"):
+    with locked_folder(folder, "written"):
         # Not to write through a link: the file that it names may be anyone's.
         if path.is_symlink():
             raise ArtefactError(f"{path} is a link; expected a file. Choose another `out`.")
@@ -319,8 +320,7 @@ def replaced_games(folder: Path, header: GamesHeader) -> Iterator[Path]:
     Raises:
         ArtefactError: if another process plays in the folder.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder, "written"):
+    with locked_folder(folder, "written"):
         new = folder / REPLACEMENT
         if not _has_header(new / GAMES_FILE, header):
             shutil.rmtree(new, ignore_errors=True)
@@ -368,7 +368,12 @@ def open_games(path: Path, header: GamesHeader) -> list[TaskGameRecord | WorldGa
                 logging.getLogger(__name__).warning(text, path)
                 os.truncate(path, path.stat().st_size - len(torn))
             return [*played]
-    _write(path, "wb", line)
+    try:
+        _write(path, "wb", line)
+    except OSError:
+        # Such as a full disk: a file without a game is as good as none.
+        path.unlink()
+        raise
     return []
 
 

@@ -8,11 +8,13 @@ same bytes. What a player declares about itself cannot be verified; it may only 
 import datetime
 import hashlib
 import json
+import os
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -25,8 +27,9 @@ from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.apps.text_agents.submission_files import SUBMISSION_FILE, read_submission_file
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.artefacts import TEMPORARY, dump_json, made_folder, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
+from wordcraft_kg.base.escaping import look_alike_key
 from wordcraft_kg.base.records import (
     Count,
     Hash,
@@ -413,11 +416,14 @@ def write_submission(
     # Everything is complete and checked before an earlier submission is replaced.
     dumped = dump_json(as_values(submission))
     _check_versions(folder, parse_record(dumped.encode(), Submission, folder / SUBMISSION_FILE))
-    folder.mkdir(parents=True, exist_ok=True)
-    # The games first: between the two writes, `games_hash` of an earlier submission does not fit,
-    # and verification refuses it.
-    write_atomically(folder / GAMES_FILE, text)
-    write_atomically(folder / SUBMISSION_FILE, dumped)
+    with made_folder(folder), TemporaryDirectory(TEMPORARY, ".", folder) as staging:
+        files: dict[str, str | bytes] = {GAMES_FILE: text, SUBMISSION_FILE: dumped}
+        for name, content in files.items():
+            write_atomically(Path(staging) / name, content)
+        # Both are written before one is replaced. Between the two renames, `games_hash` of an
+        # earlier submission does not fit, and verification refuses it.
+        for name in files:
+            os.replace(Path(staging) / name, folder / name)
     return submission, lines
 
 
@@ -530,6 +536,11 @@ def _check_versions(path: Path, submission: Submission) -> None:
     for name, value in versions.items():
         if getattr(submission, name) != value:
             raise _refused(path, name, getattr(submission, name), value)
+    # Nobody could verify it. Answers of people are in the folder of `people serve`, which checks
+    # them, and are compared by `reference --external-results`.
+    if look_alike_key(submission.kind) == look_alike_key("people"):
+        expected = "the kind of a program or model, since a submission cannot show who played"
+        raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
     for name in ("player", "kind", "training_data", "licence"):
         check_declared(f"{path}: {name}", getattr(submission, name))
     for key in (*submission.weights, *(submission.tokens or ())):

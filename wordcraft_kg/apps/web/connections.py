@@ -4,6 +4,7 @@ import asyncio
 import sys
 from collections.abc import Collection
 
+import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEADER_WAIT = 30.0
@@ -25,22 +26,28 @@ MOST_CONNECTIONS = 512
 """Maximum number of connections, if the limit of open files allows."""
 _OTHER_FILES = 64
 """Open files kept for the program, such as a database and its log."""
+_BUSY = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
 
 
-def most_connections() -> int:
-    """Return the maximum number of connections: a third of the permitted open files, at most 512.
+def most_web_sockets() -> int:
+    """Return the maximum number of web sockets: a third of the permitted open files.
 
-    New connections are accepted in bursts, before old connections are closed: they need files as
-    well.
+    Another third is for other connections. New connections are accepted in bursts, before old
+    connections are closed: they need files as well.
     """
     if sys.platform == "win32":  # sockets are not files there
-        return MOST_CONNECTIONS
+        return sys.maxsize
     import resource
 
     allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     if allowed == resource.RLIM_INFINITY:
-        return MOST_CONNECTIONS
-    return min(MOST_CONNECTIONS, max((allowed - _OTHER_FILES) // 3, 8))
+        return sys.maxsize
+    return max((allowed - _OTHER_FILES) // 3, 8)
+
+
+def most_connections() -> int:
+    """Return the maximum number of other connections, at most :data:`MOST_CONNECTIONS`."""
+    return min(MOST_CONNECTIONS, most_web_sockets())
 
 
 class Connection(H11Protocol):
@@ -52,10 +59,12 @@ class Connection(H11Protocol):
 
     Attributes:
         limit: maximum number of connections of a server.
+        web_socket_limit: maximum number of web sockets; a further one is refused by status 503.
         connections: the server's open connections, a set that all of them share.
     """
 
     limit = MOST_CONNECTIONS
+    web_socket_limit = sys.maxsize
     connections: "set[Connection]"  # type: ignore[assignment]
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -63,12 +72,21 @@ class Connection(H11Protocol):
         super().connection_made(transport)
         self._silent_since = self.loop.time()
         self._unsent = 0
-        # A web socket leaves this class, but stays in the set: its application bounds its number.
+        # A web socket leaves this class, but stays in the set.
         own = [one for one in self.connections if isinstance(one, Connection)]
         if len(own) > self.limit:
             # The new connection waits for its client as well, so there is always one.
             waiting = [one for one in own if one._patience() is not None]
             min(waiting, key=lambda one: one._silent_since).end()
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        """Let a web socket leave this class, or refuse it if there are too many."""
+        web_sockets = [one for one in self.connections if not isinstance(one, Connection)]
+        if len(web_sockets) < self.web_socket_limit:
+            super().handle_websocket_upgrade(event)
+            return
+        self.transport.write(_BUSY)
+        self.transport.close()
 
     def data_received(self, data: bytes) -> None:
         """Read a part of a request; the time for its body begins with the end of its header."""

@@ -93,8 +93,7 @@ def serve(
         listening: a listening socket, which is closed at the end.
         started: called with the address when the server is ready.
         has_lifespan: whether the application needs the events of the ASGI lifespan protocol.
-        has_web_sockets: whether the application accepts web sockets, and bounds their number; needs
-            the package websockets.
+        has_web_sockets: whether the application accepts web sockets; needs the package websockets.
         in_browser: open the address in the browser if there is a screen.
     """
     import uvicorn
@@ -120,6 +119,7 @@ def serve(
     # A class for each server: the limit of open files is that of the moment.
     class Connection(connections.Connection):
         limit = connections.most_connections()
+        web_socket_limit = connections.most_web_sockets()
 
     config = uvicorn.Config(
         app,

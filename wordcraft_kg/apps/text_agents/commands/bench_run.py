@@ -6,13 +6,19 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
-from wordcraft_kg.base.artefacts import check_output, read_small_file, what_is
+from wordcraft_kg.base.artefacts import (
+    check_output,
+    has_only_temporary,
+    read_small_file,
+    what_is,
+)
 from wordcraft_kg.base.errors import ConfigError, OutputExistsError, PlayerError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output
@@ -77,11 +83,15 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.apps.text_agents.submission import MESSAGES, write_submission
+    from wordcraft_kg.runs.folder import locked_folder
 
     # Everything that the user can mistype is checked before the games, which may take hours.
     messages = out / MESSAGES
     is_program = player.startswith("program:")
-    is_replacing = _check_folder(out, messages / GAMES_FILE, is_program=is_program, force=force)
+    check_folder = partial(
+        _check_folder, out, messages / GAMES_FILE, is_program=is_program, force=force
+    )
+    check_folder()
     declared = _Declared(name, training_data, licence, tokens, price)
     declared.check(weights)
     prompts_hash = None
@@ -89,26 +99,29 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         prompts_hash = hashlib.sha256(read_small_file(prompts)).hexdigest()
     opened = open_track(track)
     begin = time.perf_counter()
-    with _continuable(messages, is_program=is_program):
-        settings = RunSettings(messages, look_ups, timeout, weights, is_replacing)
-        kind, entrant = enter(opened, player, settings)
-    if declared.tokens and entrant.tokens is not None:
-        raise ConfigError(
-            f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
-        )
-    seconds = round(time.perf_counter() - begin, 1)
-    about = {
-        "kind": kind,
-        **declared.facts(entrant),
-        **_prompts(entrant, prompts_hash),
-        "seconds": seconds if measured else None,
-        "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
-    }
-    written, lines = write_submission(out, opened, entrant.games, look_ups, about)
-    if not is_program:
-        # A program's prompts and answers belong to the submission. Other players have none, so a
-        # folder here is from the player of a submission that was replaced.
-        shutil.rmtree(messages, ignore_errors=True)
+    with locked_folder(out, "written"):
+        # Once more under the lock: another process may have played meanwhile.
+        is_replacing = check_folder()
+        with _continuable(messages, is_program=is_program):
+            settings = RunSettings(messages, look_ups, timeout, weights, is_replacing)
+            kind, entrant = enter(opened, player, settings)
+        if declared.tokens and entrant.tokens is not None:
+            raise ConfigError(
+                f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
+            )
+        seconds = round(time.perf_counter() - begin, 1)
+        about = {
+            "kind": kind,
+            **declared.facts(entrant),
+            **_prompts(entrant, prompts_hash),
+            "seconds": seconds if measured else None,
+            "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
+        }
+        written, lines = write_submission(out, opened, entrant.games, look_ups, about)
+        if not is_program:
+            # A program's prompts and answers belong to the submission. Other players have none, so
+            # a folder here is from the player of a submission that was replaced.
+            shutil.rmtree(messages, ignore_errors=True)
     view: dict[str, Any] = {"out": str(out), "submission": written}
     shown = _shown(written, lines)
     if entrant.answers:
@@ -138,7 +151,8 @@ def _check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> b
     is_finished = (out / SUBMISSION_FILE).exists()
     has_games = games.is_file()
     is_continued = is_program and has_games and not is_finished
-    if not is_continued:
+    is_free = out.is_dir() and has_only_temporary(out)
+    if not is_continued and not is_free:
         check_output(out, force=force)
         # Even --force replaces submissions only, never a folder that happens to have this name.
         if out.is_dir() and not is_finished and any(out.iterdir()):

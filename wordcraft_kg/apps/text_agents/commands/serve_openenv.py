@@ -1,5 +1,6 @@
 """``wordcraft-kg serve openenv``."""
 
+import logging
 import sys
 from contextlib import ExitStack
 from itertools import product
@@ -73,7 +74,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         port: port to listen on; 0 selects a free port.
         allow_host: additional server name or address, as with --host 0.0.0.0 or a proxy;
             repeatable.
-        sessions: most sessions at a time.
+        sessions: most sessions at a time, as far as the system permits so many open files.
         idle: seconds without a message after which a session ends.
         out: file for finished games (JSON lines), which the same command continues; for one part,
             depth and number of distractors.
@@ -102,8 +103,18 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
     from wordcraft_kg.apps.text_agents.records import GamesHeader
+    from wordcraft_kg.apps.web.connections import most_web_sockets
     from wordcraft_kg.apps.web.serving import listen, serve
 
+    # A quarter of the web sockets is for clients who are told that all sessions are taken.
+    most = most_web_sockets() * 3 // 4
+    if sessions > most:
+        logging.getLogger(__name__).warning(
+            "%d sessions in place of %d: this process may open few files (see ulimit -n).",
+            most,
+            sessions,
+        )
+        sessions = most
     with ExitStack() as stack:
         # The port first: if it is taken, nobody waits for the tasks.
         listening = stack.enter_context(listen(host, port))

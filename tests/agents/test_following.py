@@ -253,5 +253,5 @@ def test_constants_of_another_type_or_shape_are_damage(recipes_folder, tmp_path)
         if "fold" not in name:  # the number of recipes is that of the tasks
             others.append(constants[name][:-1].clone())
         for other in others:
-            with pytest.raises(ArtefactError, match="do not make a policy"):
+            with pytest.raises(ArtefactError, match=r"do not make a policy|torch\.int8"):
                 read_policy(tmp_path, save(constants | {name: other}), parameters)

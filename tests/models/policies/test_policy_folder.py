@@ -395,7 +395,7 @@ SPOILT: dict[str, tuple[Callable[[Tensors], Tensors], str]] = {
     **{
         str(dtype): (
             lambda all, dtype=dtype: all | {BIAS: all[BIAS].to(dtype)},
-            rf"value\.0\.bias has type {dtype}, not",
+            rf"value\.0\.bias has type {dtype}, shape \(4,\); settings and entities need",
         )
         for dtype in (torch.complex64, torch.int64, torch.float64)
     },

@@ -236,10 +236,14 @@ def read_policy(
             policy = _policy(config, vectors, num_slots or 0, sources)
         # Constants, which have been checked, come before parameters of the same name.
         weights = {**parameters, **tensors}
-        for name, tensor in policy.state_dict().items():
+        for name, expected in policy.state_dict().items():
             # load_state_dict would convert another type in silence.
-            if name in weights and weights[name].dtype != tensor.dtype:
-                raise ValueError(f"{name} has type {weights[name].dtype}, not {tensor.dtype}")
+            stored = weights.get(name, expected)
+            if (stored.dtype, stored.shape) != (expected.dtype, expected.shape):
+                raise ValueError(
+                    f"{name} has type {stored.dtype}, shape {tuple(stored.shape)}; settings and "
+                    f"entities need {expected.dtype}, {tuple(expected.shape)}"
+                )
         # In a checkpoint, other numbers may be larger.
         _check_numbers(parameters)
         # Assigned, not copied: the tensors may be large.

@@ -69,6 +69,8 @@ class TaskConfig:
         task_weighting: sample train tasks by task (uniformly) or by goal (first a goal, then a task
             with this goal).
         ambiguity: all results of a pair, or only the last (as in the paper's released code).
+        pays_held_out: let held-out pairs make their results in training too, as the paper's
+            released code does. Such an agent is paid for test recipes: for comparison only.
 
     Raises:
         ConfigError: for a value out of range.
@@ -86,6 +88,7 @@ class TaskConfig:
     distractor_policy: DistractorPolicy = WordCraftConfig.distractor_policy
     task_weighting: TaskWeighting = WordCraftConfig.task_weighting
     ambiguity: Ambiguity = WordCraftConfig.ambiguity
+    pays_held_out: bool = False
 
     def __post_init__(self) -> None:
         self.environment("train")  # checks all values

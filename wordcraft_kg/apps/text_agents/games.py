@@ -121,6 +121,7 @@ class TaskGame(Game):
 
     Attributes:
         goal: label of the entity to make.
+        outcomes: results of pairs in the world, see :attr:`World.outcomes`.
         tasks: the world's tasks.
         task: index of the game's task.
         distractor_seed: seed of the distractors on the table.
@@ -150,6 +151,7 @@ class TaskGame(Game):
             ConfigError: if there is no such task.
         """
         super().__init__(env.world.graph, "goal")
+        self.outcomes = env.world.outcomes
         self.tasks = env.tasks
         self.task = task
         self.distractor_seed = distractor_seed

@@ -1,8 +1,17 @@
 """Graphs with other test results: whatever training reads must not tell them apart."""
 
+from pathlib import Path
+
 import numpy as np
 
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import (
+    OpenedGraph,
+    RecipeBook,
+    RecipeGraph,
+    SplitConfig,
+    make_split,
+    write_graph_folder,
+)
 from wordcraft_kg.graphs.splits import Draw, Split
 
 
@@ -32,3 +41,12 @@ def with_other_results(opened: OpenedGraph, seed: int | None) -> OpenedGraph:
 def split_of(graph: RecipeGraph, kind: str, seed: int = 0) -> OpenedGraph:
     """Split a graph into 70 % train, 10 % valid and 20 % test recipes, pairs, goals or slots."""
     return OpenedGraph(graph, make_split(graph, SplitConfig(kind, 0.7, 0.1, seed)), graph.name)
+
+
+def write_opened(opened: OpenedGraph, folder: Path) -> Path:
+    """Write a graph folder, with entities that are in no recipe."""
+    graph = opened.graph
+    rows = graph.recipe_labels()
+    book = RecipeBook.of(graph.name, rows, listed=graph.entities, keep_self_results=True)
+    write_graph_folder(folder, book, opened.split)
+    return folder

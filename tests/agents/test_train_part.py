@@ -42,8 +42,8 @@ def graphs(request, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def links(graphs, tmp_path_factory):
-    """ComplEx on the partial graph, with a calibration of its own choice and folds."""
-    settings = ComplExConfig(dim=8, epochs=4, folds=3)
+    """ComplEx on the partial graph, with folds."""
+    settings = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
     return made(
         graphs, tmp_path_factory, lambda graph, out: train_links(LinksConfig(graph, settings), out)
     )

@@ -539,6 +539,7 @@ def test_a_task_setting_out_of_range_is_an_error_that_names_it(setting, options)
 def test_the_environment_gets_all_settings_of_the_tasks():
     other = {"depth": 2, "max_attempts": 3, "reward": "official", "distractor_weighting": "uniform"}
     other |= {"distractor_policy": "no_shortcut", "task_weighting": "goal", "ambiguity": "last"}
+    other |= {"pays_held_out": True}
     tasks = TaskConfig(distractors=7, **other)
     assert all(
         getattr(tasks, field.name) != getattr(TaskConfig(), field.name)

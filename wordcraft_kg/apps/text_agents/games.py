@@ -121,7 +121,7 @@ class TaskGame(Game):
 
     Attributes:
         goal: label of the entity to make.
-        outcomes: results of pairs in the world, see :attr:`World.outcomes`.
+        world: graph, tasks and settings.
         tasks: the world's tasks.
         task: index of the game's task.
         distractor_seed: seed of the distractors on the table.
@@ -151,7 +151,7 @@ class TaskGame(Game):
             ConfigError: if there is no such task.
         """
         super().__init__(env.world.graph, "goal")
-        self.outcomes = env.world.outcomes
+        self.world = env.world
         self.tasks = env.tasks
         self.task = task
         self.distractor_seed = distractor_seed

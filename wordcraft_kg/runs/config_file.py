@@ -76,16 +76,16 @@ class RunConfig:
             raise ArtefactError(
                 f"{path} is damaged: expected the table [{expected}], found [{command}]."
             )
-        for name, difference in cls.since.items():
-            if name not in settings:
-                raise ArtefactError(
-                    f"'{folder}' was trained by an earlier version, {difference} Train again with "
-                    f"the same settings: `wordcraft-kg {command} --config {path} --out FOLDER`."
-                )
+        earlier = [since for name, since in cls.since.items() if name not in settings]
         config = _taken(cls, settings, command, path)
         # Each dataclass has taken its own settings; anything left is unknown to all of them.
         if settings:
             raise ArtefactError(f"{path} is damaged: unknown setting '{next(iter(settings))}'.")
+        if earlier:
+            raise ArtefactError(
+                f"'{folder}' was trained by an earlier version, {earlier[0]} Train again with the "
+                f"same settings: `wordcraft-kg {command} --config {path} --out FOLDER`."
+            )
         return config
 
 

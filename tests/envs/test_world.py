@@ -19,6 +19,7 @@ from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.graphs.splits import groups_of
 from wordcraft_kg.graphs.task_search import make_tasks
+from wordcraft_kg.models.scorers.features import glove_features
 
 POLICIES = ("no_shortcut", "no_train_shortcut")
 DRAWN = {"depth": 3, "num_tasks": 20}
@@ -43,6 +44,7 @@ CHANGES = [
         {"max_attempts": 2, "ambiguity": "last"},
     ),
     {"max_attempts": 2, "part": "all"},
+    {"pays_held_out": True},
     *({"max_attempts": 2, "part": "all", "distractor_policy": policy} for policy in POLICIES),
 ]
 
@@ -56,7 +58,7 @@ def opened():
 
 
 def content(world):
-    arrays = ("distractor_weights", "guarded_recipes", "makeable")
+    arrays = ("distractor_weights", "usable", "makeable")
     values = {
         name: getattr(world, name) for name in ("num_slots", "max_results", "tasks", "outcomes")
     }
@@ -85,12 +87,12 @@ def test_variants_share_what_does_not_depend_on_their_settings(opened):
         "tasks",
         "outcomes",
         "distractor_weights",
-        "guarded_recipes",
+        "usable",
         "makeable",
     ):
         assert getattr(more, name) is getattr(world, name)
     test = more.variant(part="test")
-    assert test.search is world.search
+    assert test.search is test.variant(part="all").search
     assert test.tasks != world.tasks
     assert test.variant(part="train").tasks is world.tasks
 
@@ -204,11 +206,18 @@ def test_evaluation_by_goal_resamples_goals():
     graph = open_graph("everyday").graph
     split = make_split(graph, SplitConfig("by-goal"))
     world = World(OpenedGraph(graph, split, "everyday"), WordCraftConfig("test", 1, 8))
-    result = Evaluator(world, distractor_seeds=2)(nearest_words(graph))
+    result = Evaluator(world, distractor_seeds=2)(
+        nearest_words(glove_features(graph.entities).unit_vectors)
+    )
     figures = result.metrics()
     goals = world.tasks.goals
     assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success, goals)
     low, high = task_bootstrap(result.success, None)
     assert figures.ci_high - figures.ci_low > 1.2 * (high - low), "tasks of a goal are alike"
-    (row,) = play_all(world, {"words": nearest_words(graph)}, (8,), distractor_seeds=2)
+    (row,) = play_all(
+        world,
+        {"words": nearest_words(glove_features(graph.entities).unit_vectors)},
+        (8,),
+        distractor_seeds=2,
+    )
     assert row.high - row.low > 1.2 * (high - low)

@@ -3,22 +3,18 @@
 Memory holds nodes and edges, about 150 bytes for a new node and 30 for an edge, never the lines.
 """
 
-import gzip
-import zlib
 from array import array
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import numpy as np
 
+from wordcraft_kg.base.archives import read_lines
 from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 
-_LONGEST = 2**20
-"""Most bytes in a line; a longer line suggests another kind of file, and could fill the memory."""
 _USELESS = {
     b"/r/ExternalURL",
     b"/r/FormOf",
@@ -29,15 +25,6 @@ _USELESS = {
 _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
 """Relations whose edges are stored in one direction, so that two assertions are not two edges."""
 _ENGLISH = b"/c/en/"
-_MOST_BLANK = 2**20
-"""Most blank lines; a small compressed file could hold so many that reading them takes hours."""
-_SOME = 2**26
-"""Bytes of a compressed file that may be packed in any way: seconds of reading."""
-_DENSEST = 100
-"""Most bytes from a compressed byte, beyond the first ones.
-
-Only mere repetition, up to 1,032, gives more.
-"""
 _HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 HEADER = ["head", "relation", "tail"]
@@ -197,27 +184,9 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
         raise KnowledgeFileError(
             f"{path} is not a file; expected a tab-separated file, plain or .gz."
         )
-    number = num_blank = num_bytes = 0
-    is_compressed = path.suffix == ".gz"
-    most_bytes = max(_SOME, _DENSEST * path.stat().st_size)
-    try:
-        with gzip.open(path) if is_compressed else path.open("rb") as file:
-            # At most so many bytes at once: a file without line ends would fill the memory.
-            lines = iter(partial(file.readline, _LONGEST), b"")
-            for number, line in enumerate(lines, 1):
-                if len(line) == _LONGEST:
-                    raise _fault(path, number, f"more than {_LONGEST:,} characters")
-                num_bytes += len(line)
-                if is_compressed and num_bytes > most_bytes:
-                    raise _fault(path, number, f"more than {_DENSEST} bytes from a compressed byte")
-                if not line.isspace():
-                    yield number, line
-                    continue
-                num_blank += 1
-                if num_blank > _MOST_BLANK:
-                    raise _fault(path, number, f"more than {_MOST_BLANK:,} blank lines")
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise _fault(path, number + 1, f"the compressed file is cut or damaged ({error})") from None
+    for number, line in read_lines(path, KnowledgeFileError):
+        if not line.isspace():
+            yield number, line
 
 
 def _fault(path: Path, line: int, problem: str) -> KnowledgeFileError:

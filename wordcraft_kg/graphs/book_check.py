@@ -20,13 +20,16 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, quoted
-from wordcraft_kg.graphs.book_files.book_rows import BookRows
 from wordcraft_kg.graphs.book_files.cells import HTML_ENTITY, note_of_marks, note_of_numbers
-from wordcraft_kg.graphs.book_files.container import read_bytes
-from wordcraft_kg.graphs.book_files.guide import naming_the_guide
-from wordcraft_kg.graphs.book_files.opening import OpenedFile, open_source
-from wordcraft_kg.graphs.book_files.options import BookOptions, ReadOptions
-from wordcraft_kg.graphs.book_files.reader import book_name, unknown_base
+from wordcraft_kg.graphs.book_files.containers import read_bytes
+from wordcraft_kg.graphs.book_files.reader import (
+    BookOptions,
+    BookRows,
+    ReadOptions,
+    book_name,
+    open_rows,
+    unknown_base,
+)
 from wordcraft_kg.graphs.book_files.rows import NOTHING, Fault, Place, is_missing
 from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.planner import layers
@@ -177,14 +180,12 @@ def check_book(
     if not path.is_dir():
         read_bytes(path)  # raises for a missing or unreadable file
     try:
-        with naming_the_guide(path):
-            file = open_source(path, chosen)
+        rows = open_rows(path, chosen)
     except RecipeFileError as error:
         if path.is_dir():
             raise
         return BookCheck((_problem("unreadable", str(error)),), None, None)
-    findings = _of_bytes(file)
-    rows = BookRows(file, chosen)
+    findings = _of_bytes(rows)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
     for reason, number in rows.left_out.items():
@@ -224,7 +225,7 @@ def check_book(
     return BookCheck(_sorted(findings), _statistics(graph), graph, mended, reading)
 
 
-def _of_bytes(file: OpenedFile) -> list[Finding]:
+def _of_bytes(file: BookRows) -> list[Finding]:
     """Return findings about the bytes of a text: mark, line ends, encoding."""
     findings = []
     if file.encoding not in ("", "utf-8"):

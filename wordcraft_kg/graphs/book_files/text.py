@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.escaping import for_terminal
-from wordcraft_kg.graphs.book_files.guide import refusal
+from wordcraft_kg.graphs.book_files.rows import refusal
 
 # UTF-32 first: its little-endian mark begins with that of UTF-16.
 _MARKS = {

@@ -1,0 +1,216 @@
+"""Recipes from the values of a file: the labels in cells and in values of JSON."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from wordcraft_kg.graphs.book_files.cells import (
+    alternatives,
+    find_joiner,
+    formula_fault,
+    is_number,
+    labels_in,
+    listed_value,
+    parts_of,
+    trim_unseen,
+    without_markup,
+)
+from wordcraft_kg.graphs.book_files.rows import (
+    WITHOUT,
+    Entry,
+    Fault,
+    LeftOut,
+    Place,
+    Row,
+    is_missing,
+)
+from wordcraft_kg.graphs.book_files.rule import Candidate
+from wordcraft_kg.graphs.chains import is_half_product
+from wordcraft_kg.graphs.recipes import label_fault, shown
+
+NUMBER = "\x01"
+"""Before a number of JSON, which is an id until a list names it; no label holds it."""
+Names = dict[str, str | None]
+"""Names by id; None for an id of several names."""
+_OWN_NAMES = "ingredient_a,ingredient_b,result"
+
+
+class Raw(NamedTuple):
+    """A row of a file: values in which labels are to be found.
+
+    Attributes:
+        place: where it stands.
+        parts: cells or values of JSON with the ingredients.
+        results: those with the results.
+        kind: kind of reasoning.
+    """
+
+    place: Place
+    parts: Sequence[Any]
+    results: Sequence[Any]
+    kind: str = ""
+
+
+def fill(
+    candidate: Candidate,
+    raws: Iterable[Raw | Entry],
+    *,
+    is_sole: bool,
+    in_lists: bool = False,
+    is_given: bool = False,
+    tables: Iterable[Names] = (),
+) -> Candidate:
+    """Fill a candidate with the recipes of a file's rows.
+
+    Args:
+        candidate: the reading, without entries.
+        raws: rows, faults and rows left out.
+        is_sole: whether a single column or path has all ingredients, so that a text may hold
+            several of them.
+        in_lists: whether it leads to lists; then each text of them has to hold several.
+        is_given: whether the user names the reading, so that numbers are labels.
+        tables: names by id, of each kind of ids that the file has.
+
+    Returns:
+        The candidate.
+    """
+    raws = list(raws)
+    joiner: str | None = ""
+    if is_sole:
+        texts = [part for raw in raws if isinstance(raw, Raw) for part in raw.parts]
+        cells = [
+            cell for cell in texts if isinstance(cell, str) and cell and not listed_value(cell)
+        ]
+        joiner = find_joiner(cells, in_all=in_lists)
+    entries: list[Entry] = []
+    for raw in raws:
+        if not isinstance(raw, Raw):
+            entries.append(raw)
+        elif in_lists and joiner:
+            # Each text of a list is a sum of its own.
+            for part in raw.parts:
+                entries += _entries(candidate, raw._replace(parts=[part]), joiner)
+        else:
+            entries += _entries(candidate, raw, joiner)
+    candidate.entries = _named(entries, list(tables), is_given=is_given)
+    return candidate
+
+
+def _entries(candidate: Candidate, raw: Raw, joiner: str | None) -> Iterator[Entry]:
+    where = f"{raw.place}: " if isinstance(raw.place, str) else ""
+    parts: list[str] = []
+    message = None
+    for value in raw.parts:
+        cell = _decoded(value)
+        labels = _labels(cell)
+        if labels is None:
+            message = f"{shown(value)} holds no label under a documented key."
+        elif not isinstance(cell, str) or not cell or joiner == "":
+            parts += labels
+        elif joiner is None:
+            message = f"{cell[:80]!r} may be one ingredient or several; write + between them."
+        else:
+            parts += parts_of(cell, joiner)
+            message = message or alternatives(parts, joiner)
+    made: list[str] = []
+    for value in raw.results:
+        labels = _labels(_decoded(value))
+        if labels is None:
+            message = message or f"{shown(value)} holds no label under a documented key."
+        made += labels or []
+    if message is None and (not parts or not made):
+        yield LeftOut(raw.place, WITHOUT)
+        return
+    if message is None:
+        faults = filter(None, map(_fault, (*parts, *made)))
+        message = " Also, ".join(dict.fromkeys(faults))
+    if message:
+        yield Fault(raw.place, "label", where + message)
+        return
+    candidate.several_outputs += len(made) > 1
+    yield from (Row(raw.place, parts, result, raw.kind) for result in made)
+
+
+def _decoded(value: Any) -> Any:
+    """Return the list that a cell holds as text; any other value as it is."""
+    listed = listed_value(value) if isinstance(value, str) else None
+    return value if listed is None else listed
+
+
+def _labels(value: Any) -> list[str] | None:
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int | float):
+        return [f"{NUMBER}{value}"]
+    return labels_in(value)
+
+
+def _fault(label: str) -> str | None:
+    """Return why a cell may be no label, or None."""
+    if label.startswith(NUMBER):
+        return None
+    seen = without_markup(trim_unseen(label))
+    if is_missing(label):
+        return (
+            f"{label!r} may be a missing value or a label. Leave the cell empty; if it is a "
+            f"label, write a table with the columns {_OWN_NAMES}."
+        )
+    if " + " in label and not is_half_product(label):
+        return (
+            f"{label[:80]!r} may be several things or one. Write one recipe in each row; if it "
+            f"is a label, write a table with the columns {_OWN_NAMES}."
+        )
+    return formula_fault(label) or label_fault(seen)
+
+
+# --- names ---------------------------------------------------------------------------------------
+
+
+def names_by_id(things: Iterable[tuple[Any, Any]]) -> Names:
+    """Return names by id.
+
+    Args:
+        things: id and name of each thing.
+
+    Returns:
+        The names; None where one id has several names. Empty if several ids have one name, so that
+        names would merge things.
+    """
+    names: Names = {}
+    for identifier, name in things:
+        if identifier in (None, "") or not isinstance(name, str) or not name:
+            continue
+        keys = [str(identifier)]
+        if is_number(identifier):
+            keys.append(f"{NUMBER}{identifier}")
+        for key in keys:
+            known = names.setdefault(key, name)
+            names[key] = name if known == name else None
+    kept = [name for key, name in names.items() if name is not None and not key.startswith(NUMBER)]
+    return {} if len(set(kept)) < len(kept) else names
+
+
+def _named(entries: Sequence[Entry], tables: Sequence[Names], *, is_given: bool) -> list[Entry]:
+    """Return entries in which the ids of one table are names, if recipes use them."""
+    rows = [entry for entry in entries if isinstance(entry, Row)]
+    labels = {label for row in rows for label in (*row.ingredients, row.result)}
+    used = [(len(labels & table.keys()), table) for table in tables]
+    _, table = max(used, key=lambda pair: pair[0], default=(0, {}))
+    if not labels & table.keys() and not any(label.startswith(NUMBER) for label in labels):
+        return list(entries)
+    names = set(table.values())
+    # A label that is a name already stays, also if it is the id of something else.
+    new = {label: label if label in names else table.get(label, label) for label in labels}
+    if is_given:
+        new = {label: (name or label).removeprefix(NUMBER) for label, name in new.items()}
+    return [_renamed(entry, new) if isinstance(entry, Row) else entry for entry in entries]
+
+
+def _renamed(row: Row, new: Names) -> Entry:
+    *parts, made = labels = [new[label] for label in (*row.ingredients, row.result)]
+    where = f"{row.place}: " if isinstance(row.place, str) else ""
+    for old, label in zip((*row.ingredients, row.result), labels, strict=True):
+        if label is None or label.startswith(NUMBER):
+            belongs = "belongs to several things" if label is None else "is the id of nothing here"
+            message = f"{where}{old.removeprefix(NUMBER)[:80]!r} {belongs}; give names instead."
+            return Fault(row.place, "label", message, "id")
+    return Row(row.place, [label or "" for label in parts], made or "", row.kind)

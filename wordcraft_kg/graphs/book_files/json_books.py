@@ -1,0 +1,327 @@
+"""JSON: recipes by paths of documented keys, or by the paths that the option `columns` gives.
+
+Each way to read a document is a list of paths: those of ingredients and, last, that of the result.
+Documented keys give some (``words``), the shapes ``{result: [[a, b]]}``, ``{a: {b: result}}`` and
+``[[a, b, result]]`` others; the rule takes one of them. ``layouts`` has formats of their own.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from pathlib import Path as FilePath
+from typing import Any
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs.book_files.cells import find_joiner, is_number, listed_value
+from wordcraft_kg.graphs.book_files.entries import Names, Raw, fill, names_by_id
+from wordcraft_kg.graphs.book_files.json_text import load_json
+from wordcraft_kg.graphs.book_files.layouts import known_layout
+from wordcraft_kg.graphs.book_files.paths import (
+    EACH,
+    GRAMMAR,
+    KEY,
+    LOOPS,
+    VALUES,
+    Path,
+    fitted,
+    parse_path,
+    path_text,
+    rows_of_paths,
+)
+from wordcraft_kg.graphs.book_files.rows import FileRows, refusal, without_nothing
+from wordcraft_kg.graphs.book_files.rule import Candidate, choose
+from wordcraft_kg.graphs.book_files.words import (
+    COUNT,
+    IGNORED,
+    Reading,
+    is_documented,
+    is_id,
+    is_name,
+    readings,
+    words_of,
+)
+
+_MOST_KEYS = 40  # of an object that is no map of labels
+_DENSE = 0.5  # share of an object's keys that its siblings have as well
+_MOST_PATHS = 12  # in a refusal
+Labels = dict[Path, list[Any]]
+"""The texts, numbers and keys of a document by path."""
+
+
+def read_json(
+    path: FilePath,
+    text: str,
+    columns: Sequence[str] | None = None,
+    *,
+    fold: bool = False,
+    allows_single: bool = False,
+) -> FileRows:
+    """Read JSON or JSON lines.
+
+    Args:
+        path: the file, for errors.
+        text: its text.
+        columns: paths of ingredients and, last, of the result; None for documented keys.
+        fold, allows_single: see :func:`~wordcraft_kg.graphs.book_files.rule.choose`.
+
+    Raises:
+        RecipeFileError: if the text is not JSON, or has no reading that the rule takes, with all
+            readings as commands.
+        ConfigError: if ``columns`` lead nowhere.
+    """
+    document, is_lines = load_json(path, text)
+    source = None if columns is not None else known_layout(path, document)
+    if source is None:
+        document = _as_records(document)
+        labels: Labels = {}
+        _collect(labels, (), [document])
+        names = _names(document, labels)
+        if columns is None:
+            found = [_candidate(document, each, labels, names) for each in _readings(labels)]
+            best = choose(path, found, "json", fold=fold, allows_single=allows_single)
+        else:
+            best = _given(document, columns, labels, names)
+        if best is None:
+            seen = f"no documented keys of ingredients and a result; {_shown_paths(labels)}"
+            raise refusal(path, seen, "json")
+        source = FileRows("JSON", without_nothing(best.entries), columns=best.columns)
+        source.ignored = best.ignored
+        source.several_outputs = best.several_outputs
+    source.shape = f"{source.shape} (JSON lines)" if is_lines else source.shape
+    return source
+
+
+def _given(
+    document: Any, columns: Sequence[str], labels: Labels, names: Sequence[Names]
+) -> Candidate:
+    """Return the reading that the option `columns` gives."""
+    paths = []
+    for text in columns:
+        # Numbers count the labels of lists from 1, as in a table without a header.
+        is_place = text.strip().isdecimal() and int(text) > 0
+        steps: Path = (EACH, f"[{int(text) - 1}]") if is_place else parse_path(text.strip())
+        paths.append(fitted(steps, document))
+    option = f"`columns` {','.join(columns)}"
+    if len(paths) < 2 or len(set(paths)) < len(paths):
+        raise ConfigError(
+            f"{option}: expected different paths, of the ingredients and, last, of the result; "
+            f"each is {GRAMMAR}."
+        )
+    reading = Reading(tuple(paths[:-1]), (paths[-1],))
+    candidate = _candidate(document, reading, labels, names, is_given=True)
+    if candidate.rows or not candidate.is_empty:
+        return candidate
+    raise ConfigError(f"{option}: no recipe there; {_shown_paths(labels)}. A path is {GRAMMAR}.")
+
+
+def _as_records(document: Any) -> Any:
+    """Return columns, or a list below a header, as records; any other value as it is."""
+    if isinstance(document, dict):
+        data = document.get("data")
+        if isinstance(document.get("columns"), list) and isinstance(data, list):
+            document = [document["columns"], *data]
+        else:
+            columns = [
+                [*each.values()] if isinstance(each, dict) else each for each in document.values()
+            ]
+            names = [(EACH, f".{name}") for name in document]
+            is_table = any(
+                reading.is_named and reading.is_documented for reading in readings(names)
+            )
+            if is_table and all(isinstance(column, list) for column in columns):
+                rows = list(zip(*columns, strict=False))
+                is_flat = all(
+                    isinstance(cell, str | int | float) for cell in chain.from_iterable(rows)
+                )
+                if is_flat and len(set(map(len, columns))) == 1:
+                    return [dict(zip(document, row, strict=True)) for row in rows]
+    if isinstance(document, list) and document and isinstance(document[0], list):
+        head = document[0]
+        names = [(EACH, f".{name}") for name in head]
+        if any(reading.is_named and reading.is_documented for reading in readings(names)):
+            rows_below = [row for row in document[1:] if isinstance(row, list)]
+            return [dict(zip(head, row, strict=False)) for row in rows_below]
+    return document
+
+
+# --- paths of a document -------------------------------------------------------------------------
+
+
+def _collect(labels: Labels, path: Path, values: list[Any]) -> None:
+    """Collect the texts, numbers and keys below all values at a path.
+
+    Args:
+        labels: gets them.
+        path: the path.
+        values: all values there.
+    """
+    plain = [value for value in values if isinstance(value, str | int | float)]
+    lists = [value for value in values if isinstance(value, list)]
+    objects = [value for value in values if isinstance(value, dict) and value]
+    if plain:
+        labels.setdefault(path, []).extend(plain)
+    if lists and all(map(_is_counted, lists)):
+        # A label and its number of pieces, as in ["egg", 2].
+        labels[(*path, "[0]")] = [value[0] for value in lists]
+    elif lists:
+        _collect(labels, (*path, EACH), list(chain.from_iterable(lists)))
+    if not objects:
+        return
+    if _are_records(objects):
+        for key in dict.fromkeys(chain.from_iterable(objects)):
+            inner = [each[key] for each in objects if key in each]
+            _collect(labels, (*path, f".{key}"), inner)
+        return
+    labels.setdefault((*path, VALUES, KEY), []).extend(chain.from_iterable(objects))
+    inner = list(chain.from_iterable(each.values() for each in objects))
+    # Numbers beside labels are numbers of pieces.
+    if not all(map(is_number, inner)):
+        _collect(labels, (*path, VALUES), inner)
+
+
+def _is_counted(value: list[Any]) -> bool:
+    is_pair = len(value) == 2 and isinstance(value[0], str)
+    return is_pair and isinstance(value[1], int | float)
+
+
+def _are_records(objects: Sequence[dict[str, Any]]) -> bool:
+    """Return whether the keys of objects are properties, not labels."""
+    counts: dict[str, int] = {}
+    for each in objects:
+        for key in each:
+            counts[key] = counts.get(key, 0) + 1
+    known = [key for key in counts if is_documented(key)]
+    if len(counts) > _MOST_KEYS and len(known) * 2 < len(counts):
+        return False
+    if len(objects) > 1:
+        if any(counts[key] * 2 > len(objects) for key in known):
+            return True
+        texts = {value for each in objects for value in each.values() if isinstance(value, str)}
+        # Labels of a map are values of it as well; properties are not.
+        is_dense = sum(counts.values()) > _DENSE * len(objects) * len(counts)
+        return is_dense and texts.isdisjoint(counts)
+    kinds = {isinstance(value, dict | list) for value in objects[0].values() if value is not None}
+    others = [key for key in counts if words_of(key) & (COUNT | IGNORED)]
+    is_mixed = len(kinds) > 1 and bool(known)
+    return is_mixed or len(known) * 2 >= len(counts) or bool(known and others)
+
+
+def _names(document: Any, labels: Labels) -> list[Names]:
+    """Return names by id, slug or emoji, for each kind of ids beside names in a document."""
+    tables = []
+    for path in labels:
+        key = path[-1][1:] if path else ""
+        parent = path[:-1]
+        siblings = [other for other in labels if other[:-1] == parent and other[-1][:1] == "."]
+        named = [other for other in siblings if is_name(other[-1][1:]) and other != path]
+        if path[-1:] == (KEY,):
+            inside = [other for other in labels if other[:-1] == parent and is_name(other[-1][1:])]
+            texts = [parent] if parent in labels and all(map(str.isdecimal, labels[path])) else []
+            named = [*inside, *texts]
+        elif not key or not is_id(key):
+            continue
+        if named:
+            rows = rows_of_paths(document, [path, named[0]])
+            tables.append(names_by_id((ids[0], made[0]) for _, ids, made in rows if ids and made))
+    for path, values in labels.items():
+        # Ids may be places in a list of names.
+        is_list = path[-1:] == (EACH,) and not any(step in LOOPS for step in path[:-1])
+        if is_list and all(isinstance(value, str) for value in values):
+            tables.append(names_by_id(enumerate(values)))
+    return tables
+
+
+def _shown_paths(labels: Labels) -> str:
+    shown = [repr(path_text(path)) for path in labels][:_MOST_PATHS]
+    more = f" and {len(labels) - _MOST_PATHS:,} more" if len(labels) > _MOST_PATHS else ""
+    return f"the file has {', '.join(shown) or 'no labels'}{more}"
+
+
+# --- ways to read a document ---------------------------------------------------------------------
+
+
+def _readings(labels: Labels) -> Iterator[Reading]:
+    """Yield the ways to read a document, the more certain ones first."""
+    by_place = list(_by_place(labels))
+    taken = {path for reading in by_place for path in (*reading.parts, *reading.results)}
+    others = {
+        path: values
+        for path, values in labels.items()
+        if path not in taken or path[-1] == KEY
+        if any(isinstance(value, str) for value in values)
+        or not all(map(is_number, values))
+        or True
+    }
+    yield from readings(others)
+    yield from by_place
+
+
+def _by_place(labels: Labels) -> Iterator[Reading]:
+    """Yield readings of shapes without keys of their own, in which places tell the roles."""
+    for path, values in labels.items():
+        loops = 0
+        while loops < len(path) and path[-1 - loops] in LOOPS:
+            loops += 1
+        if not loops or not any(isinstance(value, str) for value in values):
+            continue
+        before, tail = path[: len(path) - loops], path[len(path) - loops :]
+        keys = labels.get((*before, VALUES, KEY), [])
+        key = (*before, VALUES, KEY)
+        inner_key = (*before, VALUES, VALUES, KEY)
+        if tail[0] == VALUES and keys and find_joiner(_sums(keys), in_all=True):
+            yield Reading((key,), (path,), by_place=True)
+        elif tail[:2] == (VALUES, VALUES):
+            yield Reading((key, inner_key), (path,), by_place=True)
+            yield Reading((inner_key, path), (key,), is_documented=False)
+        elif tail == (VALUES, EACH, EACH):
+            yield Reading((path,), (key,), by_place=True)
+            yield Reading((key, (*path[:-1], "[0]")), ((*path[:-1], "[1]"),), is_documented=False)
+        elif tail in ((VALUES, EACH), (VALUES,)):
+            yield Reading((path,), (key,), by_place=True)
+        elif tail == (EACH, EACH):
+            a, b, c = ((*path[:-1], f"[{place}]") for place in range(3))
+            yield Reading((a, b), (c,), by_place=True)
+            yield Reading((b, c), (a,), is_documented=False)
+            yield Reading((a, c), (b,), is_documented=False)
+        elif tail == (EACH, EACH, EACH):
+            yield Reading(((*path[:-2], "[0]", EACH),), ((*path[:-2], "[1]"),), by_place=True)
+    # Numbers of pieces by label: {"torch": {"plank": 2, "stick": 1}}.
+    for path in labels:
+        if path[-3:] == (VALUES, VALUES, KEY) and path[:-1] not in labels:
+            yield Reading((path,), ((*path[:-2], KEY),), is_named=False, by_place=True)
+
+
+def _sums(keys: Sequence[str]) -> list[str]:
+    """Return keys as texts with a joiner, also those that are lists as text."""
+    return ["+" if listed_value(key) else key for key in keys]
+
+
+def _candidate(
+    document: Any,
+    reading: Reading,
+    labels: Labels,
+    names: Sequence[Names],
+    *,
+    is_given: bool = False,
+) -> Candidate:
+    """Return the recipes of a reading."""
+    parts = reading.parts
+    used = {*parts, *reading.results}
+    candidate = Candidate(
+        tuple(map(path_text, (*parts, *reading.results))),
+        [],
+        reading.is_documented,
+        reading.is_named,
+        num_results=len(reading.results),
+        ignored=tuple(path_text(path) for path in labels if path not in used and path[-1] != KEY),
+        by_place=reading.by_place,
+    )
+    raws = [
+        Raw(place, ingredients, made)
+        for result in reading.results
+        for place, ingredients, made in rows_of_paths(document, [*parts, result])
+    ]
+    is_sole = len(parts) == 1
+    in_lists = is_sole and parts[0][-1] in LOOPS and any(len(raw.parts) != 1 for raw in raws)
+    return fill(
+        candidate, raws, is_sole=is_sole, in_lists=in_lists, is_given=is_given, tables=names
+    )

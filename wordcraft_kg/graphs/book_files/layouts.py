@@ -1,0 +1,292 @@
+"""JSON layouts with keys of their own: ours, the paper's, HIF, saves and dumps of Infinite Craft."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.graphs.book_files.cells import trim_unseen
+from wordcraft_kg.graphs.book_files.rows import (
+    FROM_NOTHING,
+    INFINITE_CRAFT_BASE,
+    NOTHING,
+    WITH_NOTHING,
+    Entry,
+    Fault,
+    FileRows,
+    LeftOut,
+    Row,
+    refusal,
+)
+from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
+from wordcraft_kg.graphs.recipes import RecipeRows, check_label, label_fault, shown
+
+
+def known_layout(path: Path, document: Any) -> FileRows | None:
+    """Return the rows of a layout that its keys tell; None for any other document.
+
+    Args:
+        path: the file, for errors.
+        document: the parsed JSON.
+
+    Raises:
+        RecipeFileError: if the base, kinds or items of such a layout are damaged.
+    """
+    if not isinstance(document, dict):
+        return None
+    if is_hif(document):
+        return _hypergraph(path, document)
+    entities, recipes = document.get("entities"), document.get("recipes")
+    items, elements = document.get("items"), document.get("elements")
+    if isinstance(entities, list) and isinstance(recipes, list):
+        return _our_layout(path, document)
+    if isinstance(entities, dict) and all(map(_has_pairs, entities.values())):
+        return _official_layout(path, entities)
+    if isinstance(items, list) and items:
+        if isinstance(recipes, list) and recipes and all(map(_is_index_row, recipes)):
+            return _dump(path, items, recipes)
+        if all(isinstance(item, dict) and "text" in item for item in items):
+            return _save(path, items)
+    if isinstance(elements, list) and isinstance(recipes, dict):
+        texts = [each.get("text") for each in elements if isinstance(each, dict)]
+        if texts and all(isinstance(text, str) for text in texts):
+            return _older_save(path, texts, recipes)
+    return None
+
+
+def _has_pairs(entry: Any) -> bool:
+    return isinstance(entry, dict) and "recipes" in entry
+
+
+def _is_index_row(row: Any) -> bool:
+    # By type: true and false are instances of int, but no indices.
+    return isinstance(row, list) and len(row) >= 2 and all(type(each) is int for each in row)
+
+
+def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
+    """Read our own layout, in which a wrong row is a fault in its place."""
+    rows, base, kinds = document["recipes"], document.get("base"), document.get("kinds")
+    if base is not None and not isinstance(base, list):
+        found = type(base).__name__
+        raise RecipeFileError(f"{path}: 'base' is {found}; expected a list of labels or null.")
+    if kinds is not None and (not isinstance(kinds, list) or len(kinds) != len(rows)):
+        expected = 'expected a list with a kind, or "", for each recipe.'
+        raise RecipeFileError(f"{path}: kinds is {shown(kinds)}; {expected}")
+
+    def raws() -> Iterator[tuple[str, Any, Any]]:
+        for index, row in enumerate(rows):
+            yield f"recipes[{index}]", row, kinds[index] if kinds else ""
+
+    source = FileRows("our own JSON", is_exact=True)
+    _list(source, path, document["entities"], base)
+    source.entries = _exact(raws(), source.listed, "[ingredient, ingredient, result]")
+    return source
+
+
+def _official_layout(path: Path, entities: Mapping[str, Mapping[str, Any]]) -> FileRows:
+    """Read the layout of the paper's code: pairs below each entity."""
+    source = FileRows("the paper's JSON", is_exact=True)
+    _list(source, path, list(entities), None)
+
+    def raws() -> Iterator[tuple[str, Any, Any]]:
+        for result, entry in entities.items():
+            place = f"entities['{result}']"
+            if not isinstance(entry["recipes"], list):
+                yield f"{place}.recipes", entry["recipes"], ""
+                continue
+            for index, pair in enumerate(entry["recipes"]):
+                row = [*pair, result] if isinstance(pair, list) and pair else pair
+                yield f"{place}.recipes[{index}]", row, ""
+
+    source.entries = _exact(raws(), source.listed, "a list of ingredients")
+    return source
+
+
+def _list(source: FileRows, path: Path, entities: Iterable[Any], base: list[Any] | None) -> None:
+    """Note the entities that a file lists, and its base among them."""
+    for index, label in enumerate(entities):
+        place = f"entities[{index}]"
+        source.listed[check_label(label, f"{path}: {place}")] = place
+    if base is not None:
+        source.base = {}
+        for index, label in enumerate(base):
+            fault = _unknown(label, source.listed, f"base[{index}]")
+            if fault:
+                raise RecipeFileError(f"{path}: {fault}")
+            source.base[label] = f"base[{index}]"
+
+
+def _unknown(label: Any, known: Mapping[str, Any], where: str) -> str | None:
+    fault = label_fault(label)
+    if fault is None and label not in known:
+        fault = f"'{label}' is not among the file's entities.{nearest(label, known)}"
+    return None if fault is None else f"{where}: {fault}"
+
+
+def _exact(
+    raws: Iterable[tuple[str, Any, Any]], known: Mapping[str, Any], expected: str
+) -> Iterator[Entry]:
+    """Yield the recipes of rows of labels that a file lists."""
+    for place, row, kind in raws:
+        # The frequent case: labels of the list, which were looked at already.
+        if kind == "" and isinstance(row, list) and len(row) > 1 and _are_known(row, known):
+            yield Row(place, row[:-1], row[-1])
+            continue
+        if not isinstance(row, list) or len(row) < 2:
+            yield Fault(place, "row", f"{place} is {shown(row)}; expected {expected}.", "own row")
+            continue
+        faults = [_unknown(label, known, place) for label in row]
+        if kind != "":
+            kind_fault = label_fault(kind)
+            faults.append(kind_fault and f"{place}: {kind_fault}")
+        fault = next(filter(None, faults), None)
+        if fault is None:
+            yield Row(place, row[:-1], row[-1], kind)
+        else:
+            yield Fault(place, "label", fault)
+
+
+def _are_known(row: list[Any], known: Mapping[str, Any]) -> bool:
+    try:
+        return all(label in known for label in row)
+    except TypeError:  # an object or a list, which is not hashable
+        return False
+
+
+def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
+    """Read a directed hypergraph in HIF, as `export --format hif` writes it."""
+    found = recipes_of_hif(document, str(path))
+    source = FileRows("a hypergraph (HIF)", is_exact=True, counts_dropped=found.dropped_counts)
+    _list(source, path, found.listed, None if found.base is None else list(found.base))
+    # For people, edges count from 1.
+    source.entries = [
+        Row(f"edge {number}", row[:-1], row[-1], kind)
+        for number, (row, kind) in enumerate(zip(found.rows, found.kinds, strict=True), start=1)
+    ]
+    return source
+
+
+# --- Infinite Craft ------------------------------------------------------------------------------
+
+
+def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:
+    """Read a dump: rows of indices of ingredients, and last of the result."""
+    labels = [
+        item.get("text", item.get("name")) if isinstance(item, dict) else item for item in items
+    ]
+    names = [trim_unseen(label) if isinstance(label, str) else label for label in labels]
+    source = _infinite_craft(path, "a dump of Infinite Craft", names)
+    is_pairs = set(map(len, rows)) == {3} and len(set(names)) == len(names)
+    if is_pairs and not any(map(label_fault, names)):
+        ids = np.array(rows, dtype=np.int64)
+        if ids.min() >= 0 and ids.max() < len(names):
+            kept = ids
+            if NOTHING in names:
+                is_nothing = ids == names.index(NOTHING)
+                from_nothing = is_nothing[:, :2].any(axis=1)
+                makes_nothing = is_nothing[:, 2] & ~from_nothing
+                source.left_out = {
+                    FROM_NOTHING: int(from_nothing.sum()),
+                    WITH_NOTHING: int(makes_nothing.sum()),
+                }
+                kept = ids[~is_nothing.any(axis=1)]
+            source.numbered = RecipeRows(names, kept)
+            return source
+    by_index = dict(enumerate(names))
+    raws = (
+        (f"recipes[{index}]", row[:-1], by_index.get(row[-1], row[-1]))
+        for index, row in enumerate(rows)
+    )
+    source.entries = _crafted(raws, by_index)
+    return source
+
+
+def _save(path: Path, items: Sequence[Mapping[str, Any]]) -> FileRows:
+    """Read a save (``.ic``): items with their recipes by id."""
+    names: dict[Any, str] = {}
+    for index, item in enumerate(items):
+        if not isinstance(item["text"], str):
+            raise refusal(path, "an item whose 'text' is no text", "infinite-craft")
+        # An item without an id is named by its index.
+        key = item.get("id", index)
+        if isinstance(key, list | dict):
+            raise refusal(
+                path, f"an item whose id is {shown(key)}; it is not a label", "infinite-craft"
+            )
+        name = trim_unseen(item["text"])
+        if names.setdefault(key, name) != name:
+            seen = f"the id {key!r} belongs to {names[key]!r} and {name!r}"
+            raise refusal(path, seen, "infinite-craft")
+    # Ids may be texts in one place and numbers in the other.
+    names |= {
+        int(key): name for key, name in names.items() if isinstance(key, str) and key.isdecimal()
+    }
+    names |= {str(key): name for key, name in names.items() if str(key) not in names.values()}
+
+    def raws() -> Iterator[tuple[str, Any, Any]]:
+        for index, item in enumerate(items):
+            # First items, such as water, have no recipes, or null.
+            pairs = item.get("recipes") or []
+            place = f"items[{index}].recipes"
+            if not isinstance(pairs, list):
+                yield place, pairs, item["text"]
+                continue
+            for number, pair in enumerate(pairs):
+                yield f"{place}[{number}]", pair, item["text"]
+
+    source = _infinite_craft(path, "a save of Infinite Craft", list(names.values()))
+    source.entries = _crafted(raws(), names)
+    return source
+
+
+def _older_save(path: Path, texts: Sequence[str], recipes: Mapping[str, Any]) -> FileRows:
+    """Read an older save: elements, and recipes by result, whose numbers are labels."""
+    source = _infinite_craft(path, "an older save of Infinite Craft", texts)
+
+    def raws() -> Iterator[tuple[str, Any, Any]]:
+        for result, pairs in recipes.items():
+            for number, pair in enumerate(pairs if isinstance(pairs, list) else [pairs]):
+                is_pair = isinstance(pair, list)
+                texts = (
+                    [each.get("text") if isinstance(each, dict) else each for each in pair]
+                    if is_pair
+                    else pair
+                )
+                yield f"recipes.{result}[{number}]", texts, result
+
+    source.entries = _crafted(raws(), {})
+    return source
+
+
+def _infinite_craft(path: Path, shape: str, labels: Sequence[Any]) -> FileRows:
+    """Return a shape that lists its items; Nothing is none of them."""
+    source = FileRows(shape)
+    texts = [label for label in labels if isinstance(label, str) and label != NOTHING]
+    source.listed = {check_label(label, str(path)): f"items[{i}]" for i, label in enumerate(texts)}
+    if set(INFINITE_CRAFT_BASE) <= source.listed.keys():
+        source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
+    return source
+
+
+def _crafted(raws: Iterable[tuple[str, Any, Any]], names: Mapping[Any, Any]) -> Iterator[Entry]:
+    """Yield recipes by id, in which Nothing is no entity."""
+    for place, parts, made in raws:
+        if not isinstance(parts, list) or not parts:
+            message = f"{place} is {shown(parts)}; expected a list of pairs."
+            yield Fault(place, "row", message, "own row")
+            continue
+        is_plain = all(isinstance(value, str | int) for value in parts)
+        ingredients = [names.get(value, value) if is_plain else value for value in parts]
+        result = made
+        fault = next(filter(None, map(label_fault, (*ingredients, result))), None)
+        if fault is not None:
+            yield Fault(place, "label", f"{place}: {fault}")
+        elif NOTHING in ingredients:
+            yield LeftOut(place, FROM_NOTHING)
+        elif result == NOTHING:
+            yield LeftOut(place, WITH_NOTHING)
+        else:
+            yield Row(place, ingredients, result)

@@ -275,12 +275,15 @@ def formula_fault(cell: str) -> str | None:
     return None
 
 
-def find_joiner(cells: Sequence[str], *, in_all: bool = False) -> str | None:
+def find_joiner(
+    cells: Sequence[str], *, in_all: bool = False, allows_weak: bool = True
+) -> str | None:
     """Return the sign between ingredients in cells, or an empty text for single labels.
 
     Args:
         cells: texts that are not blank.
         in_all: whether a sign must be in each cell, as where each one of a list is a sum.
+        allows_weak: whether a sign that labels hold as well is enough.
 
     Returns:
         None if two signs fit, or one of them is in a few cells only.
@@ -288,7 +291,7 @@ def find_joiner(cells: Sequence[str], *, in_all: bool = False) -> str | None:
     counts = {sign: sum(sign in cell for cell in cells) for sign in (*JOINERS, *WEAK_JOINERS)}
     everywhere = [sign for sign in counts if cells and counts[sign] == len(cells)]
     if everywhere:
-        return everywhere[0]
+        return everywhere[0] if allows_weak or everywhere[0] in JOINERS else None
     if in_all:
         return ""
     present = [sign for sign in JOINERS if counts[sign]]

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from wordcraft_kg.graphs.book_files.cells import (
+    JOINERS,
+    WEAK_JOINERS,
     alternatives,
     find_joiner,
     formula_fault,
@@ -80,7 +82,7 @@ def fill(
         cells = [
             cell for cell in texts if isinstance(cell, str) and cell and not listed_value(cell)
         ]
-        joiner = find_joiner(cells, in_all=in_lists)
+        joiner = find_joiner(cells, in_all=in_lists, allows_weak=not candidate.by_place)
     entries: list[Entry] = []
     for raw in raws:
         if not isinstance(raw, Raw):
@@ -109,8 +111,11 @@ def _entries(candidate: Candidate, raw: Raw, joiner: str | None) -> Iterator[Ent
         elif joiner is None:
             message = f"{cell[:80]!r} may be one ingredient or several; write + between them."
         else:
-            parts += parts_of(cell, joiner)
-            message = message or alternatives(parts, joiner)
+            several = parts_of(cell, joiner)
+            parts += several
+            message = message or alternatives(several, joiner)
+            if len(several) == 1 and any(sign in cell for sign in (*JOINERS, *WEAK_JOINERS)):
+                message = f"{cell[:80]!r} may be one ingredient or several; write {joiner} between."
     made: list[str] = []
     for value in raw.results:
         labels = _labels(_decoded(value))

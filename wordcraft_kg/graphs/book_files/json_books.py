@@ -5,13 +5,14 @@ Documented keys give some (``words``), the shapes ``{result: [[a, b]]}``, ``{a: 
 ``[[a, b, result]]`` others; the rule takes one of them. ``layouts`` has formats of their own.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path as FilePath
 from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.book_files.cells import find_joiner, is_number, listed_value
+from wordcraft_kg.graphs.book_files.cells import JOINERS, is_number, listed_value
 from wordcraft_kg.graphs.book_files.entries import Names, Raw, fill, names_by_id
 from wordcraft_kg.graphs.book_files.json_text import load_json
 from wordcraft_kg.graphs.book_files.layouts import known_layout
@@ -32,19 +33,37 @@ from wordcraft_kg.graphs.book_files.rule import Candidate, choose
 from wordcraft_kg.graphs.book_files.words import (
     COUNT,
     IGNORED,
+    INGREDIENT,
+    ORDINAL,
+    RESULT,
+    SUMS,
     Reading,
     is_documented,
     is_id,
     is_name,
+    is_plain,
     readings,
     words_of,
 )
+from wordcraft_kg.graphs.recipes import check_label
 
 _MOST_KEYS = 40  # of an object that is no map of labels
 _DENSE = 0.5  # share of an object's keys that its siblings have as well
 _MOST_PATHS = 12  # in a refusal
-Labels = dict[Path, list[Any]]
-"""The texts, numbers and keys of a document by path."""
+
+
+class _Labels(dict[Path, list[Any]]):
+    """The texts, numbers and keys of a document by path.
+
+    Attributes:
+        lengths: lengths of the lists at a path.
+        counted: paths of keys with numbers of pieces.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lengths: dict[Path, set[int]] = {}
+        self.counted: set[Path] = set()
 
 
 def read_json(
@@ -72,7 +91,11 @@ def read_json(
     source = None if columns is not None else known_layout(path, document)
     if source is None:
         document = _as_records(document)
-        labels: Labels = {}
+        base = None
+        if isinstance(document, dict) and isinstance(document.get("base"), list):
+            base = document["base"]
+            document = {key: value for key, value in document.items() if key != "base"}
+        labels = _Labels()
         _collect(labels, (), [document])
         names = _names(document, labels)
         if columns is None:
@@ -84,6 +107,8 @@ def read_json(
             seen = f"no documented keys of ingredients and a result; {_shown_paths(labels)}"
             raise refusal(path, seen, "json")
         source = FileRows("JSON", without_nothing(best.entries), columns=best.columns)
+        if base is not None:
+            source.base = {check_label(label, f"{path}: base"): "base" for label in base}
         source.ignored = best.ignored
         source.several_outputs = best.several_outputs
     source.shape = f"{source.shape} (JSON lines)" if is_lines else source.shape
@@ -91,7 +116,7 @@ def read_json(
 
 
 def _given(
-    document: Any, columns: Sequence[str], labels: Labels, names: Sequence[Names]
+    document: Any, columns: Sequence[str], labels: _Labels, names: Sequence[Names]
 ) -> Candidate:
     """Return the reading that the option `columns` gives."""
     paths = []
@@ -146,7 +171,7 @@ def _as_records(document: Any) -> Any:
 # --- paths of a document -------------------------------------------------------------------------
 
 
-def _collect(labels: Labels, path: Path, values: list[Any]) -> None:
+def _collect(labels: _Labels, path: Path, values: list[Any]) -> None:
     """Collect the texts, numbers and keys below all values at a path.
 
     Args:
@@ -163,18 +188,22 @@ def _collect(labels: Labels, path: Path, values: list[Any]) -> None:
         # A label and its number of pieces, as in ["egg", 2].
         labels[(*path, "[0]")] = [value[0] for value in lists]
     elif lists:
+        labels.lengths.setdefault(path, set()).update(map(len, lists))
         _collect(labels, (*path, EACH), list(chain.from_iterable(lists)))
     if not objects:
         return
-    if _are_records(objects):
+    if _are_records(objects, path):
         for key in dict.fromkeys(chain.from_iterable(objects)):
             inner = [each[key] for each in objects if key in each]
             _collect(labels, (*path, f".{key}"), inner)
         return
     labels.setdefault((*path, VALUES, KEY), []).extend(chain.from_iterable(objects))
     inner = list(chain.from_iterable(each.values() for each in objects))
-    # Numbers beside labels are numbers of pieces.
-    if not all(map(is_number, inner)):
+    key = (*path, VALUES, KEY)
+    # Numbers beside labels are numbers of pieces; those beside sums are ids.
+    if all(map(is_number, inner)) and not _are_sums(labels[key]):
+        labels.counted.add(key)
+    else:
         _collect(labels, (*path, VALUES), inner)
 
 
@@ -183,29 +212,38 @@ def _is_counted(value: list[Any]) -> bool:
     return is_pair and isinstance(value[1], int | float)
 
 
-def _are_records(objects: Sequence[dict[str, Any]]) -> bool:
-    """Return whether the keys of objects are properties, not labels."""
-    counts: dict[str, int] = {}
-    for each in objects:
-        for key in each:
-            counts[key] = counts.get(key, 0) + 1
+def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
+    """Return whether the keys of objects are properties, not labels.
+
+    Args:
+        objects: objects that are not empty.
+        path: where they are; below a key such as ``inputs`` numbers are numbers of pieces.
+    """
+    counts = Counter(chain.from_iterable(objects))
     known = [key for key in counts if is_documented(key)]
-    if len(counts) > _MOST_KEYS and len(known) * 2 < len(counts):
+    values = [value for each in objects for value in each.values() if value is not None]
+    if all(map(str.isdecimal, counts)) or (len(counts) > _MOST_KEYS > 2 * len(known)):
+        return False
+    role = words_of(path[-1][1:]) if path and path[-1].startswith(".") else frozenset()
+    if not known and all(map(is_number, values)) and role & (INGREDIENT | RESULT | {"in"}):
         return False
     if len(objects) > 1:
         if any(counts[key] * 2 > len(objects) for key in known):
             return True
-        texts = {value for each in objects for value in each.values() if isinstance(value, str)}
+        texts = {value for value in values if isinstance(value, str)}
         # Labels of a map are values of it as well; properties are not.
-        is_dense = sum(counts.values()) > _DENSE * len(objects) * len(counts)
+        is_dense = len(values) > _DENSE * len(objects) * len(counts)
         return is_dense and texts.isdisjoint(counts)
-    kinds = {isinstance(value, dict | list) for value in objects[0].values() if value is not None}
-    others = [key for key in counts if words_of(key) & (COUNT | IGNORED)]
-    is_mixed = len(kinds) > 1 and bool(known)
-    return is_mixed or len(known) * 2 >= len(counts) or bool(known and others)
+    if not known:
+        return False
+    if len(values) > 1 and all(isinstance(value, dict) and value for value in values):
+        return not _are_records(values)
+    kinds = {isinstance(value, dict | list) for value in values}
+    others = [key for key in counts if words_of(key) & (COUNT | IGNORED | ORDINAL)]
+    return len(kinds) > 1 or bool(others) or len(known) * 2 >= len(counts)
 
 
-def _names(document: Any, labels: Labels) -> list[Names]:
+def _names(document: Any, labels: _Labels) -> list[Names]:
     """Return names by id, slug or emoji, for each kind of ids beside names in a document."""
     tables = []
     for path in labels:
@@ -230,7 +268,7 @@ def _names(document: Any, labels: Labels) -> list[Names]:
     return tables
 
 
-def _shown_paths(labels: Labels) -> str:
+def _shown_paths(labels: _Labels) -> str:
     shown = [repr(path_text(path)) for path in labels][:_MOST_PATHS]
     more = f" and {len(labels) - _MOST_PATHS:,} more" if len(labels) > _MOST_PATHS else ""
     return f"the file has {', '.join(shown) or 'no labels'}{more}"
@@ -239,66 +277,100 @@ def _shown_paths(labels: Labels) -> str:
 # --- ways to read a document ---------------------------------------------------------------------
 
 
-def _readings(labels: Labels) -> Iterator[Reading]:
+def _readings(labels: _Labels) -> Iterator[Reading]:
     """Yield the ways to read a document, the more certain ones first."""
-    by_place = list(_by_place(labels))
-    taken = {path for reading in by_place for path in (*reading.parts, *reading.results)}
-    others = {
-        path: values
-        for path, values in labels.items()
-        if path not in taken or path[-1] == KEY
-        if any(isinstance(value, str) for value in values)
-        or not all(map(is_number, values))
-        or True
-    }
-    yield from readings(others)
+    by_place = list(chain(_by_keys(labels), _by_place(labels)))
+    taken = {path for reading in by_place for path in reading.results if path[-1] != KEY}
+    for reading in readings(path for path in labels if path not in taken):
+        yield reading
+        (part, *others), (made, *_) = reading.parts, reading.results
+        # A pair under a key such as combinations may be a partner and a result.
+        if not others and not reading.is_named and labels.lengths.get(part[:-1]) == {2}:
+            first, second = (*part[:-1], "[0]"), (*part[:-1], "[1]")
+            yield Reading((made, first), (second,), is_documented=False)
     yield from by_place
 
 
-def _by_place(labels: Labels) -> Iterator[Reading]:
+def _by_keys(labels: _Labels) -> Iterator[Reading]:
+    """Yield readings in which keys are ingredients: sums, or two keys around a result."""
+    for path in labels:
+        keys = [path[:at] + (VALUES, KEY) for at, step in enumerate(path) if step == VALUES]
+        keys = [key for key in keys if key in labels]
+        named = path[-1][1:] if path[-1].startswith(".") else ""
+        is_result = named and (words_of(named) & RESULT or is_name(named)) and is_plain(named)
+        is_inside = path[-1] == EACH and path[-2:-1] == (VALUES,)
+        if not keys or path[-1] == KEY or not (is_result or path[-1] == VALUES or is_inside):
+            continue
+        inner = keys[-1]
+        steps = path[len(inner) - 1 :]
+        has_lists = EACH in steps
+        # Commas in keys may be parts of labels of things that are made of lists.
+        sums = _are_sums(labels[inner], has_commas=not has_lists)
+        if sums and not _are_sums(labels[path]) and (not named or steps == path[-1:]):
+            yield Reading((inner,), (path,), by_place=True)
+        elif len(keys) > 1 and not sums and path[: len(inner) - 1] == inner[:-1]:
+            is_pair = len(keys[-1]) - len(keys[-2]) == 1
+            is_text = any(isinstance(value, str) for value in labels[path])
+            if is_pair and is_text and (not named or words_of(named) & RESULT):
+                outer = keys[-2]
+                yield Reading((outer, inner), (path,), by_place=True)
+                yield Reading((inner, path), (outer,), is_documented=False)
+        # Partners below a key of a thing: {"water": {"combinations": {"earth": "mud"}}}.
+        step = inner[-3] if len(inner) > 2 else ""
+        if step.startswith(".") and words_of(step[1:]) & SUMS and not sums and not named:
+            parent = inner[:-3]
+            things = [other for other in labels if other[:-1] == parent and is_name(other[-1][1:])]
+            around = [*things, *(key for key in keys[:-1] if key[:-1] == parent)]
+            for thing in around[:1]:
+                yield Reading((thing, inner), (path,), by_place=True)
+
+
+def _are_sums(keys: Sequence[str], *, has_commas: bool = True) -> bool:
+    """Return whether all keys are sums, or lists as text."""
+    signs = [sign for sign in JOINERS if has_commas or sign != ","]
+    plain = [key for key in keys if isinstance(key, str) and not listed_value(key)]
+    if len(plain) < len(keys) and not plain:
+        return bool(keys) and all(isinstance(key, str) for key in keys)
+    return bool(plain) and any(all(sign in key for key in plain) for sign in signs)
+
+
+def _by_place(labels: _Labels) -> Iterator[Reading]:
     """Yield readings of shapes without keys of their own, in which places tell the roles."""
     for path, values in labels.items():
-        loops = 0
-        while loops < len(path) and path[-1 - loops] in LOOPS:
-            loops += 1
-        if not loops or not any(isinstance(value, str) for value in values):
+        at = len(path)
+        while at and path[at - 1] in LOOPS:
+            at -= 1
+        tail = path[at:]
+        lengths = labels.lengths.get(path[:-1])
+        if not tail or not any(isinstance(value, str) for value in values):
             continue
-        before, tail = path[: len(path) - loops], path[len(path) - loops :]
-        keys = labels.get((*before, VALUES, KEY), [])
-        key = (*before, VALUES, KEY)
-        inner_key = (*before, VALUES, VALUES, KEY)
-        if tail[0] == VALUES and keys and find_joiner(_sums(keys), in_all=True):
-            yield Reading((key,), (path,), by_place=True)
-        elif tail[:2] == (VALUES, VALUES):
-            yield Reading((key, inner_key), (path,), by_place=True)
-            yield Reading((inner_key, path), (key,), is_documented=False)
-        elif tail == (VALUES, EACH, EACH):
+        if tail[-3:] == (VALUES, EACH, EACH):
+            key = (*path[:-2], KEY)
             yield Reading((path,), (key,), by_place=True)
-            yield Reading((key, (*path[:-1], "[0]")), ((*path[:-1], "[1]"),), is_documented=False)
-        elif tail in ((VALUES, EACH), (VALUES,)):
-            yield Reading((path,), (key,), by_place=True)
-        elif tail == (EACH, EACH):
+            if lengths == {2}:
+                first, second = (*path[:-1], "[0]"), (*path[:-1], "[1]")
+                yield Reading((key, first), (second,), is_documented=False)
+        elif tail == (VALUES, EACH) and not _are_sums(labels[(*path[:-1], KEY)]):
+            yield Reading((path,), ((*path[:-1], KEY),), by_place=True)
+        elif tail == (VALUES,) and _are_sums(values) and not _are_sums(labels[(*path, KEY)]):
+            yield Reading((path,), ((*path, KEY),), by_place=True)
+        elif tail == (EACH, EACH) and lengths == {3}:
             a, b, c = ((*path[:-1], f"[{place}]") for place in range(3))
             yield Reading((a, b), (c,), by_place=True)
             yield Reading((b, c), (a,), is_documented=False)
             yield Reading((a, c), (b,), is_documented=False)
-        elif tail == (EACH, EACH, EACH):
+        elif tail == (EACH, EACH, EACH) and labels.lengths.get(path[:-2]) == {2}:
             yield Reading(((*path[:-2], "[0]", EACH),), ((*path[:-2], "[1]"),), by_place=True)
     # Numbers of pieces by label: {"torch": {"plank": 2, "stick": 1}}.
-    for path in labels:
-        if path[-3:] == (VALUES, VALUES, KEY) and path[:-1] not in labels:
+    for path in labels.counted:
+        if path[-3:] == (VALUES, VALUES, KEY):
             yield Reading((path,), ((*path[:-2], KEY),), is_named=False, by_place=True)
-
-
-def _sums(keys: Sequence[str]) -> list[str]:
-    """Return keys as texts with a joiner, also those that are lists as text."""
-    return ["+" if listed_value(key) else key for key in keys]
 
 
 def _candidate(
     document: Any,
     reading: Reading,
-    labels: Labels,
+    labels: _Labels,
     names: Sequence[Names],
     *,
     is_given: bool = False,

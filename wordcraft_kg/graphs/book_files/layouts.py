@@ -179,28 +179,30 @@ def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> Fi
     ]
     names = [trim_unseen(label) if isinstance(label, str) else label for label in labels]
     source = _infinite_craft(path, "a dump of Infinite Craft", names)
-    is_pairs = set(map(len, rows)) == {3} and len(set(names)) == len(names)
-    if is_pairs and not any(map(label_fault, names)):
-        ids = np.array(rows, dtype=np.int64)
-        if ids.min() >= 0 and ids.max() < len(names):
-            kept = ids
-            if NOTHING in names:
-                is_nothing = ids == names.index(NOTHING)
-                from_nothing = is_nothing[:, :2].any(axis=1)
-                makes_nothing = is_nothing[:, 2] & ~from_nothing
-                source.left_out = {
-                    FROM_NOTHING: int(from_nothing.sum()),
-                    WITH_NOTHING: int(makes_nothing.sum()),
-                }
-                kept = ids[~is_nothing.any(axis=1)]
-            source.numbered = RecipeRows(names, kept)
-            return source
     by_index = dict(enumerate(names))
     raws = (
         (f"recipes[{index}]", row[:-1], by_index.get(row[-1], row[-1]))
         for index, row in enumerate(rows)
     )
     source.entries = _crafted(raws, by_index)
+    is_pairs = set(map(len, rows)) == {3} and len(set(names)) == len(names)
+    if is_pairs and not any(map(label_fault, names)):
+        ids = np.array(rows, dtype=np.int64)
+        if ids.min() >= 0 and ids.max() < len(names):
+            labels = list(names)
+            if NOTHING in names:
+                nothing = names.index(NOTHING)
+                makes_nothing = ids[:, 2] == nothing
+                from_nothing = (ids[:, :2] == nothing).any(axis=1) & ~makes_nothing
+                source.left_out = {
+                    FROM_NOTHING: int(from_nothing.sum()),
+                    WITH_NOTHING: int(makes_nothing.sum()),
+                }
+                ids = ids[~makes_nothing & ~from_nothing]
+                # Nothing is no entity, so the ids behind it move up.
+                ids -= ids > nothing
+                labels.remove(NOTHING)
+            source.numbered = RecipeRows(labels, ids)
     return source
 
 
@@ -284,9 +286,9 @@ def _crafted(raws: Iterable[tuple[str, Any, Any]], names: Mapping[Any, Any]) -> 
         fault = next(filter(None, map(label_fault, (*ingredients, result))), None)
         if fault is not None:
             yield Fault(place, "label", f"{place}: {fault}")
-        elif NOTHING in ingredients:
-            yield LeftOut(place, FROM_NOTHING)
         elif result == NOTHING:
             yield LeftOut(place, WITH_NOTHING)
+        elif NOTHING in ingredients:
+            yield LeftOut(place, FROM_NOTHING)
         else:
             yield Row(place, ingredients, result)

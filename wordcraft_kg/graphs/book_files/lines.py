@@ -19,6 +19,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     LeftOut,
     Row,
     refusal,
+    without_nothing,
 )
 from wordcraft_kg.graphs.book_files.tables import read_directive, too_long
 from wordcraft_kg.graphs.recipes import label_fault
@@ -50,11 +51,15 @@ _HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,}|`{3}|\[[^\]+=]*\]\s*$|[^+=
 _COMMENT = re.compile(r"\s*(?:#\s|#$|//)")
 _TAG = re.compile(r"#[\w.-]+:\w")  # a label of Minecraft, such as #minecraft:planks
 _LEFT_OVER = re.compile(
-    rf"^[=<>~≈|:;*\"“`]|^-[-\s]|[=<>~≈|:;*\"”`]$|\s[-–—]\s|\s[-–—]$|[{_FORWARD}{_BACKWARD}≈]|\[\[|\]\]"
-    r"|;\s|[)\]]$(?<=\s.)|\s(?:[=<>~|#/]|//|:=)\s|\s[\[(](?:new|first|\d+)\W*[\])]$|^[\w .]{0,30}[:\])]\s",
-    re.IGNORECASE,
+    rf"^[=<>~≈|:;*\"“`]|^-[-\s]|[=<>~≈|:;*\"”`]$|\s[-–—]$|[{_FORWARD}{_BACKWARD}≈]|\[\[|\]\]|;\s"
+    r"|\s(?:[=<>~|#/]|//|:=)\s"
 )
-"""Signs, quotes, marks and comments that a label does not hold."""
+"""Signs, quotes and comments that a label does not hold."""
+_PREFIX = re.compile(r"^(?:[^\w\s\"'(#]+\s*|.{0,30}?[:\])|]\s+|\S*\d\S*\s+)(?=.)")
+_SUFFIX = re.compile(r"(?<=.)(?:\s*[\[(][^\[\]()]*[\])]|\s+[-–—]\s+.*|\s*[^\w\s\"')\]]+)$")
+"""Beginnings and ends of lines that may be marks, or parts of labels."""
+_OFTEN = 0.2  # share of the lines with a beginning or end
+_SELDOM = 0.1  # how many times rarer it must be in other labels
 _ENOUGH = 0.5  # share of the lines that are recipes, in a file of this shape
 _SAMPLE_LINES = 200
 
@@ -108,8 +113,32 @@ def read_lines(path: Path, text: str) -> FileRows:
     if left and right:
         raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
     source.columns = ("sum", "result") if left >= right else ("sum", "result before it")
-    source.entries = list(_entries(source, lines, sum_is_left=left >= right))
+    entries = without_nothing(_entries(source, lines, sum_is_left=left >= right))
+    source.entries = entries
+    rows = [entry for entry in entries if isinstance(entry, Row)]
+    # In a line the sum may stand on either side.
+    first, last = ([row.ingredients[0] for row in rows], [row.result for row in rows])
+    inner = [label for row in rows for label in row.ingredients[1:]]
+    if left < right:
+        first, last = last, [row.ingredients[-1] for row in rows]
+    for where, pattern, ends in (("begin", _PREFIX, first), ("end", _SUFFIX, last)):
+        others = [*inner, *(last if ends is first else first)]
+        mark = _common_mark(pattern, ends, others)
+        if mark is not None:
+            seen = (
+                f"many lines {where} as with {mark[:40]!r}, which may be a mark or part of a label"
+            )
+            raise refusal(path, seen, "lines", "Remove it from the lines.")
     return source
+
+
+def _common_mark(pattern: re.Pattern[str], ends: list[str], others: list[str]) -> str | None:
+    """Return what many labels at an end of lines have, and few other labels; None without one."""
+    marks = [found[0].strip() for found in map(pattern.search, ends) if found]
+    elsewhere = sum(1 for label in others if pattern.search(label))
+    share = len(marks) / max(len(ends), 1)
+    is_mark = len(marks) > 1 and share >= _OFTEN and elsewhere <= _SELDOM * share * len(others)
+    return marks[0] if is_mark else None
 
 
 def _entries(
@@ -140,10 +169,10 @@ def _recipes(source: FileRows, number: int, line: str, *, sum_is_left: bool) -> 
     total, rest = (sides.left, sides.right) if sum_is_left else (sides.right, sides.left)
     # Several results, or several sums of the same result, between commas.
     if sum_is_left:
-        pairs = [(_summands(total), without_markup(result.strip())) for result in rest.split(",")]
+        pairs = [(_summands(total), _unwrapped(result)) for result in rest.split(",")]
         source.several_outputs += len(pairs) > 1
     else:
-        pairs = [(_summands(part), without_markup(rest)) for part in total.split(",")]
+        pairs = [(_summands(part), _unwrapped(rest)) for part in total.split(",")]
     for ingredients, result in pairs:
         # Each fault once, in the order of the labels.
         faults = dict.fromkeys(filter(None, map(_label_fault, (*ingredients, result))))
@@ -186,11 +215,22 @@ def _sides(line: str) -> _Sides | None:
         if len(parts) > 2:
             return None
         is_backward = sign is _SIGNS[1]
-        left, right = (without_markup(part.strip()) for part in parts)
+        left, right = map(_unwrapped, parts)
         return _Sides(left, right, is_backward)
     return None
 
 
 def _summands(text: str) -> list[str]:
     """Return the parts of a sum; a plus without spaces is part of a label if there is one with."""
-    return [without_markup(part.strip()) for part in text.split(" + " if " + " in text else "+")]
+    return [_unwrapped(part) for part in text.split(" + " if " + " in text else "+")]
+
+
+def _unwrapped(text: str) -> str:
+    """Return a text without quotes or markup around all of it."""
+    text = without_markup(text.strip())
+    for quote in ('"', "'"):
+        inner = text.removeprefix(quote).removesuffix(quote)
+        # Two quoted labels stay as they are, and are refused.
+        if len(text) - len(inner) == 2 and quote not in inner and inner.strip():
+            return inner.strip()
+    return text

@@ -42,7 +42,7 @@ from wordcraft_kg.graphs.chains import (
     makes_nothing,
 )
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label, label_fault
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows, check_label, label_fault
 
 CASES = ("keep", "fold")
 INGREDIENTS = ("two", "chain")
@@ -148,9 +148,10 @@ def read_book(
     if (path / "graph.json").is_file():
         path = path / "graph.json"
     rows = open_rows(path, BookOptions(**options))
+    at_once = rows.all_at_once()
     book = RecipeBook.of(
         name or book_name(path),
-        rows.source.numbered if rows.is_numbered else _without_faults(path, rows),
+        _without_faults(path, rows) if at_once is None else at_once,
         listed=rows.listed,
         keep_self_results=keep_self_results,
         sha256=rows.content.sha256,
@@ -284,21 +285,22 @@ class BookRows:
         self._changes = options.case == "fold" or options.ingredients == "chain"
         self._cells: Cells | None = None
         # Shapes of our own hold any label, so that a book is read as it was written.
-        if not source.is_exact and not self.is_numbered:
+        if not source.is_exact and source.numbered is None:
             source.entries = list(source.entries)
             self._cells = Cells(entry for entry in source.entries if isinstance(entry, Row))
 
-    @property
-    def is_numbered(self) -> bool:
-        """Whether all recipes are there at once, and no option changes them; they are counted."""
+    def all_at_once(self) -> RecipeRows | None:
+        """Return the recipes of all rows, if they are nothing but plain pairs; None to iterate.
+
+        Rows are counted as by an iteration.
+        """
         numbered = self.source.numbered
         if numbered is None or self._changes:
-            return False
-        if not self.rows:
-            self.rows = len(numbered) + sum(self.source.left_out.values())
-            self.arities[2] = len(numbered)
-            self.left_out.update(self.source.left_out)
-        return True
+            return None
+        self.rows += len(numbered) + sum(self.source.left_out.values())
+        self.arities[2] += len(numbered)
+        self.left_out.update(self.source.left_out)
+        return numbered
 
     @property
     def base(self) -> dict[str, Place] | None:

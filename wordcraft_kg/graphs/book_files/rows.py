@@ -158,10 +158,10 @@ def without_nothing(entries: Iterable[Entry]) -> list[Entry]:
     kept: list[Entry] = []
     for entry in entries:
         reason = ""
-        if isinstance(entry, Row) and NOTHING in entry.ingredients:
-            reason = FROM_NOTHING
-        elif isinstance(entry, Row) and entry.result == NOTHING:
+        if isinstance(entry, Row) and entry.result == NOTHING:
             reason = WITH_NOTHING
+        elif isinstance(entry, Row) and NOTHING in entry.ingredients:
+            reason = FROM_NOTHING
         kept.append(LeftOut(entry.place, reason) if reason else entry)
     return kept
 

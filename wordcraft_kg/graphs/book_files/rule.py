@@ -12,56 +12,23 @@ from functools import cached_property
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.cells import count_in, trim_unseen, without_markup
+from wordcraft_kg.graphs.book_files.cells import count_in, is_number, trim_unseen, without_markup
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
+from wordcraft_kg.graphs.book_files.words import words_of
 
+ELEMENTS = words_of(
+    "water fire earth air wind eau feu terre vent agua fuego tierra aire viento wasser feuer erde "
+    "luft acqua fuoco terra aria água fogo ar вода огонь земля воздух 水 火 土 地 風 空気"
+)
+"""The elements with which many worlds begin, in lower case; they are seldom made."""
 LEAST_REUSED = 0.05
 """Share of the results that must be ingredients of other recipes."""
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
 _LIKE = 0.5  # share of the rows by which two readings are one
+_FEW = 3  # ingredients of recipes under keys that say nothing
 _MOST_READINGS = 4  # in a refusal
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
-ELEMENTS = frozenset(
-    [
-        "water",
-        "fire",
-        "earth",
-        "air",
-        "wind",
-        "eau",
-        "feu",
-        "terre",
-        "vent",
-        "agua",
-        "fuego",
-        "tierra",
-        "aire",
-        "viento",
-        "wasser",
-        "feuer",
-        "erde",
-        "luft",
-        "acqua",
-        "fuoco",
-        "terra",
-        "aria",
-        "água",
-        "fogo",
-        "ar",
-        "вода",
-        "огонь",
-        "земля",
-        "воздух",
-        "水",
-        "火",
-        "土",
-        "地",
-        "風",
-        "空気",
-    ]
-)
-"""The elements with which many worlds begin, in lower case; they are seldom made."""
 _FEWEST_ROWS = 50
 _MARGIN = 0.1
 _REUSED = 0.2
@@ -158,12 +125,9 @@ class Candidate:
     @property
     def is_clean(self) -> bool:
         """Whether each entry can be read, so that the reading may be advised."""
-        is_option = self.num_results == 1
-        return (
-            is_option
-            and bool(self.rows)
-            and not any(isinstance(entry, Fault) for entry in self.entries)
-        )
+        is_clean = not any(isinstance(entry, Fault) for entry in self.entries)
+        are_numbers = all(is_number(made) for _, made in self.recipes)
+        return bool(self.rows) and is_clean and not are_numbers and self.num_results == 1
 
     @property
     def command(self) -> str:
@@ -182,6 +146,11 @@ class Candidate:
         """Return whether two readings share most of their recipes."""
         smaller = min(len(self.recipes), len(other.recipes))
         return len(self.recipes & other.recipes) >= _LIKE * smaller
+
+
+def _num_recipes(best: Candidate) -> Callable[[Candidate], tuple[int, bool]]:
+    """Return a key by which readings are larger, and of equal ones the best in front."""
+    return lambda each: (len(each.recipes), each is best)
 
 
 def _bare(cell: str) -> str:
@@ -215,26 +184,38 @@ def choose(
         RecipeFileError: if several readings remain, or the only one does not hang together; with
             the commands that read the file.
     """
-    readable = [each for each in candidates if each.rows]
+    found = list(candidates)
+    readable = [each for each in found if each.rows]
     label = (lambda cell: _bare(cell).lower()) if fold else _bare
     shares = {id(each): each.share_of(label) for each in readable}
     documented = [each for each in readable if each.is_documented]
     named = [each for each in documented if each.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named, key=lambda each: shares[id(each)], default=None)
+    if best is not None:
+        # Of two readings of the same recipes, the one that lacks none.
+        best = max((each for each in documented if each.is_like(best)), key=_num_recipes(best))
     others = [each for each in readable if best is None or not each.is_like(best)]
     rivals = [each for each in others if each.is_clean and shares[id(each)] > LEAST_REUSED]
     if best is None:
         if rivals:
             seen = "no key or column is a documented word for a result and its ingredients"
             raise _several(path, seen, rivals, anchor)
-        return None
-    if best.by_place:
+        # Faults of the most certain reading say what is wrong.
+        return next((each for each in found if each.is_documented and not each.is_empty), None)
+    if not best.is_named or best.by_place:
         odd = [each for each in others if each.contradictions < best.contradictions]
         odd = [each for each in odd if each.is_clean and not each.is_documented]
         if odd:
             raise _several(path, "two readings fit", [best, *odd], anchor)
     share = shares[id(best)]
+    # Another order of the same labels is a reading only if it is no odder.
+    rivals = [
+        each for each in rivals if each.is_documented or each.contradictions <= best.contradictions
+    ]
+    if best.by_place and not share and max(len(row.ingredients) for row in best.rows) > _FEW:
+        seen = f"the labels of {best.columns[0]} may be columns, or ingredients"
+        raise _several(path, seen, rivals, anchor)
     is_small = best.num_made < FEWEST_RESULTS
     if best.is_mostly_single and not allows_single:
         seen = (

@@ -250,7 +250,7 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
 def _are_names(cells: Sequence[str]) -> bool:
     """Return whether cells are documented words for ingredients and a result."""
     paths = [(EACH, f".{cell}") for cell in cells]
-    return len(cells) > 1 and any(reading.is_documented for reading in readings(paths))
+    return len(cells) > 1 and any(readings(paths))
 
 
 # --- the table -----------------------------------------------------------------------------------
@@ -452,7 +452,8 @@ class _Table:
         names = _without_blanks(header.cells)
         below = self.body[index + 1 :]
         # In R's tables, row names have no name.
-        if below and names[0] and all(len(row.cells) == len(names) + 1 for row in below):
+        is_longer = [len(_without_blanks(row.cells)) == len(names) + 1 for row in below]
+        if below and names[0] and all(is_longer):
             names = ["", *names]
         above = {row.number for row in self.body[:index]}
         rows: list[Line | Fault | LeftOut] = []
@@ -649,7 +650,8 @@ class _Table:
                 return self._candidate(
                     Reading(((str(place),),), ((str(1 - place),),)), is_given=True
                 )
-        if width != 3:
+        # Words of columns are no labels of a first recipe.
+        if width != 3 or any(map(is_documented, self.body[0].cells)):
             return None
         places = ("012", "120", "021")
         found = [self._candidate(Reading(((a,), (b,)), ((c,),))) for a, b, c in places]

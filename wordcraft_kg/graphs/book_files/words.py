@@ -35,7 +35,7 @@ RESULT = words_of(
     "resultado resultados producto productos produto produtos salida saída plato prato "
     "risultato risultati prodotto prodotti uscita piatto "
     "resultaat resultaten uitkomst gerecht wynik wyniki rezultat výsledek výsledky "
-    "tulos resultatet utfall sonuç sonuc sonuçlar ürün çıktı eredmény hasil kết_quả "
+    "tulos resultatet utfall sonuç sonuc sonuçlar ürün çıktı eredmény hasil "
     "результат результаты продукт выход блюдо результати "
     "结果 結果 结果物 产物 產物 成品 产出 合成结果 完成品 成果物 生成物 결과 결과물 완성품 النتيجة"
 )
@@ -43,11 +43,11 @@ INGREDIENT = words_of(
     "ingredient ingredients react reacts reactant reactants reagent reagents input inputs "
     "component components constituent constituents parent parents material materials left right "
     "first second third fourth operand operands combines combine precursor precursors "
-    "substrate substrates educt educts requires require required source1 source2 from needs "
+    "substrate substrates educt educts requires require required from needs "
     "zutat zutaten edukt edukte eingabe eingaben bestandteil bestandteile eltern elternteil "
     "ingrédient ingrédients composant composants réactif réactifs entrée entrées matériau "
     "ingrediente ingredientes ingredienti reactivo reactivos reagente reagenti reagentes entrada "
-    "entradas material_1 materiale materiali componente componenti componentes padre padres "
+    "entradas materiale materiali componente componenti componentes padre padres "
     "ingrediënt ingrediënten składnik składniki skladnik skladniki ingredience přísada přísady "
     "ingrediens ingredienser ainesosa ainesosat malzeme malzemeler bileşen girdi hozzávaló "
     "hozzávalók összetevő bahan ingredientele ing mats mat "
@@ -79,9 +79,9 @@ COUNT = words_of(
 )
 IGNORED = words_of(
     "image images img url urls link links href path color colour hash date time times user author "
-    "discovery discovered discoverer isnew note notes comment comments description desc tier level "
-    "depth category categories group type types weight score probability rarity price value version "
-    "game source effect effects chance unit units xp duration station machine tool method energy "
+    "discovery discovered discoverer isnew note notes comment comments description desc tier "
+    "level depth category categories group type types weight score probability rarity price value "
+    "version game source effect effects chance unit units xp duration station machine tool method energy "
     "percent percentage rate mod modid wiki instructions steps"
 )
 _FORWARD = tuple(
@@ -93,9 +93,11 @@ _FORWARD = tuple(
 )
 """Words of keys that list what a thing is used for, not what makes it."""
 CONTAINERS = SUMS | words_of(
-    "items elements entities things objects reactions mixes fusions ingredients results products"
+    "items elements entities things objects names reactions mixes fusions ingredients results "
+    "products"
 )
 """Keys of a file's lists of recipes or things."""
+_BY = words_of("with from of by using")
 _FIRST = ORDINAL | words_of("first second third fourth left right")
 _SLOT = WEAK | ID | {"name"}
 _NAMES = frozenset(NAME)
@@ -168,9 +170,11 @@ def _role(path: Path) -> tuple[str, int]:
         words = words_of(key)
         if not is_plain(key) or key.strip().lower() == KIND:
             return "ignored", at
+        if words & RESULT and words & _BY:
+            return "sum", at  # such as canBeMadeWith
         if words & RESULT:
             return "result", at
-        if words & INGREDIENT:
+        if words & INGREDIENT or words == {"in"}:
             return "part", at
         num_loops = sum(step in LOOPS for step in path[at:])
         if words & SUMS and (not is_inside or num_loops > 1):
@@ -227,6 +231,12 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
                 made[0], results[made[0]]
             ):
                 yield Reading(family, made)
+        # A partner below a thing: {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}.
+        for made in results if len(family) == 1 and _is_partner(family[0]) else ():
+            for thing in things:
+                is_beside = made[:-1] == family[0][:-1]
+                if is_beside and _is_around(thing, made) and thing[:-1] != made[:-1]:
+                    yield Reading((thing, *family), (made,))
         near = [thing for thing in things if _is_around(thing, around)]
         # The innermost thing first, and its name before its id and its key.
         near.sort(key=lambda thing: (-len(_around(thing, len(thing))), _rank(thing)))
@@ -234,13 +244,10 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
         for guess in by_role.get("unknown", {}):
             if _is_around(guess, around):
                 yield Reading(family, (guess,), is_named=False, is_documented=False)
-    if not (parts or sums or slots):
-        for made in results:
-            keys = [
-                path for path in things if path[-1] == KEY and made[: len(path) - 1] == path[:-1]
-            ]
-            if keys:
-                yield Reading(tuple(keys[-2:]), (made,))
+
+
+def _is_partner(path: Path) -> bool:
+    return path[-1].startswith(".") and bool(words_of(path[-1][1:]) & {"with", "partner", "other"})
 
 
 def _common(paths: Sequence[Path]) -> Path:

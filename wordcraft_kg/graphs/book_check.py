@@ -20,7 +20,6 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, quoted
-from wordcraft_kg.graphs.book_files.cells import HTML_ENTITY, note_of_marks, note_of_numbers
 from wordcraft_kg.graphs.book_files.containers import read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
     BookOptions,
@@ -32,6 +31,7 @@ from wordcraft_kg.graphs.book_files.reader import (
 )
 from wordcraft_kg.graphs.book_files.rows import NOTHING, Fault, Place, is_missing
 from wordcraft_kg.graphs.chains import makes_nothing
+from wordcraft_kg.graphs.label_notes import HTML_ENTITY, note_of_marks, note_of_numbers
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

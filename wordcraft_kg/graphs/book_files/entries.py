@@ -1,6 +1,8 @@
 """Recipes from the values of a file: the labels in cells and in values of JSON."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, NamedTuple
 
 from wordcraft_kg.graphs.book_files.cells import (
@@ -33,7 +35,25 @@ NUMBER = "\x01"
 """Before a number of JSON, which is an id until a list names it; no label holds it."""
 Names = dict[str, str | None]
 """Names by id; None for an id of several names."""
+_MOST_WITHOUT_GRID = 3  # ingredients; more may be the slots of a crafting grid
 _OWN_NAMES = "ingredient_a,ingredient_b,result"
+
+
+@dataclass
+class Document:
+    """A value of JSON, or the rows of a table as such a value.
+
+    Attributes:
+        value: the value.
+        places: line of each row of a table.
+        others: faults and rows left out.
+        is_table: whether it is a table.
+    """
+
+    value: Any
+    places: list[int] = field(default_factory=list)
+    others: list[Entry] = field(default_factory=list)
+    is_table: bool = False
 
 
 class Raw(NamedTuple):
@@ -59,6 +79,7 @@ def fill(
     is_sole: bool,
     in_lists: bool = False,
     is_given: bool = False,
+    is_exact: bool = False,
     tables: Iterable[Names] = (),
 ) -> Candidate:
     """Fill a candidate with the recipes of a file's rows.
@@ -70,12 +91,16 @@ def fill(
             several of them.
         in_lists: whether it leads to lists; then each text of them has to hold several.
         is_given: whether the user names the reading, so that numbers are labels.
+        is_exact: whether cells are labels as they stand, as in our own tables.
         tables: names by id, of each kind of ids that the file has.
 
     Returns:
         The candidate.
     """
     raws = list(raws)
+    if is_exact:
+        candidate.entries = [each for raw in raws for each in _exact(raw)]
+        return candidate
     joiner: str | None = ""
     if is_sole:
         texts = [part for raw in raws if isinstance(raw, Raw) for part in raw.parts]
@@ -94,13 +119,41 @@ def fill(
         else:
             entries += _entries(candidate, raw, joiner)
     candidate.entries = _named(entries, list(tables), is_given=is_given)
+    parts = chain.from_iterable(row.ingredients for row in candidate.rows)
+    # Numbers are no results, unless ingredients are numbers as well, such as ids.
+    if not is_given and all(is_number(row.result) for row in candidate.rows):
+        candidate.entries = candidate.entries if all(map(is_number, parts)) else []
+        del candidate.rows
     return candidate
+
+
+def _exact(raw: Raw | Entry) -> Iterator[Entry]:
+    """Yield the recipe of a row of our own table."""
+    if not isinstance(raw, Raw):
+        yield raw
+        return
+    parts = [part for part in raw.parts if part]
+    made = [each for each in raw.results if each]
+    if not parts or not made:
+        yield LeftOut(raw.place, WITHOUT)
+        return
+    labels = (*parts, *made, *filter(None, [raw.kind]))
+    faults = [fault for label in labels if (fault := formula_fault(label) or label_fault(label))]
+    message = " Also, ".join(dict.fromkeys(faults))
+    yield Fault(raw.place, "label", message) if faults else Row(raw.place, parts, made[0], raw.kind)
 
 
 def _entries(candidate: Candidate, raw: Raw, joiner: str | None) -> Iterator[Entry]:
     where = f"{raw.place}: " if isinstance(raw.place, str) else ""
     parts: list[str] = []
     message = None
+    # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of many
+    # slots blanks are usual.
+    if raw.parts[:1] == [""] and any(raw.parts) and len(raw.parts) <= _MOST_WITHOUT_GRID:
+        message = (
+            f"a blank cell before {next(filter(None, raw.parts))!r:.80}, as where cells were merged; "
+            "fill it, or write a single ingredient first."
+        )
     for value in raw.parts:
         cell = _decoded(value)
         labels = _labels(cell)

@@ -6,34 +6,44 @@ Documented keys give some (``words``), the shapes ``{result: [[a, b]]}``, ``{a: 
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import chain
+from operator import itemgetter
 from pathlib import Path as FilePath
 from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.book_files.cells import JOINERS, is_number, listed_value
-from wordcraft_kg.graphs.book_files.entries import Names, Raw, fill, names_by_id
-from wordcraft_kg.graphs.book_files.json_text import load_json
-from wordcraft_kg.graphs.book_files.layouts import known_layout
+from wordcraft_kg.graphs.book_files.entries import Document, Names, Raw, fill, names_by_id
 from wordcraft_kg.graphs.book_files.paths import (
     EACH,
     GRAMMAR,
     KEY,
     LOOPS,
     VALUES,
+    Found,
     Path,
     fitted,
+    leaves,
     parse_path,
     path_text,
     rows_of_paths,
 )
-from wordcraft_kg.graphs.book_files.rows import FileRows, refusal, without_nothing
-from wordcraft_kg.graphs.book_files.rule import Candidate, choose
+from wordcraft_kg.graphs.book_files.rows import (
+    INFINITE_CRAFT_BASE,
+    Entry,
+    FileRows,
+    refusal,
+    without_nothing,
+)
+from wordcraft_kg.graphs.book_files.rule import Candidate, choose, result_place
 from wordcraft_kg.graphs.book_files.words import (
     COUNT,
     IGNORED,
     INGREDIENT,
+    KIND,
     ORDINAL,
     RESULT,
     SUMS,
@@ -66,79 +76,125 @@ class _Labels(dict[Path, list[Any]]):
         self.counted: set[Path] = set()
 
 
-def read_json(
+def rows_of_document(
     path: FilePath,
-    text: str,
+    document: Document,
+    source: FileRows,
     columns: Sequence[str] | None = None,
     *,
     fold: bool = False,
     allows_single: bool = False,
 ) -> FileRows:
-    """Read JSON or JSON lines.
+    """Find the recipes in a document.
 
     Args:
         path: the file, for errors.
-        text: its text.
-        columns: paths of ingredients and, last, of the result; None for documented keys.
-        fold, allows_single: see :func:`~wordcraft_kg.graphs.book_files.rule.choose`.
+        document: its value.
+        source: what is known of its rows, which gets the recipes.
+        columns: paths of ingredients and, last, of the result; None for documented words.
+        fold: see :func:`~wordcraft_kg.graphs.book_files.rule.choose`.
+        allows_single: see there.
 
     Raises:
-        RecipeFileError: if the text is not JSON, or has no reading that the rule takes, with all
-            readings as commands.
+        RecipeFileError: if the document has no reading that the rule takes, with all readings as
+            commands.
         ConfigError: if ``columns`` lead nowhere.
     """
-    document, is_lines = load_json(path, text)
-    source = None if columns is not None else known_layout(path, document)
-    if source is None:
-        document = _as_records(document)
-        base = None
-        if isinstance(document, dict) and isinstance(document.get("base"), list):
-            base = document["base"]
-            document = {key: value for key, value in document.items() if key != "base"}
-        labels = _Labels()
-        _collect(labels, (), [document])
-        names = _names(document, labels)
-        if columns is None:
-            found = [_candidate(document, each, labels, names) for each in _readings(labels)]
-            best = choose(path, found, "json", fold=fold, allows_single=allows_single)
-        else:
-            best = _given(document, columns, labels, names)
+    value = document.value
+    if isinstance(value, dict) and isinstance(value.get("base"), list):
+        source.base = {check_label(label, f"{path}: base"): "base" for label in value["base"]}
+        document.value = {key: each for key, each in value.items() if key != "base"}
+    labels = _Labels()
+    if document.is_table:
+        for key in value[0]:
+            labels[(EACH, f".{key}")] = [row[key] for row in value]
+    else:
+        _collect(labels, (), [document.value])
+    names = _names(document.value, labels)
+    reader = partial(_candidate, document, labels, names, is_exact=source.is_exact)
+    if columns is not None:
+        best: Candidate | None = _given(document, columns, labels, reader)
+    elif source.is_exact:
+        parts = tuple((EACH, f".{name}") for name in ("ingredient_a", "ingredient_b"))
+        best = reader(Reading(parts, ((EACH, ".result"),)))
+    else:
+        anchor = "table" if document.is_table else "json"
+        found = list(map(reader, _readings(labels)))
+        three = [
+            each
+            for each in found
+            if len(each.columns) == 3 and (each.by_place or not each.is_documented)
+        ]
+        place = result_place(three) if len(three) == 3 else None
+        best = (
+            three[place]
+            if place is not None
+            else choose(path, found, anchor, fold=fold, allows_single=allows_single)
+        )
         if best is None:
-            seen = f"no documented keys of ingredients and a result; {_shown_paths(labels)}"
-            raise refusal(path, seen, "json")
-        source = FileRows("JSON", without_nothing(best.entries), columns=best.columns)
-        if base is not None:
-            source.base = {check_label(label, f"{path}: base"): "base" for label in base}
-        source.ignored = best.ignored
-        source.several_outputs = best.several_outputs
-    source.shape = f"{source.shape} (JSON lines)" if is_lines else source.shape
+            seen = "no documented words name ingredients and a result"
+            raise refusal(
+                path, f"{seen}; {_shown_paths(labels)}", anchor, "Name them with --columns."
+            )
+    _note_craft(source, labels, best)
+    source.columns = best.columns
+    source.num_results = best.num_results
+    source.ignored = best.ignored
+    source.several_outputs = best.several_outputs
+    source.counts_dropped += best.counts_dropped
     return source
 
 
+def _note_craft(source: FileRows, labels: _Labels, best: Candidate) -> None:
+    """Take the base of Infinite Craft, in which Nothing is no result, where labels tell the game."""
+    source.entries = best.entries
+    texts = set(chain.from_iterable(each for each in labels.values() if type(each[0]) is str))
+    texts.update(*(row.ingredients for row in best.rows))
+    if not source.is_exact and texts.issuperset(INFINITE_CRAFT_BASE):
+        source.entries = without_nothing(best.entries)
+        # Saves list items with emoji; another table or list may have these labels by chance.
+        if not source.base and any(path[-1:] in ((".text",), (".emoji",)) for path in labels):
+            source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
+
+
 def _given(
-    document: Any, columns: Sequence[str], labels: _Labels, names: Sequence[Names]
+    document: Document,
+    columns: Sequence[str],
+    labels: _Labels,
+    reader: Callable[..., Candidate],
 ) -> Candidate:
     """Return the reading that the option `columns` gives."""
-    paths = []
-    for text in columns:
-        # Numbers count the labels of lists from 1, as in a table without a header.
-        is_place = text.strip().isdecimal() and int(text) > 0
-        steps: Path = (EACH, f"[{int(text) - 1}]") if is_place else parse_path(text.strip())
-        paths.append(fitted(steps, document))
+    value = document.value
+    first = value[0] if isinstance(value, list) and value else None
+    keys = {key.strip().casefold(): key for key in first} if isinstance(first, dict) else {}
+    paths: list[Path] = []
+    for text in map(str.strip, columns):
+        steps: Path
+        if text.casefold() in keys:
+            steps = (EACH, f".{keys[text.casefold()]}")
+        elif text.isdecimal() and first and 1 <= int(text) <= len(first):
+            # Numbers count columns, or the labels of lists, from 1.
+            at = int(text) - 1
+            steps = (EACH, f".{list(first)[at]}" if isinstance(first, dict) else f"[{at}]")
+        else:
+            steps = parse_path(text)
+        paths.append(fitted(steps, value))
     option = f"`columns` {','.join(columns)}"
     if len(paths) < 2 or len(set(paths)) < len(paths):
         raise ConfigError(
-            f"{option}: expected different paths, of the ingredients and, last, of the result; "
-            f"each is {GRAMMAR}."
+            f"{option}: expected different columns, of the ingredients and, last, of the result."
         )
-    reading = Reading(tuple(paths[:-1]), (paths[-1],))
-    candidate = _candidate(document, reading, labels, names, is_given=True)
-    if candidate.rows or not candidate.is_empty:
-        return candidate
-    raise ConfigError(f"{option}: no recipe there; {_shown_paths(labels)}. A path is {GRAMMAR}.")
+    for text, steps in zip(columns, paths, strict=True):
+        if not any(True for _ in leaves(Found("", value), steps)):
+            hint = nearest(text, [path_text(path, document.is_table) for path in labels])
+            grammar = "" if document.is_table else f" A path is {GRAMMAR}."
+            raise ConfigError(
+                f"`columns` {text!r}: no such column; {_shown_paths(labels)}.{hint}{grammar}"
+            )
+    return reader(Reading(tuple(paths[:-1]), (paths[-1],)), is_given=True)
 
 
-def _as_records(document: Any) -> Any:
+def as_records(document: Any) -> Any:
     """Return columns, or a list below a header, as records; any other value as it is."""
     if isinstance(document, dict):
         data = document.get("data")
@@ -258,8 +314,10 @@ def _names(document: Any, labels: _Labels) -> list[Names]:
         elif not key or not is_id(key):
             continue
         if named:
-            rows = rows_of_paths(document, [path, named[0]])
-            tables.append(names_by_id((ids[0], made[0]) for _, ids, made in rows if ids and made))
+            rows = rows_of_paths(document, [path], [named[0]])
+            tables.append(
+                names_by_id((ids[0], made[0]) for _, ids, made, _ in rows if ids and made)
+            )
     for path, values in labels.items():
         # Ids may be places in a list of names.
         is_list = path[-1:] == (EACH,) and not any(step in LOOPS for step in path[:-1])
@@ -269,7 +327,7 @@ def _names(document: Any, labels: _Labels) -> list[Names]:
 
 
 def _shown_paths(labels: _Labels) -> str:
-    shown = [repr(path_text(path)) for path in labels][:_MOST_PATHS]
+    shown = [repr(path_text(path)[:40].removeprefix("[].")) for path in labels][:_MOST_PATHS]
     more = f" and {len(labels) - _MOST_PATHS:,} more" if len(labels) > _MOST_PATHS else ""
     return f"the file has {', '.join(shown) or 'no labels'}{more}"
 
@@ -279,7 +337,7 @@ def _shown_paths(labels: _Labels) -> str:
 
 def _readings(labels: _Labels) -> Iterator[Reading]:
     """Yield the ways to read a document, the more certain ones first."""
-    by_place = list(chain(_by_keys(labels), _by_place(labels)))
+    by_place = list(chain(_by_keys(labels), _by_place(labels), _by_column(labels)))
     taken = {path for reading in by_place for path in reading.results if path[-1] != KEY}
     for reading in readings(path for path in labels if path not in taken):
         yield reading
@@ -325,6 +383,21 @@ def _by_keys(labels: _Labels) -> Iterator[Reading]:
                 yield Reading((thing, inner), (path,), by_place=True)
 
 
+def _by_column(labels: _Labels) -> Iterator[Reading]:
+    """Yield readings of a table without a header, whose columns have numbers."""
+    columns = list(labels)
+    if not all(path[0] == EACH and path[-1][1:].isdecimal() for path in columns):
+        return
+    if len(columns) == 3:
+        a, b, c = columns
+        for one, other, made in ((a, b, c), (b, c, a), (a, c, b)):
+            yield Reading((one, other), (made,), is_documented=False)
+    if len(columns) == 2:
+        sums = [path for path in columns if all("+" in cell for cell in labels[path])]
+        if len(sums) == 1:
+            yield Reading(tuple(sums), tuple(path for path in columns if path not in sums))
+
+
 def _are_sums(keys: Sequence[str], *, has_commas: bool = True) -> bool:
     """Return whether all keys are sums, or lists as text."""
     signs = [sign for sign in JOINERS if has_commas or sign != ","]
@@ -368,32 +441,55 @@ def _by_place(labels: _Labels) -> Iterator[Reading]:
 
 
 def _candidate(
-    document: Any,
-    reading: Reading,
+    document: Document,
     labels: _Labels,
     names: Sequence[Names],
+    reading: Reading,
     *,
     is_given: bool = False,
+    is_exact: bool = False,
 ) -> Candidate:
     """Return the recipes of a reading."""
-    parts = reading.parts
-    used = {*parts, *reading.results}
+    parts, results = reading.parts, reading.results
+    used = {*parts, *results}
+    others = [path for path in labels if path not in used and path[-1:] != (KEY,)]
+    kind = (*parts[0][:-1], f".{KIND}")
+    kinds = [kind] if kind in labels and kind not in used else []
+    text = partial(path_text, is_table=document.is_table)
     candidate = Candidate(
-        tuple(map(path_text, (*parts, *reading.results))),
+        tuple(map(text, (*parts, *results))),
         [],
         reading.is_documented,
         reading.is_named,
-        num_results=len(reading.results),
-        ignored=tuple(path_text(path) for path in labels if path not in used and path[-1] != KEY),
+        num_results=len(results),
+        ignored=tuple(text(path) for path in others if path not in kinds),
         by_place=reading.by_place,
     )
-    raws = [
-        Raw(place, ingredients, made)
-        for result in reading.results
-        for place, ingredients, made in rows_of_paths(document, [*parts, result])
-    ]
+    counts = [path for path in others if words_of(path[-1][1:]) & COUNT]
+    candidate.counts_dropped = sum(
+        number not in ("", "1", 1) for path in counts for number in labels[path]
+    )
+    raws: list[Raw | Entry] = list(document.others)
+    steps = chain.from_iterable(parts if len(parts) > 1 else ())
+    has_places = any(step.startswith("[") and step != EACH for step in steps)
+    for place, values, made, kind_of_row in rows_of_paths(document.value, parts, results, kinds):
+        if not has_places or len(values) == len(parts):
+            at = document.places[int(place[1 : place.index("]")])] if document.places else place
+            raws.append(Raw(at, values, made, kind_of_row))
+    if document.places:
+        raws.sort(key=itemgetter(0))
     is_sole = len(parts) == 1
-    in_lists = is_sole and parts[0][-1] in LOOPS and any(len(raw.parts) != 1 for raw in raws)
+    in_lists = (
+        is_sole
+        and parts[0][-1] in LOOPS
+        and any(len(raw.parts) != 1 for raw in raws if isinstance(raw, Raw))
+    )
     return fill(
-        candidate, raws, is_sole=is_sole, in_lists=in_lists, is_given=is_given, tables=names
+        candidate,
+        raws,
+        is_sole=is_sole,
+        in_lists=in_lists,
+        is_given=is_given,
+        is_exact=is_exact,
+        tables=names,
     )

@@ -17,7 +17,6 @@ from wordcraft_kg.graphs.book_files.rows import (
     Entry,
     Fault,
     FileRows,
-    LeftOut,
     Row,
     refusal,
 )
@@ -40,20 +39,14 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
     if is_hif(document):
         return _hypergraph(path, document)
     entities, recipes = document.get("entities"), document.get("recipes")
-    items, elements = document.get("items"), document.get("elements")
+    items = document.get("items")
     if isinstance(entities, list) and isinstance(recipes, list):
         return _our_layout(path, document)
     if isinstance(entities, dict) and all(map(_has_pairs, entities.values())):
         return _official_layout(path, entities)
-    if isinstance(items, list) and items:
-        if isinstance(recipes, list) and recipes and all(map(_is_index_row, recipes)):
+    if isinstance(items, list) and items and isinstance(recipes, list) and recipes:
+        if all(map(_is_index_row, recipes)):
             return _dump(path, items, recipes)
-        if all(isinstance(item, dict) and "text" in item for item in items):
-            return _save(path, items)
-    if isinstance(elements, list) and isinstance(recipes, dict):
-        texts = [each.get("text") for each in elements if isinstance(each, dict)]
-        if texts and all(isinstance(text, str) for text in texts):
-            return _older_save(path, texts, recipes)
     return None
 
 
@@ -63,7 +56,7 @@ def _has_pairs(entry: Any) -> bool:
 
 def _is_index_row(row: Any) -> bool:
     # By type: true and false are instances of int, but no indices.
-    return isinstance(row, list) and len(row) >= 2 and all(type(each) is int for each in row)
+    return isinstance(row, list) and len(row) == 3 and all(type(each) is int for each in row)
 
 
 def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
@@ -169,126 +162,35 @@ def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
     return source
 
 
-# --- Infinite Craft ------------------------------------------------------------------------------
-
-
 def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:
-    """Read a dump: rows of indices of ingredients, and last of the result."""
+    """Read a dump of Infinite Craft: rows of indices of two ingredients, and of the result."""
     labels = [
         item.get("text", item.get("name")) if isinstance(item, dict) else item for item in items
     ]
-    names = [trim_unseen(label) if isinstance(label, str) else label for label in labels]
-    source = _infinite_craft(path, "a dump of Infinite Craft", names)
-    by_index = dict(enumerate(names))
-    raws = (
-        (f"recipes[{index}]", row[:-1], by_index.get(row[-1], row[-1]))
-        for index, row in enumerate(rows)
-    )
-    source.entries = _crafted(raws, by_index)
-    is_pairs = set(map(len, rows)) == {3} and len(set(names)) == len(names)
-    if is_pairs and not any(map(label_fault, names)):
-        ids = np.array(rows, dtype=np.int64)
-        if ids.min() >= 0 and ids.max() < len(names):
-            labels = list(names)
-            if NOTHING in names:
-                nothing = names.index(NOTHING)
-                makes_nothing = ids[:, 2] == nothing
-                from_nothing = (ids[:, :2] == nothing).any(axis=1) & ~makes_nothing
-                source.left_out = {
-                    FROM_NOTHING: int(from_nothing.sum()),
-                    WITH_NOTHING: int(makes_nothing.sum()),
-                }
-                ids = ids[~makes_nothing & ~from_nothing]
-                # Nothing is no entity, so the ids behind it move up.
-                ids -= ids > nothing
-                labels.remove(NOTHING)
-            source.numbered = RecipeRows(labels, ids)
-    return source
-
-
-def _save(path: Path, items: Sequence[Mapping[str, Any]]) -> FileRows:
-    """Read a save (``.ic``): items with their recipes by id."""
-    names: dict[Any, str] = {}
-    for index, item in enumerate(items):
-        if not isinstance(item["text"], str):
-            raise refusal(path, "an item whose 'text' is no text", "infinite-craft")
-        # An item without an id is named by its index.
-        key = item.get("id", index)
-        if isinstance(key, list | dict):
-            raise refusal(
-                path, f"an item whose id is {shown(key)}; it is not a label", "infinite-craft"
-            )
-        name = trim_unseen(item["text"])
-        if names.setdefault(key, name) != name:
-            seen = f"the id {key!r} belongs to {names[key]!r} and {name!r}"
-            raise refusal(path, seen, "infinite-craft")
-    # Ids may be texts in one place and numbers in the other.
-    names |= {
-        int(key): name for key, name in names.items() if isinstance(key, str) and key.isdecimal()
-    }
-    names |= {str(key): name for key, name in names.items() if str(key) not in names.values()}
-
-    def raws() -> Iterator[tuple[str, Any, Any]]:
-        for index, item in enumerate(items):
-            # First items, such as water, have no recipes, or null.
-            pairs = item.get("recipes") or []
-            place = f"items[{index}].recipes"
-            if not isinstance(pairs, list):
-                yield place, pairs, item["text"]
-                continue
-            for number, pair in enumerate(pairs):
-                yield f"{place}[{number}]", pair, item["text"]
-
-    source = _infinite_craft(path, "a save of Infinite Craft", list(names.values()))
-    source.entries = _crafted(raws(), names)
-    return source
-
-
-def _older_save(path: Path, texts: Sequence[str], recipes: Mapping[str, Any]) -> FileRows:
-    """Read an older save: elements, and recipes by result, whose numbers are labels."""
-    source = _infinite_craft(path, "an older save of Infinite Craft", texts)
-
-    def raws() -> Iterator[tuple[str, Any, Any]]:
-        for result, pairs in recipes.items():
-            for number, pair in enumerate(pairs if isinstance(pairs, list) else [pairs]):
-                is_pair = isinstance(pair, list)
-                texts = (
-                    [each.get("text") if isinstance(each, dict) else each for each in pair]
-                    if is_pair
-                    else pair
-                )
-                yield f"recipes.{result}[{number}]", texts, result
-
-    source.entries = _crafted(raws(), {})
-    return source
-
-
-def _infinite_craft(path: Path, shape: str, labels: Sequence[Any]) -> FileRows:
-    """Return a shape that lists its items; Nothing is none of them."""
-    source = FileRows(shape)
-    texts = [label for label in labels if isinstance(label, str) and label != NOTHING]
-    source.listed = {check_label(label, str(path)): f"items[{i}]" for i, label in enumerate(texts)}
-    if set(INFINITE_CRAFT_BASE) <= source.listed.keys():
+    names = [check_label(trim_unseen(label), f"{path}: items") for label in map(str, labels)]
+    ids = np.array(rows, dtype=np.int64)
+    if ids.min() < 0 or ids.max() >= len(names):
+        seen = f"the index {ids.max():,} in recipes, of {len(names):,} items"
+        raise refusal(path, seen, "infinite-craft")
+    # Of items of one name, the first one stands for all.
+    first = {name: index for index, name in reversed(list(enumerate(names)))}
+    ids = np.array([first[name] for name in names])[ids]
+    source = FileRows("a dump of Infinite Craft")
+    if NOTHING in first:
+        makes_nothing = ids[:, 2] == first[NOTHING]
+        from_nothing = (ids[:, :2] == first[NOTHING]).any(axis=1) & ~makes_nothing
+        source.left_out = {
+            FROM_NOTHING: int(from_nothing.sum()),
+            WITH_NOTHING: int(makes_nothing.sum()),
+        }
+        ids = ids[~makes_nothing & ~from_nothing]
+    # Nothing is no entity, and ids are those of the names that stay.
+    kept = [name for name in dict.fromkeys(names) if name != NOTHING]
+    number_of = {name: number for number, name in enumerate(kept)}
+    source.listed = dict.fromkeys(kept, "items")
+    if set(INFINITE_CRAFT_BASE) <= number_of.keys():
         source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
+    source.numbered = RecipeRows(kept, np.array([number_of.get(name, 0) for name in names])[ids])
+    numbered = enumerate(source.numbered)
+    source.entries = (Row(f"recipe {number}", each[:2], each[2]) for number, each in numbered)
     return source
-
-
-def _crafted(raws: Iterable[tuple[str, Any, Any]], names: Mapping[Any, Any]) -> Iterator[Entry]:
-    """Yield recipes by id, in which Nothing is no entity."""
-    for place, parts, made in raws:
-        if not isinstance(parts, list) or not parts:
-            message = f"{place} is {shown(parts)}; expected a list of pairs."
-            yield Fault(place, "row", message, "own row")
-            continue
-        is_plain = all(isinstance(value, str | int) for value in parts)
-        ingredients = [names.get(value, value) if is_plain else value for value in parts]
-        result = made
-        fault = next(filter(None, map(label_fault, (*ingredients, result))), None)
-        if fault is not None:
-            yield Fault(place, "label", f"{place}: {fault}")
-        elif result == NOTHING:
-            yield LeftOut(place, WITH_NOTHING)
-        elif NOTHING in ingredients:
-            yield LeftOut(place, FROM_NOTHING)
-        else:
-            yield Row(place, ingredients, result)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from wordcraft_kg.graphs.book_files.cells import alternatives, without_markup
 from wordcraft_kg.graphs.book_files.rows import (
+    INFINITE_CRAFT_BASE,
     MAX_LINE_LENGTH,
     Entry,
     Fault,
@@ -113,7 +114,10 @@ def read_lines(path: Path, text: str) -> FileRows:
     if left and right:
         raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
     source.columns = ("sum", "result") if left >= right else ("sum", "result before it")
-    entries = without_nothing(_entries(source, lines, sum_is_left=left >= right))
+    entries: list[Entry] = list(_entries(source, lines, sum_is_left=left >= right))
+    # Each label of Infinite Craft's base as a word of its own.
+    if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
+        entries = without_nothing(entries)
     source.entries = entries
     rows = [entry for entry in entries if isinstance(entry, Row)]
     # In a line the sum may stand on either side.

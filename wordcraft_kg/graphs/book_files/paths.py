@@ -56,8 +56,11 @@ def parse_path(text: str) -> Path:
     return tuple(steps)
 
 
-def path_text(path: Path) -> str:
-    """Return a path as the option has it."""
+def path_text(path: Path, is_table: bool = False) -> str:
+    """Return a path as the option has it: of a table, the name or number of a column."""
+    if is_table:
+        name = path[-1]
+        return name[1:] if name.startswith(".") else str(int(name[1:-1]) + 1)
     steps = []
     for step in path:
         is_key = step.startswith(".")
@@ -127,14 +130,14 @@ Columns = dict[int, list[Found]]
 """The values of each column in a row."""
 
 
-def _rows(found: Found, paths: dict[int, Path], result: int) -> Iterator[Columns]:
+def _rows(found: Found, paths: dict[int, Path], num_parts: int) -> Iterator[Columns]:
     """Yield the values of columns, whose paths go through the same lists together.
 
     Args:
         found: where the paths begin.
         paths: the rest of each column's path.
-        result: number of the result's column. A single column of ingredients has a row for each
-            list at its end.
+        num_parts: number of columns of ingredients, which are the first ones. A single one has a
+            row for each list at its end.
     """
     groups: dict[str, dict[int, Path]] = {}
     for column, path in paths.items():
@@ -148,8 +151,8 @@ def _rows(found: Found, paths: dict[int, Path], result: int) -> Iterator[Columns
             bound |= {column: list(leaves(found, (step,) if step else ())) for column in inner}
         elif len(inner) > 1:
             each = _step(found.place, found.value, step)
-            several.append(list(chain.from_iterable(_rows(one, inner, result) for one in each)))
-        elif result == 1 and first == 0:
+            several.append(list(chain.from_iterable(_rows(one, inner, num_parts) for one in each)))
+        elif num_parts == 1 and first == 0:
             loops = [i for i, step in enumerate(whole) if step in LOOPS]
             last = loops[-1] if loops else len(whole)
             lists = leaves(found, whole[:last])
@@ -164,17 +167,21 @@ def _rows(found: Found, paths: dict[int, Path], result: int) -> Iterator[Columns
 
 
 def rows_of_paths(
-    document: Any, paths: Sequence[Path]
-) -> Iterator[tuple[str, list[Any], list[Any]]]:
-    """Yield place, ingredients and results of each row, all of them values of JSON.
+    document: Any, parts: Sequence[Path], results: Sequence[Path], kinds: Sequence[Path] = ()
+) -> Iterator[tuple[str, list[Any], list[Any], str]]:
+    """Yield place, ingredients, results and kind of each row, all of them values of JSON.
 
     Args:
         document: the document.
-        paths: paths of ingredients and, last, of the result.
+        parts: paths of ingredients.
+        results: paths of the results.
+        kinds: path of the kind of reasoning, if any.
     """
-    result = len(paths) - 1
-    for row in _rows(Found("", document), dict(enumerate(paths)), result):
-        parts = [found for column in range(result) for found in row.get(column, [])]
-        results = row.get(result, [])
-        place = (*parts, *results, Found("", None))[0].place
-        yield place, [found.value for found in parts], [found.value for found in results]
+    ends = (len(parts), len(parts) + len(results))
+    columns = dict(enumerate([*parts, *results, *kinds]))
+    for row in _rows(Found("", document), columns, ends[0]):
+        values = list(chain.from_iterable(row.get(i, []) for i in range(ends[0])))
+        made = list(chain.from_iterable(row.get(i, []) for i in range(*ends)))
+        place = (*values, *made, Found("", None))[0].place
+        kind = next((found.value for found in row.get(ends[1], [])), "")
+        yield place, [found.value for found in values], [found.value for found in made], kind

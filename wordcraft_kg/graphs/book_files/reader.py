@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -20,14 +21,15 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.cells import (
     Cells,
     count_in,
-    notes_about,
     trim_unseen,
     without_markup,
 )
 from wordcraft_kg.graphs.book_files.containers import Content, read_content
+from wordcraft_kg.graphs.book_files.entries import Document
 from wordcraft_kg.graphs.book_files.foreign import foreign_format
-from wordcraft_kg.graphs.book_files.json_books import read_json
-from wordcraft_kg.graphs.book_files.json_text import is_json
+from wordcraft_kg.graphs.book_files.json_books import as_records, rows_of_document
+from wordcraft_kg.graphs.book_files.json_text import is_json, load_json
+from wordcraft_kg.graphs.book_files.layouts import known_layout
 from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines
 from wordcraft_kg.graphs.book_files.packs import looks_like_recipe, read_pack
 from wordcraft_kg.graphs.book_files.rows import GUIDE, Fault, FileRows, LeftOut, Place, Row, refusal
@@ -37,10 +39,10 @@ from wordcraft_kg.graphs.chains import (
     HALF,
     MOST_INGREDIENTS,
     chain,
-    is_half_product,
     is_step,
     makes_nothing,
 )
+from wordcraft_kg.graphs.label_notes import notes_about
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows, check_label, label_fault
 
@@ -223,23 +225,31 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
 
 def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> FileRows:
     """Return the rows of a text: its beginning counts more than the file's ending."""
-    fold = options.case == "fold"
-    allows_single = options.single_ingredient is not None
-    columns = options.columns
+    find = partial(
+        rows_of_document,
+        path,
+        columns=options.columns,
+        fold=options.case == "fold",
+        allows_single=options.single_ingredient is not None,
+    )
     if ending in _JSON_ENDINGS or is_json(path, text):
-        return read_json(path, text, columns, fold=fold, allows_single=allows_single)
+        value, is_lines = load_json(path, text)
+        source = None if options.columns is not None else known_layout(path, value)
+        source = source or find(Document(as_records(value)), FileRows("JSON"))
+        source.shape += " lines" if is_lines else ""
+        return source
     # Lines are often saved under the ending of a table.
     if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
-        if columns is not None:
+        if options.columns is not None:
             seen = "lines a + b = c, which have no columns"
             raise refusal(path, seen, "lines", "Leave --columns out.")
         return read_lines(path, text)
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
+    by_name = not all(column.strip().isdecimal() for column in options.columns or ["1"])
     usual = ENDINGS.get(ending, ",")
     try:
-        return read_table(
-            path, text, delimiter, columns, usual=usual, fold=fold, allows_single=allows_single
-        )
+        source, document = read_table(path, text, delimiter, usual=usual, is_named=by_name)
+        return find(document, source)
     except RecipeFileError:
         foreign = foreign_format(text)
         if foreign is None:
@@ -280,8 +290,7 @@ class BookRows:
         self.left_out: Counter[str] = Counter()
         self.arities: Counter[int] = Counter()
         self._counts_dropped = 0
-        self._halves: dict[str, Recipe] = {}
-        self._marked = ""  # a label of the file that ends like a half-product
+        self._halves: set[Recipe] = set()
         self._changes = options.case == "fold" or options.ingredients == "chain"
         self._cells: Cells | None = None
         # Shapes of our own hold any label, so that a book is read as it was written.
@@ -330,6 +339,8 @@ class BookRows:
 
         A chain is several recipes; its first ones make half-products.
         """
+        self.left_out.update(self.source.left_out)
+        self.rows += sum(self.source.left_out.values())
         for entry in self.source.entries:
             if isinstance(entry, Row):
                 self.rows += 1
@@ -387,12 +398,6 @@ class BookRows:
     def _pair(self, place: Place, ingredients: Sequence[str], result: str) -> list[Recipe] | Fault:
         """Return a row's pair, unless its half-products are not those that chains make."""
         recipe = Recipe.of(ingredients[0], ingredients[1], result)
-        marked = next(filter(is_half_product, recipe), None)
-        if marked is None:
-            return [recipe]
-        self._marked = self._marked or marked
-        if self._halves:
-            return self._collision(place)
         if not is_step(recipe):
             message = (
                 f"the label {result[:80]!r} ends like a half-product, in{HALF!r}, and is not that "
@@ -400,14 +405,6 @@ class BookRows:
             )
             return self._fault(place, "label", message)
         return [recipe]
-
-    def _collision(self, place: Place) -> Fault:
-        """Return the fault of a book with half-products of its own and with chains."""
-        message = (
-            f"the label {self._marked[:80]!r} ends like a half-product, in{HALF!r}, and other rows "
-            "become chains; rename it, or write its chain as one row."
-        )
-        return self._fault(place, "label", message)
 
     def _paired(
         self, place: Place, ingredients: Sequence[str], result: str
@@ -455,25 +452,17 @@ class BookRows:
         if result in ingredients:
             # As a whole, like a pair that makes one of its ingredients; never as part of a chain.
             return LeftOut(place, _SELF_RESULT)
-        marked = next(filter(is_half_product, (*ingredients, result)), None)
-        if marked is not None:
-            message = f"the label {marked[:80]!r} ends like a half-product, in{HALF!r}; rename it."
+        marked = next((label for label in (*ingredients, result) if " + " in label), None)
+        if marked is not None and len(ingredients) > 2:
+            message = f"the label {marked[:80]!r} looks like a half-product; rename its ' + '."
             return self._fault(place, "label", message)
-        if self._marked and len(ingredients) > 2:
-            return self._collision(place)
         *halves, last = chain(ingredients, result)
         too_long = label_fault(halves[-1].result) if halves else None
         if too_long is not None:
             message = f"the half-product of {len(ingredients) - 1:,} ingredients has {too_long}"
             return self._fault(place, "label", message, "long half-product")
-        new = []
-        for half in halves:
-            known = self._halves.setdefault(half.result, half)
-            if known is half:
-                new.append(half)
-            elif known != half:
-                message = f"'{half}' and '{known}' would be one half-product; rename a ' + '."
-                return self._fault(place, "label", message)
+        new = [half for half in halves if half not in self._halves]
+        self._halves.update(new)
         return [*new, last]
 
     def reading(self, merged: int, self_results: int, labels: Collection[str]) -> Reading:

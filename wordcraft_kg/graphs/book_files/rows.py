@@ -148,13 +148,8 @@ def without_nothing(entries: Iterable[Entry]) -> list[Entry]:
     """Return entries of Infinite Craft, in which Nothing is no result.
 
     Args:
-        entries: all entries of a file. Without the base of Infinite Craft they stay.
+        entries: all entries of a file whose labels hold the base of Infinite Craft.
     """
-    entries = list(entries)
-    rows = [entry for entry in entries if isinstance(entry, Row)]
-    labels = {label for row in rows for label in (*row.ingredients, row.result)}
-    if not labels.issuperset((NOTHING, *INFINITE_CRAFT_BASE)):
-        return entries
     kept: list[Entry] = []
     for entry in entries:
         reason = ""

@@ -198,9 +198,12 @@ def choose(
     others = [each for each in readable if best is None or not each.is_like(best)]
     rivals = [each for each in others if each.is_clean and shares[id(each)] > LEAST_REUSED]
     if best is None:
-        if rivals:
+        guesses = rivals or [
+            each for each in others if each.is_clean and each.num_made < FEWEST_RESULTS
+        ]
+        if guesses:
             seen = "no key or column is a documented word for a result and its ingredients"
-            raise _several(path, seen, rivals, anchor)
+            raise _several(path, seen, guesses, anchor)
         # Faults of the most certain reading say what is wrong.
         return next((each for each in found if each.is_documented and not each.is_empty), None)
     if not best.is_named or best.by_place:

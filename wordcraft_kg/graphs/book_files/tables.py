@@ -1,8 +1,8 @@
 """Tables: a row for each recipe, in any dialect, with columns in any order.
 
-A header with our own names is read as it is. Any other table has columns that documented words
-name, or that the option `columns` names, and a reading of them that the rule takes. Without a
-header the labels tell: a pair seldom makes two things.
+A table is a list of records by the names in its header, or of lists of cells without one. So its
+columns have the rules of JSON: ``json_books`` finds ingredients and results by documented words, or
+by the option `columns`.
 """
 
 import csv
@@ -11,38 +11,23 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
-from itertools import chain
 from operator import ne
 from pathlib import Path
 from typing import NamedTuple
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.cells import formula_fault, has_unseen, is_number, trim_unseen
-from wordcraft_kg.graphs.book_files.entries import Names, Raw, fill, names_by_id
+from wordcraft_kg.graphs.book_files.cells import formula_fault, has_unseen, trim_unseen
+from wordcraft_kg.graphs.book_files.entries import Document
 from wordcraft_kg.graphs.book_files.paths import EACH
-from wordcraft_kg.graphs.book_files.paths import Path as Steps
 from wordcraft_kg.graphs.book_files.rows import (
     MAX_LINE_LENGTH,
-    Entry,
     Fault,
     FileRows,
     LeftOut,
-    Row,
     refusal,
-    without_nothing,
 )
-from wordcraft_kg.graphs.book_files.rule import Candidate, choose, result_place
-from wordcraft_kg.graphs.book_files.words import (
-    COUNT,
-    KIND,
-    Reading,
-    is_id,
-    is_name,
-    readings,
-    words_of,
-)
+from wordcraft_kg.graphs.book_files.words import KIND, readings
 from wordcraft_kg.graphs.plain_rows import number_plain_rows
 from wordcraft_kg.graphs.recipes import label_fault
 
@@ -58,8 +43,6 @@ _EVEN = 0.9  # share of rows with the most frequent number of cells
 _HEADER_ROWS = 6  # first rows among which the header is
 _RULE = re.compile(r"[-=+:\s|]*[-=]{2,}[-=+:\s|]*|[-=+:\s|]*:[-=][-=+:\s|]*")
 """The line below the header of a table in Markdown or Org."""
-_MOST_WITHOUT_GRID = 3  # columns of ingredients; more may be the slots of a crafting grid
-_MOSTLY = 0.5  # share of a column's cells
 
 
 class Dialect(NamedTuple):
@@ -256,56 +239,6 @@ def _are_names(cells: Sequence[str]) -> bool:
 # --- the table -----------------------------------------------------------------------------------
 
 
-def read_table(
-    path: Path,
-    text: str,
-    delimiter: str | None = None,
-    columns: Sequence[str] | None = None,
-    *,
-    usual: str = ",",
-    fold: bool = False,
-    allows_single: bool = False,
-) -> FileRows:
-    """Read a table.
-
-    Args:
-        path: the file, for errors.
-        text: its text.
-        delimiter: the delimiter; None to guess.
-        columns: names or numbers of the columns of ingredients and, last, of the result; None for
-            documented words.
-        usual: the delimiter of the file's ending.
-        fold, allows_single: see :func:`~wordcraft_kg.graphs.book_files.rule.choose`.
-
-    Raises:
-        RecipeFileError: if two delimiters fit or the columns cannot be told, with the readings;
-            or if the text is no table.
-        ConfigError: if ``columns`` are not in the table.
-    """
-    source = FileRows("table")
-    file = io.StringIO(text, newline="")
-    head, first, named = _read_head(source, file)
-    if first is not None and columns is None:
-        own = [delimiter] if delimiter else [usual]
-        if tuple(cell.strip() for cell in first[1].rstrip("\r\n").split(own[0])) in _OWN:
-            return _own_table(source, head, text, file, first, own[0])
-    numbered = list(enumerate(file, 1 if first is None else first[0] + 1))
-    lines = [*filter(None, [first]), *numbered]
-    filled = [line for _, line in lines if line.strip()][: 5 * _SAMPLE_ROWS]
-    if not filled:
-        raise refusal(path, "no row of a table, only comments", "table")
-    if max(map(len, filled)) > MAX_LINE_LENGTH:
-        raise refusal(path, f"no table: {too_long(max(filled, key=len))[:-1]}", "table")
-    given = delimiter or named
-    sample = filled[:_SAMPLE_ROWS]
-    dialect = _dialect(sample, given) if given else _guess_dialect(path, sample, usual)
-    source.delimiter = dialect.delimiter
-    source.quote = dialect.quote if dialect.quote != '"' else ""
-    rows = [*head, *_parsed(source, lines, dialect)]
-    _Table(path, rows, source).read(columns, fold=fold, allows_single=allows_single)
-    return source
-
-
 def _read_head(
     source: FileRows, file: io.StringIO
 ) -> tuple[list[Fault], tuple[int, str] | None, str | None]:
@@ -328,70 +261,6 @@ def _is_comment(line: str) -> bool:
     if not line.startswith("#"):
         return False
     return not line[1:2].strip() or bool(re.match(r"#\s*(?:base|entities)\s*:", line, re.I))
-
-
-def _own_table(
-    source: FileRows,
-    head: list[Fault],
-    text: str,
-    file: io.StringIO,
-    first: tuple[int, str],
-    delimiter: str,
-) -> FileRows:
-    """Read our own table: any label as it stands, all rows at once if they are plain."""
-    names = [cell.strip() for cell in first[1].split(delimiter)]
-    source.delimiter = delimiter
-    source.columns = CSV_HEADER
-    source.is_exact = True
-    if len(names) == 3 and not head:
-
-        def is_odd(label: str) -> bool:
-            # Such a label may be of a header that is repeated in the middle, or of a comment.
-            is_word = label in CSV_HEADER or label.startswith("# ")
-            return is_word or bool(formula_fault(label) or label_fault(label))
-
-        # Blanks at the ends that cannot be seen are slips, unless they are in quotes.
-        if not has_unseen(text):
-            source.numbered = number_plain_rows(text, file.tell(), delimiter, '"', is_odd)
-    lines = enumerate(file, first[0] + 1)
-    below = _own_entries(_parsed(source, lines, Dialect(delimiter)), names, delimiter)
-    source.entries = chain(head, below)
-    return source
-
-
-def _own_entries(
-    rows: Iterable["Line | Fault | LeftOut"], names: list[str], delimiter: str
-) -> Iterator[Entry]:
-    width = len(names)
-    for row in rows:
-        if not isinstance(row, Line):
-            yield row
-            continue
-        number, cells = row
-        while len(cells) > width and not cells[-1]:
-            cells = cells[:-1]
-        if cells == names:
-            yield Fault(number, "header", "the header is repeated in the middle", "header")
-        elif not 3 <= len(cells) <= width:
-            yield Fault(number, "row", _own_width(cells, delimiter), f"width {len(cells)}")
-        else:
-            parts = [cell for cell in cells[:2] if cell] or [""]
-            faults = [formula_fault(cell) or label_fault(cell) for cell in (*parts, cells[2])]
-            faults += map(label_fault, filter(None, cells[3:]))
-            if any(faults):
-                yield Fault(number, "label", " Also, ".join(dict.fromkeys(filter(None, faults))))
-            else:
-                yield Row(number, parts, cells[2], cells[3] if len(cells) > 3 else "")
-
-
-def _own_width(cells: Sequence[str], delimiter: str) -> str:
-    count = len(cells) - 1
-    missing = "" if count else " missing"
-    hint = " For a single ingredient, leave the second cell empty." if count == 1 else ""
-    return (
-        f"'{delimiter.join(cells)[:80]}' has {counted(count, 'ingredient')} and a result{missing}; "
-        f"a recipe needs two and a result, in three columns.{hint}"
-    )
 
 
 def _parsed(
@@ -428,268 +297,129 @@ def _parsed(
             yield Line(number, cells) if any(cells) else LeftOut(number, "blank")
 
 
-class _Table:
-    """A table that is not our own: its header, its columns, and its readings."""
+def read_table(
+    path: Path,
+    text: str,
+    delimiter: str | None = None,
+    *,
+    usual: str = ",",
+    is_named: bool = False,
+) -> tuple[FileRows, Document]:
+    """Read a table as a document.
 
-    def __init__(self, path: Path, rows: list[Line | Fault | LeftOut], source: FileRows):
-        self.path = path
-        self.rows = rows
-        self.source = source
-        self.names: list[str] = []
-        self.body = [row for row in rows if isinstance(row, Line)]
-        if not self.body:
-            raise refusal(path, "no row of a table", "table")
-        for index, row in enumerate(self.body[:_HEADER_ROWS]):
-            if _are_names(row.cells):
-                self._take_header(index)
-                break
-        width = max((len(_without_blanks(row.cells)) for row in self.body), default=0)
-        self.width = max(width, len(self.names))
+    Args:
+        path: the file, for errors.
+        text: its text.
+        delimiter: the delimiter; None to guess.
+        usual: the delimiter of the file's ending.
+        is_named: whether the user names columns, so that the first row is a header.
 
-    def _take_header(self, index: int) -> None:
-        """Take a row as the header; rows above it are no recipes."""
-        header = self.body[index]
-        names = _without_blanks(header.cells)
-        below = self.body[index + 1 :]
-        # In R's tables, row names have no name.
-        is_longer = [len(_without_blanks(row.cells)) == len(names) + 1 for row in below]
-        if below and names[0] and all(is_longer):
-            names = ["", *names]
-        above = {row.number for row in self.body[:index]}
-        rows: list[Line | Fault | LeftOut] = []
-        for row in self.rows:
-            if isinstance(row, Line) and row.number in above:
-                rows.append(LeftOut(row.number, "above the header"))
-            elif not isinstance(row, Line) or row.number != header.number:
-                rows.append(row)
-        if below and _are_names(below[0].cells) and below[0].cells != header.cells:
-            again = ", ".join(map(repr, below[0].cells[:4]))
-            seen = f"the row below line {header.number} names the columns again: {again}"
-            raise refusal(self.path, seen, "table", "Keep one header line.")
-        self.rows = rows
-        self.names = names
-        self.body = below
+    Returns:
+        What is known of the rows, and the document: records, or lists without a header.
 
-    def read(self, columns: Sequence[str] | None, *, fold: bool, allows_single: bool) -> None:
-        """Fill the source with the rows of the reading that the option names or the rule takes."""
-        if columns is not None:
-            best: Candidate | None = self._candidate(self._reading_of(columns), is_given=True)
-        elif self.names:
-            names: list[Steps] = [(EACH, f".{name}") for name in self.names]
-            found = [self._candidate(self._indexed(each)) for each in readings(names)]
-            best = choose(self.path, found, "table", fold=fold, allows_single=allows_single)
-        else:
-            best = self._without_header()
-        if best is None:
-            raise self._unnamed()
-        source = self.source
-        source.entries = without_nothing(best.entries)
-        source.header = bool(self.names)
-        source.columns = best.columns
-        source.num_results = best.num_results
-        source.ignored = best.ignored
-        source.counts_dropped = best.counts_dropped
-        source.several_outputs = best.several_outputs
+    Raises:
+        RecipeFileError: if two delimiters fit, or the text is no table.
+    """
+    source = FileRows("table")
+    file = io.StringIO(text, newline="")
+    faults, first, separator = _read_head(source, file)
+    if first is None:
+        raise refusal(path, "no row of a table, only comments", "table")
+    start = file.tell()
+    lines = [first, *enumerate(file, first[0] + 1)]
+    sample = [line for _, line in lines if line.strip()][:_SAMPLE_ROWS]
+    if max(map(len, sample)) > MAX_LINE_LENGTH:
+        raise refusal(path, f"no table: {too_long(max(sample, key=len))[:-1]}", "table")
+    known = delimiter or separator
+    is_own = tuple(cells_of(first[1], Dialect(known or usual))) in _OWN
+    if is_own:
+        dialect = Dialect(known or usual)
+    else:
+        dialect = _dialect(sample, known) if known else _guess_dialect(path, sample, usual)
+    source.delimiter = dialect.delimiter
+    source.quote = dialect.quote.strip('"')
+    source.is_exact = is_own
+    # Blanks at the ends that cannot be seen are slips, unless they are in quotes.
+    if is_own and KIND not in first[1] and not faults and not has_unseen(text):
+        source.numbered = number_plain_rows(text, start, dialect.delimiter, '"', _is_odd)
+    return source, _document(path, source, [*faults, *_parsed(source, lines, dialect)], is_named)
 
-    def _indexed(self, reading: Reading) -> Reading:
-        """Return a reading with the numbers of columns as paths."""
-        index_of: dict[str, list[int]] = {}
-        for i, name in enumerate(self.names):
-            index_of.setdefault(name, []).append(i)
 
-        def indices(paths: Sequence[Steps]) -> tuple[Steps, ...]:
-            return tuple((str(i),) for path in paths for i in index_of[path[1][1:]])
+def _is_odd(label: str) -> bool:
+    """Return whether a label may be no label: of a repeated header, a comment or a formula."""
+    is_word = label in CSV_HEADER or label.startswith(("# ", "// "))
+    return is_word or bool(formula_fault(label) or label_fault(label))
 
-        return reading._replace(parts=indices(reading.parts), results=indices(reading.results))
 
-    def _name(self, column: int) -> str:
-        """Return a column's name for people; a number stands for a missing name."""
-        name = self.names[column] if column < len(self.names) else ""
-        return name or f"column {column + 1}"
-
-    def _option(self, column: int) -> str:
-        """Return how the option `columns` names a column."""
-        name = self.names[column] if column < len(self.names) else ""
-        is_clear = name and "," not in name and self.names.count(name) == 1
-        return name if is_clear and not name.isdecimal() else str(column + 1)
-
-    def _reading_of(self, columns: Sequence[str]) -> Reading:
-        """Return the reading that the option `columns` gives: ingredients, and last the result."""
-        if not self.names and not all(column.strip().isdecimal() for column in columns):
-            self._take_header(0)
-        by_name: dict[str, int] = {}
-        for i, name in enumerate(self.names):
-            # Of columns of one name, the first one is meant.
-            by_name.setdefault(name.strip().casefold(), i)
-        chosen: list[Steps] = []
-        for column in columns:
-            index = by_name.get(column.strip().casefold())
-            # A name goes before a number: a header may hold numbers.
-            if index is None and column.strip().isdecimal() and 1 <= int(column) <= self.width:
-                index = int(column) - 1
-            if index is None:
-                names = [name for name in self.names if name]
-                there = ", ".join(map(repr, names)) or f"numbers from 1 to {self.width}"
-                hint = nearest(column, names)
-                raise ConfigError(
-                    f"`columns` {column!r}: no such column; the table has {there}.{hint}"
-                )
-            chosen.append((str(index),))
-        if len(chosen) < 2 or len(set(chosen)) < len(chosen):
-            raise ConfigError(
-                f"`columns` {','.join(columns)}: expected different columns, of the ingredients "
-                "and, last, of the result."
-            )
-        return Reading(tuple(chosen[:-1]), (chosen[-1],))
-
-    def _candidate(self, reading: Reading, *, is_given: bool = False) -> Candidate:
-        """Return the recipes of a reading, whose paths are numbers of columns."""
-        parts = [int(path[0]) for path in reading.parts]
-        made = [int(path[0]) for path in reading.results]
-        used = (*parts, *made)
-        plain = [name.strip().lower() for name in self.names]
-        kind = plain.index(KIND) if KIND in plain else None
-        kind = None if kind in used else kind
-        others = [i for i in range(len(self.names)) if i not in used and i != kind]
-        candidate = Candidate(
-            tuple(map(self._option, used)),
-            [],
-            reading.is_documented,
-            reading.is_named,
-            num_results=len(made),
-            ignored=tuple(map(self._name, others)),
-        )
-        # Where ingredients are numbers as well, such as ids, numbers are labels.
-        cells = [cell for i in parts for cell in self._column(i)]
-        are_ids = bool(cells) and all(map(is_number, cells))
-        if (
-            not is_given
-            and not are_ids
-            and all(is_number(cell) for i in made for cell in self._column(i))
-        ):
-            return candidate
-        if not is_given and len(parts) > 1 and any(map(self._holds_sums, parts)):
-            return candidate
-        raws = [self._raw(row, parts, made, kind) for row in self.rows]
-        counts = [i for i in others if words_of(self._name(i)) & COUNT]
-        for row in self.body:
-            numbers = [row.cells[i] for i in counts if i < len(row.cells)]
-            candidate.counts_dropped += sum(number not in ("", "1") for number in numbers)
-        tables = self._tables(made[0])
-        return fill(candidate, raws, is_sole=len(parts) == 1, is_given=is_given, tables=tables)
-
-    def _column(self, index: int) -> list[str]:
-        """Return the cells of a column that are not blank."""
-        return [
-            row.cells[index] for row in self.body if len(row.cells) > index and row.cells[index]
-        ]
-
-    def _holds_sums(self, column: int) -> bool:
-        """Return whether cells of a column are recipes of their own, in a table of several such."""
-        cells = self._column(column)
-        joined = [cell for cell in cells if re.search(r"[+;&,]", cell)]
-        return len(joined) > _MOSTLY * len(cells)
-
-    def _tables(self, result: int) -> Iterator[Names]:
-        """Yield names by each column of ids, such as slugs or emoji, of a table of things."""
-        for i, name in enumerate(self.names):
-            if i != result and is_id(name) and is_name(self._name(result)):
-                rows = [row.cells for row in self.body if len(row.cells) > max(i, result)]
-                yield names_by_id((cells[i], cells[result]) for cells in rows)
-
-    def _raw(
-        self,
-        row: Line | Fault | LeftOut,
-        parts: Sequence[int],
-        made: Sequence[int],
-        kind: int | None,
-    ) -> Raw | Entry:
-        """Return the cells of a row in which labels are, or why it has none."""
+def _document(
+    path: Path, source: FileRows, rows: list[Line | Fault | LeftOut], is_named: bool
+) -> Document:
+    """Return a table's rows as records by the names of its header, or as lists without one."""
+    body = [row for row in rows if isinstance(row, Line)]
+    if not body:
+        raise refusal(path, "no row of a table", "table")
+    heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
+    header = (heads or [None, *body[: int(is_named)]])[0 if heads or not is_named else 1]
+    names = [] if header is None else _without_blanks(header.cells)
+    below = [row for row in body if header is None or row.number > header.number]
+    # In R's tables, row names have no name.
+    longer = [len(_without_blanks(row.cells)) == len(names) + 1 for row in below]
+    if names and names[0] and below and all(longer):
+        names = ["", *names]
+    if len(heads) > 1 and heads[1].number == below[0].number and below[0].cells != names:
+        again = ", ".join(map(repr, below[0].cells[:4]))
+        seen = f"the row below line {heads[0].number} names the columns again: {again}"
+        raise refusal(path, seen, "table", "Keep one header line.")
+    width = max(len(_without_blanks(row.cells)) for row in body)
+    keys = _different(names) if names else [str(number + 1) for number in range(width)]
+    if width == 1:
+        raise _no_table(path, body[0].cells[0], dialect=source.delimiter)
+    document = Document([], is_table=True)
+    for row in rows:
         if not isinstance(row, Line):
-            return row
+            document.others.append(row)
+            continue
         number, cells = row
-        limit = max(len(self.names) or self.width, max(*parts, *made) + 1)
-        # Spreadsheets write empty cells at the end of a row up to the widest one.
-        while len(cells) > limit and not cells[-1]:
-            cells = cells[:-1]
-        shown = self.source.delimiter.join(cells)[:80]
-        if cells == self.names and self.source.delimiter == "|":
-            return LeftOut(number, "headers")  # of further tables of Markdown
-        if cells == self.names:
-            return Fault(number, "header", "the header is repeated in the middle", "header")
-        if not max(*parts, *made) < len(cells) <= limit:
+        cells = _without_blanks(cells)
+        if header is not None and number <= header.number:
+            document.others += [LeftOut(number, "above the header")] * (number < header.number)
+        elif cells == names and source.delimiter == "|":
+            document.others.append(LeftOut(number, "headers"))  # of further tables of Markdown
+        elif cells == names:
+            message = "the header is repeated in the middle"
+            document.others.append(Fault(number, "header", message, "header"))
+        elif names and len(cells) > len(names):
             message = (
-                f"'{shown}' has {counted(len(cells), 'cell')}; the table has {limit} columns. "
-                "Quote a cell with a delimiter in it."
+                f"'{source.delimiter.join(cells)[:80]}' has {counted(len(cells), 'cell')}; the "
+                f"table has {len(names)} columns. Quote a cell with a delimiter in it."
             )
-            return Fault(number, "row", message, f"width {len(cells)}")
-        # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of
-        # many slots blanks are usual.
-        is_grid = len(parts) > _MOST_WITHOUT_GRID
-        if not cells[parts[0]] and any(cells[i] for i in parts) and not is_grid:
-            message = (
-                f"'{shown}' has a blank cell before an ingredient, as where cells were merged; "
-                "fill it, or write a single ingredient first."
-            )
-            return Fault(number, "row", message, "merged")
-        kind_of_row = cells[kind] if kind is not None and kind < len(cells) else ""
-        return Raw(number, [cells[i] for i in parts], [cells[i] for i in made], kind_of_row)
+            document.others.append(Fault(number, "row", message, f"width {len(cells)}"))
+        else:
+            cells += [""] * ((len(names) or width) - len(cells))
+            document.places.append(number)
+            document.value.append(dict(zip(keys, cells, strict=True)))
+    source.header = bool(names)
+    return document
 
-    def _without_header(self) -> Candidate | None:
-        """Return the reading of a table without a header, if its rows tell the result.
 
-        Raises:
-            RecipeFileError: if they do not, with the readings.
-        """
-        widths = Counter(len(_without_blanks(row.cells)) for row in self.body)
-        (width, _), *_ = widths.most_common(1)
-        if width == 2:
-            sums = [self._holds_plus(0), self._holds_plus(1)]
-            if sums.count(True) == 1:
-                place = sums.index(True)
-                return self._candidate(
-                    Reading(((str(place),),), ((str(1 - place),),)), is_given=True
-                )
-        # Words of columns are no labels of a first recipe.
-        if width != 3 or any(map(is_documented, self.body[0].cells)):
-            return None
-        places = ("012", "120", "021")
-        found = [self._candidate(Reading(((a,), (b,)), ((c,),))) for a, b, c in places]
-        place_of_result = result_place(found)
-        if place_of_result is not None:
-            return found[place_of_result]
-        clean = [each for each in found if each.is_clean]
-        if not clean:
-            return found[0] if found[0].entries else None
-        seen = (
-            f"the labels do not tell which column is the result: {' or '.join(map(str, clean[:2]))}"
-        )
-        raise refusal(self.path, seen, "table", "Choose with --columns, or name the columns.")
+def _different(names: Sequence[str]) -> list[str]:
+    """Return names of columns, with a number in place of a missing name, and behind a repeated one."""
+    keys: list[str] = []
+    for number, name in enumerate(names, start=1):
+        key = name or f"column {number}"
+        keys.append(f"{key} {number}" if key in keys else key)
+    return keys
 
-    def _holds_plus(self, column: int) -> bool:
-        cells = self._column(column)
-        return bool(cells) and all("+" in cell for cell in cells)
 
-    def _unnamed(self) -> Exception:
-        first = (self.names or self.body[0].cells)[:8]
-        seen = ", ".join(repr(cell[:40]) for cell in first)
-        delimiter = self.source.delimiter
-        signs = DELIMITERS.get(delimiter, repr(delimiter))
-        if self.width == 1:
-            return refusal(
-                self.path,
-                f"no table, because {signs} give 1 column ({seen}), and no lines a + b = c "
-                "with a sign such as = or ->",
-                "lines",
-                "Another delimiter is named with --delimiter.",
-            )
-        return refusal(
-            self.path,
-            f"a table with {signs} and {counted(len(first), 'column')} ({seen}); no documented "
-            "words name columns of ingredients and of a result",
-            "table",
-            "Name the columns of ingredients and, last, of the result with --columns.",
-        )
+def _no_table(path: Path, cell: str, dialect: str) -> RecipeFileError:
+    signs = DELIMITERS.get(dialect, repr(dialect))
+    return refusal(
+        path,
+        f"no table, because {signs} give 1 column ({cell[:80]!r}), and no lines a + b = c with a "
+        "sign such as = or ->",
+        "lines",
+        "Another delimiter is named with --delimiter.",
+    )
 
 
 def _without_blanks(cells: list[str]) -> list[str]:

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import os
+import re
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -10,13 +12,13 @@ from pathlib import Path, PurePosixPath
 from wordcraft_kg.base.archives import ZipArchive, gunzip, is_gzip, is_zip
 from wordcraft_kg.base.artefacts import what_is
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.rows import refusal
+from wordcraft_kg.graphs.book_files.rows import GUIDE, refusal
 
 MAX_BOOK_SIZE = 2**30
 """Largest file that is read, in bytes, also after decompression; about 40 million recipes."""
 _MAX_FILES = 100_000
-_MAX_FILE = 2**20  # bytes of one recipe in a folder
-_PACK_FOLDERS = frozenset({"recipe", "recipes", "tags"})
+MAX_FILE = 2**20
+"""Largest file of one recipe, in bytes."""
 _TEXT_ENDINGS = (".csv", ".tsv", ".tab", ".txt", ".md", ".json", ".jsonl", ".ndjson", ".ic")
 _SIGNATURES = {
     b"SQLite format 3\x00": "an SQLite database; export its table of recipes as CSV",
@@ -25,6 +27,8 @@ _SIGNATURES = {
     b"\x89PNG": "an image",
     b"\xff\xd8\xff": "an image",
     b"GIF8": "an image",
+    b"\x1f\x8b": "compressed twice",
+    b"PK\x03\x04": "an archive within an archive",
     b"BZh": "compressed with bzip2; decompress it, or use gzip",
     b"\xfd7zXZ": "compressed with xz; decompress it, or use gzip",
     b"\x28\xb5\x2f\xfd": "compressed with zstd; decompress it, or use gzip",
@@ -101,82 +105,55 @@ def read_content(path: Path, is_recipe: Callable[[str, bytes], bool]) -> Content
     """
     if path.is_dir():
         files = tuple(_folder_files(path))
-        if any(is_pack_file(name, "recipes") for name, _ in files):
+        if any(map(_is_recipe_file, dict(files))):
             return Content(path.name, b"", _hash_of(files), pack=files)
     data = read_bytes(path)
-    sha256 = hashlib.sha256(data).hexdigest()
+    name, container, sha256 = path.name, "", hashlib.sha256(data).hexdigest()
+    if is_zip(data):
+        archive = ZipArchive(path, data, _error)
+        names = _names_of_files(path, archive)
+        recipes = list(filter(_is_recipe_file, names))
+        # A single file may be a recipe book, in a folder called recipes.
+        if len(recipes) > 1 or (
+            recipes and is_recipe(recipes[0], archive.read(recipes[0], MAX_FILE))
+        ):
+            members = [name for name in sorted(names) if _is_pack_file(name)]
+            pack = tuple((name, archive.read(name, MAX_FILE)) for name in members)
+            return Content(name, b"", sha256, "zip", pack)
+        books = list(filter(_may_be_book, names))
+        if len(books) != 1:
+            shown = ", ".join(repr(name[:80]) for name in books[:5]) or "none"
+            seen = f"a zip archive with {len(books):,} files that may be recipe books ({shown})"
+            remedy = "Unpack it and give one file."
+            raise refusal(path, f"{seen}; expected one", "compressed", remedy)
+        data = archive.read(books[0], MAX_BOOK_SIZE)
+        container = f"zip ({books[0]})"
+        name = PurePosixPath(books[0]).name
+    # By its first bytes, also within an archive: names are often wrong.
     if is_gzip(data):
-        name = path.stem if path.suffix.lower() in (".gz", ".gzip") else path.name
-        return Content(name, _checked(path, _gunzipped(path, data)), sha256, "gzip")
-    if not is_zip(data):
-        return Content(path.name, _checked(path, data), sha256)
-    names, archive = _members(path, data)
-    recipes = [name for name in names if is_pack_file(name, "recipes")]
-    # A single file may be a recipe book, in a folder called recipes.
-    is_pack = len(recipes) > 1
-    if len(recipes) == 1:
-        is_pack = is_recipe(recipes[0], archive.read(recipes[0], MAX_BOOK_SIZE))
-    if is_pack:
-        pack = tuple(_pack_members(path, names, archive))
-        return Content(path.name, b"", sha256, "zip", pack)
-    books = list(filter(_may_be_book, names))
-    if len(books) != 1:
-        shown = ", ".join(repr(name[:80]) for name in books[:5]) or "none"
-        seen = f"a zip archive with {len(books):,} files that may be recipe books ({shown})"
-        remedy = "Unpack it and give one file."
-        raise refusal(path, f"{seen}; expected one", "compressed", remedy)
-    inside = PurePosixPath(books[0])
-    data = archive.read(books[0], MAX_BOOK_SIZE)
-    container = f"zip ({inside})"
-    # A gzip file within the archive, by its first bytes: names of members are often wrong.
-    if is_gzip(data):
-        data = _gunzipped(path, data)
-        container = f"{container}, gzip"
-    name = inside.name.removesuffix(".gz")
-    return Content(name, _checked(path, data), sha256, container)
-
-
-def is_pack_file(name: str, folder: str) -> bool:
-    """Return whether a path is that of a JSON file below a folder of a data pack.
-
-    Args:
-        name: the path, with slashes.
-        folder: ``recipes`` or ``tags``; newer packs leave the s of ``recipes`` out.
-    """
-    path = PurePosixPath(name)
-    folders = path.parts[:-1]
-    return path.suffix.lower() == ".json" and (folder in folders or folder[:-1] in folders)
+        data = gunzip(path, data, MAX_BOOK_SIZE, _error)
+        container = f"{container}, gzip".removeprefix(", ")
+        name = re.sub(r"\.g(?:z|zip)$", "", name, flags=re.IGNORECASE)
+    for signature, kind in _SIGNATURES.items():
+        if data.startswith(signature):
+            raise refusal(path, f"it is {kind}", "table")
+    return Content(name, data, sha256, container)
 
 
 def _error(message: str) -> RecipeFileError:
-    return RecipeFileError(f"{message} See docs/your-file.md#compressed.")
+    return RecipeFileError(f"{message} See {GUIDE}#compressed.")
 
 
-def _gunzipped(path: Path, data: bytes) -> bytes:
-    return gunzip(path, data, MAX_BOOK_SIZE, _error)
+def _is_recipe_file(name: str) -> bool:
+    """Return whether a path is that of a recipe in a data pack: a JSON file below ``recipe(s)``."""
+    folders = PurePosixPath(name).parts[:-1]
+    is_recipe = not {"recipe", "recipes"}.isdisjoint(folders) and "tags" not in folders
+    return is_recipe and name.lower().endswith(".json")
 
 
-def _members(path: Path, data: bytes) -> tuple[list[str], ZipArchive]:
-    """Return the names of the files in an archive that may be content, and the archive."""
-    archive = ZipArchive(path, data, _error)
-    if "[Content_Types].xml" in archive.members or "mimetype" in archive.members:
-        seen = "a spreadsheet or document, not a text file"
-        raise refusal(path, seen, "table", "Save the sheet as CSV.")
-    names = []
-    for name, entry in archive.members.items():
-        parts = PurePosixPath(name).parts
-        if ".." in parts or PurePosixPath(name).is_absolute():
-            seen = f"the archive holds a path that leads out of it, {name[:80]!r}"
-            raise refusal(path, seen, "compressed")
-        # A link's content is a path; following it could lead out of the archive.
-        if stat.S_ISLNK(entry.external_attr >> 16):
-            seen = f"the archive holds a link, {name[:80]!r}; links are not followed"
-            raise refusal(path, seen, "compressed")
-        # Finder's copies and dotfiles are no content.
-        is_hidden = any(part.startswith((".", "__MACOSX")) for part in parts)
-        if not entry.is_dir() and not is_hidden:
-            names.append(name)
-    return names, archive
+def _is_pack_file(name: str) -> bool:
+    is_tag = "tags" in PurePosixPath(name).parts[:-1] and name.lower().endswith(".json")
+    return is_tag or _is_recipe_file(name)
 
 
 def _may_be_book(name: str) -> bool:
@@ -184,16 +161,24 @@ def _may_be_book(name: str) -> bool:
     return lower.endswith(_TEXT_ENDINGS) and "readme" not in lower and "license" not in lower
 
 
-def _pack_members(
-    path: Path, names: Iterable[str], archive: ZipArchive
-) -> Iterator[tuple[str, bytes]]:
-    """Yield names and bytes of a pack's JSON files, in the order of their names."""
-    total = 0
-    for name in sorted(names):
-        if is_pack_file(name, "recipes") or is_pack_file(name, "tags"):
-            content = archive.read(name, MAX_BOOK_SIZE - total)
-            total += len(content)
-            yield name, content
+def _names_of_files(path: Path, archive: ZipArchive) -> list[str]:
+    """Return the names of the files in an archive that may be content."""
+    if "[Content_Types].xml" in archive.members or "mimetype" in archive.members:
+        seen = "a spreadsheet or document, not a text file"
+        raise refusal(path, seen, "table", "Save the sheet as CSV.")
+    names = []
+    for name, entry in archive.members.items():
+        parts = PurePosixPath(name).parts
+        # A link's content is a path; following it could lead out of the archive.
+        is_link = stat.S_ISLNK(entry.external_attr >> 16)
+        if is_link or ".." in parts or PurePosixPath(name).is_absolute():
+            what = "a link" if is_link else "a path that leads out of it"
+            raise refusal(path, f"the archive holds {what}, {name[:80]!r}", "compressed")
+        # Finder's copies and dotfiles are no content.
+        is_hidden = any(part.startswith((".", "__MACOSX")) for part in parts)
+        if not entry.is_dir() and not is_hidden:
+            names.append(name)
+    return names
 
 
 def _folder_files(folder: Path) -> Iterator[tuple[str, bytes]]:
@@ -205,30 +190,19 @@ def _folder_files(folder: Path) -> Iterator[tuple[str, bytes]]:
     """
     # Below a folder called recipes each JSON file is a recipe.
     prefix = "recipes/" if folder.name in ("recipe", "recipes") else ""
-    names: dict[str, Path] = {}
-    pending = [folder]
-    while pending:
-        try:
-            children = sorted(pending.pop().iterdir())
-        except OSError:
-            continue
-        for child in children:
-            if child.is_symlink() or child.name.startswith("."):
-                continue
-            name = prefix + child.relative_to(folder).as_posix()
-            is_json = child.suffix.lower() == ".json"
-            if child.is_dir():
-                pending.append(child)
+    number = 0
+    for parent, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for path in sorted(Path(parent, name) for name in files):
+            name = prefix + path.relative_to(folder).as_posix()
             # A pipe would be waited for without end.
-            elif is_json and child.is_file() and not _PACK_FOLDERS.isdisjoint(Path(name).parts):
-                names[name] = child
-        if len(names) > _MAX_FILES:
-            raise RecipeFileError(f"{folder}: more than {_MAX_FILES:,} recipe files.")
-    for name in sorted(names):
-        path = names[name]
-        if path.stat().st_size > _MAX_FILE:
-            raise RecipeFileError(f"{path}: more than {_MAX_FILE:,} bytes for one recipe.")
-        yield name, read_bytes(path)
+            if _is_pack_file(name) and path.is_file() and not path.is_symlink():
+                number += 1
+                if number > _MAX_FILES:
+                    raise RecipeFileError(f"{folder}: more than {_MAX_FILES:,} recipe files.")
+                if path.stat().st_size > MAX_FILE:
+                    raise RecipeFileError(f"{path}: more than {MAX_FILE:,} bytes for one recipe.")
+                yield name, read_bytes(path)
 
 
 def _hash_of(contents: Iterable[tuple[str, bytes]]) -> str:
@@ -238,13 +212,3 @@ def _hash_of(contents: Iterable[tuple[str, bytes]]) -> str:
         digest.update(json.dumps([name, len(data)]).encode())
         digest.update(data)
     return digest.hexdigest()
-
-
-def _checked(path: Path, data: bytes) -> bytes:
-    """Return bytes that have no signature of another kind of file."""
-    for signature, kind in _SIGNATURES.items():
-        if data.startswith(signature):
-            raise refusal(path, f"it is {kind}", "table")
-    if is_gzip(data) or is_zip(data):
-        raise refusal(path, "an archive within an archive or compressed twice", "compressed")
-    return data

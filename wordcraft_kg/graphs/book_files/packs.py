@@ -1,18 +1,16 @@
-"""Folders of Minecraft recipes, as data packs and mods have them: a JSON file for each recipe.
+"""Data packs of Minecraft, as packs and mods have them: a JSON file for each recipe.
 
 A pattern becomes the set of its ingredients, of two pieces a pair; where one of several items may
 be used, each choice is a recipe. A tag that the pack defines stands for its members, which are
 choices; any other tag, such as ``#minecraft:planks``, is an entity of its own.
 """
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, combinations_with_replacement, islice, product
 from pathlib import PurePosixPath
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.containers import is_pack_file
 from wordcraft_kg.graphs.book_files.json_text import parsed_json
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, Fault, FileRows, LeftOut, Row
 from wordcraft_kg.graphs.recipes import label_fault, shown
@@ -20,11 +18,9 @@ from wordcraft_kg.graphs.recipes import label_fault, shown
 _MAX_CHOICES = 256
 """Recipes that one file may stand for, where each ingredient may be one of several items."""
 _ENTITY_KEYS = ("item", "id", "tag", "fluid")
-_COUNT_KEYS = ("count", "amount")
 _RESULT_KEYS = ("result", "output", "results", "outputs")
 _PARTS = frozenset({"type", "pattern", "ingredients", "ingredient", *_RESULT_KEYS})
 """Keys of which a recipe has at least one."""
-_DAMAGED = "with a damaged pattern"
 _MOST_LEVELS = 8  # tags within tags
 Tags = dict[str, list[str]]
 """Items by tag."""
@@ -38,35 +34,22 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
     """
     source = FileRows("Minecraft recipes", is_exact=True)
     tags: dict[str, list[Any]] = {}
-    recipes: list[tuple[str, dict[str, Any]]] = []
-    entries: list[Entry] = []
+    recipes: list[tuple[str, Any]] = []
     for name, data in files:
         value = _parsed(name, data)
-        tag = _tag_of(name)
-        if isinstance(value, Fault):
-            entries += [value] if tag is None else []
-        elif tag is None:
+        parts = PurePosixPath(name).with_suffix("").parts
+        if "tags" not in parts:
             recipes.append((name, value))
-        elif isinstance(value.get("values"), list):
+        elif isinstance(value, dict) and isinstance(value.get("values"), list):
+            # data/demo/tags/items/planks is the tag demo:planks; below tags is the registry.
+            at = parts.index("tags")
+            tag = f"{parts[at - 1]}:{'/'.join(parts[at + 2 :])}"
             tags.setdefault(tag, []).extend(value["values"])
     members = _members_of(tags)
-    for name, recipe in recipes:
-        entries += _recipes(source, members, name, recipe)
-    source.entries = entries
+    source.entries = list(chain.from_iterable(_recipes(source, members, *each) for each in recipes))
     if tags:
         source.notes.append(f"{len(tags):,} tags of the pack are choices of their items")
     return source
-
-
-def _tag_of(name: str) -> str | None:
-    """Return the tag that a file defines, such as ``demo:planks``; None for a recipe."""
-    parts = PurePosixPath(name).with_suffix("").parts
-    if "tags" not in parts or not is_pack_file(name, "tags"):
-        return None
-    at = parts.index("tags")
-    space = parts[at - 1] if at else ""
-    # Below tags is the registry, item or items, and then the tag's own path.
-    return f"{space}:{'/'.join(parts[at + 2 :])}"
 
 
 def looks_like_recipe(name: str, data: bytes) -> bool:
@@ -77,77 +60,68 @@ def looks_like_recipe(name: str, data: bytes) -> bool:
         data: its bytes; what is not JSON may have been a recipe.
     """
     value = _parsed(name, data)
-    if isinstance(value, Fault):
-        return value.group != "not an object"
-    return not _PARTS.isdisjoint(value)
+    return isinstance(value, Fault) or (isinstance(value, dict) and not _PARTS.isdisjoint(value))
 
 
-def _parsed(name: str, data: bytes) -> dict[str, Any] | Fault:
-    """Return the object in a file, or the file's fault."""
+def _parsed(name: str, data: bytes) -> Any:
+    """Return the value in a file, or the file's fault."""
     try:
         # Some editors write a byte order mark, which the game reads over.
-        value = parsed_json(name, data.decode("utf-8-sig"))
+        return parsed_json(name, data.decode("utf-8-sig"))
     except RecipeFileError as error:
         return Fault(name, "row", str(error), "not JSON")
     except ValueError as error:
         return Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
+
+
+def _recipes(source: FileRows, tags: Tags, name: str, value: Any) -> Iterator[Entry]:
     if not isinstance(value, dict):
         message = f"{name} is {shown(value)}; expected an object."
-        return Fault(name, "row", message, "not an object")
-    return value
-
-
-def _recipes(source: FileRows, tags: Tags, name: str, value: dict[str, Any]) -> Iterator[Entry]:
+        yield value if isinstance(value, Fault) else Fault(name, "row", message, "not an object")
+        return
     parts = _parts(value)
-    results = _results(value)
-    slots = [list(dict.fromkeys(_choices(part, tags))) for part in parts]
+    result = next(filter(None, map(value.get, _RESULT_KEYS)), [])
+    results = result if isinstance(result, list) else [result]
     made = _choices(results[0], {}) if results else []
+    slots = [list(dict.fromkeys(_choices(part, tags))) for part in parts or ()]
+    # One more than allowed tells that there are too many, and no product is made in full.
+    choices = list(islice(_sets_of(slots), _MAX_CHOICES + 1))
+    labels = set(chain(made, *slots))
     reason = ""
-    if _DAMAGED in parts:
-        reason = _DAMAGED
+    if parts is None:
+        reason = "with a damaged pattern"
     elif len(results) > 1:
         reason = "with several results"
     elif not parts or len(made) != 1:
         reason = WITHOUT
-    elif not all(slots):
+    elif not all(slots) or any(map(label_fault, labels)):
         reason = "with an ingredient of an unknown kind"
+    elif len(choices) > _MAX_CHOICES:
+        reason = f"with more than {_MAX_CHOICES} choices of ingredients"
     if reason:
         yield LeftOut(name, reason)
         return
-    # One more than allowed tells that there are too many, and no product is made in full.
-    choices = list(islice(_sets_of(slots), _MAX_CHOICES + 1))
-    if len(choices) > _MAX_CHOICES:
-        yield LeftOut(name, f"with more than {_MAX_CHOICES} choices of ingredients")
-        return
-    source.counts_dropped += _number_of_counts(value, parts, results[0])
-    for ingredients in choices:
-        fault = next(filter(None, map(label_fault, (*ingredients, *made))), None)
-        if fault is None:
-            yield Row(name, ingredients, made[0])
-        else:
-            yield Fault(name, "label", f"{name}: {fault}")
+    holders = [holder for holder in (*(parts or ()), *results, value) if isinstance(holder, dict)]
+    numbers = [holder.get("count", holder.get("amount", 1)) for holder in holders]
+    source.counts_dropped += sum(number != 1 for number in numbers)
+    yield from (Row(name, ingredients, made[0]) for ingredients in choices)
 
 
-def _parts(value: dict[str, Any]) -> list[Any]:
-    """Return a recipe's ingredients as they are, one for each piece; empty if there are none."""
+def _parts(value: dict[str, Any]) -> list[Any] | None:
+    """Return a recipe's ingredients, one for each piece; None for a damaged pattern."""
     # Crafting with a shape: signs in a pattern, and what each sign stands for; a space is empty.
-    key = value.get("key")
-    pattern = value.get("pattern")
+    key, pattern = value.get("key"), value.get("pattern")
     if isinstance(key, dict) and isinstance(pattern, list):
         is_text = all(isinstance(row, str) for row in pattern)
         signs = "".join(pattern).replace(" ", "") if is_text else ""
         is_damaged = not is_text or " " in key or not set(signs) <= key.keys()
-        return [_DAMAGED] if is_damaged else [key[sign] for sign in signs]
+        return None if is_damaged else [key[sign] for sign in signs]
     # Crafting without a shape.
-    ingredients = value.get("ingredients")
-    if isinstance(ingredients, list):
-        return ingredients
-    # Smithing.
-    if "base" in value and "addition" in value:
-        slots = (value.get(slot) for slot in ("template", "base", "addition"))
-        return [part for part in slots if part]
-    # Smelting, stonecutting and such.
-    return [value["ingredient"]] if "ingredient" in value else []
+    if isinstance(value.get("ingredients"), list):
+        return list(value["ingredients"])
+    # Smithing; smelting, stonecutting and such.
+    slots = ("template", "base", "addition") if "addition" in value else ("ingredient",)
+    return [value[slot] for slot in slots if value.get(slot)]
 
 
 def _sets_of(slots: Sequence[Sequence[str]]) -> Iterable[tuple[str, ...]]:
@@ -156,27 +130,10 @@ def _sets_of(slots: Sequence[Sequence[str]]) -> Iterable[tuple[str, ...]]:
     Args:
         slots: the items of which one is used, for each piece.
     """
-    if len(slots) == 2:
-        # A pair of equal things stays a pair; larger amounts are no part of a set.
-        one, other = slots
-        # Either order is one recipe.
-        is_same = set(one) == set(other)
-        return combinations_with_replacement(one, 2) if is_same else product(one, other)
-    # Equal slots are one ingredient of the set, and one choice.
-    return product(*dict.fromkeys(map(tuple, slots)))
-
-
-def _number_of_counts(value: dict[str, Any], parts: Sequence[Any], result: Any) -> int:
-    """Return how many numbers of pieces a recipe has that its set of ingredients does not keep."""
-    dropped = 0
-    for holder in (*parts, result, value):
-        if isinstance(holder, dict):
-            dropped += any(holder.get(key, 1) != 1 for key in _COUNT_KEYS)
-    # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.
-    if len(parts) > 2:
-        pieces_of_thing = Counter(tuple(_choices(part, {})) for part in parts)
-        dropped += sum(number > 1 for number in pieces_of_thing.values())
-    return dropped
+    # A pair of equal things stays a pair, in either order; larger amounts are no part of a set.
+    if len(slots) == 2 and set(slots[0]) == set(slots[1]):
+        return combinations_with_replacement(slots[0], 2)
+    return product(*(slots if len(slots) == 2 else dict.fromkeys(map(tuple, slots))))
 
 
 def _members_of(tags: dict[str, list[Any]]) -> Tags:
@@ -184,16 +141,9 @@ def _members_of(tags: dict[str, list[Any]]) -> Tags:
     members = {tag: _choices(values, {}) for tag, values in tags.items()}
     # Each round opens one level of tags within tags; a circle ends with the rounds.
     for _ in range(_MOST_LEVELS):
-        members = {
-            tag: list(dict.fromkeys(_opened(items, members))) for tag, items in members.items()
-        }
+        for tag, items in list(members.items()):
+            members[tag] = list(dict.fromkeys(_choices(items, members)))
     return members
-
-
-def _opened(items: Iterable[str], tags: Tags) -> Iterator[str]:
-    """Yield items with the members of the tags among them."""
-    for item in items:
-        yield from tags.get(item.removeprefix("#"), [item]) if item.startswith("#") else [item]
 
 
 def _choices(part: Any, tags: Tags) -> list[str]:
@@ -203,15 +153,10 @@ def _choices(part: Any, tags: Tags) -> list[str]:
         return list(chain.from_iterable(choices)) if all(choices) else []
     label = part
     if isinstance(part, dict):
-        keys = [key for key in _ENTITY_KEYS if isinstance(part.get(key), str)]
-        label = part[keys[0]] if keys else None
         # As in the game's files: a tag stands for several items.
-        label = f"#{label}" if keys and keys[0] == "tag" else label
-    return list(_opened([label], tags)) if isinstance(label, str) and label else []
-
-
-def _results(value: dict[str, Any]) -> list[Any]:
-    """Return a recipe's results as they are."""
-    found = filter(None, map(value.get, _RESULT_KEYS))
-    result = next(found, [])
-    return result if isinstance(result, list) else [result]
+        texts = [key for key in _ENTITY_KEYS if isinstance(part.get(key), str)]
+        label = part[texts[0]] if texts else ""
+        label = f"#{label}" if texts[:1] == ["tag"] else label
+    if not isinstance(label, str) or not label:
+        return []
+    return tags.get(label[1:], [label]) if label.startswith("#") else [label]

@@ -98,6 +98,7 @@ def fill(
         The candidate.
     """
     raws = list(raws)
+    tables = list(tables)
     if is_exact:
         candidate.entries = [each for raw in raws for each in _exact(raw)]
         return candidate
@@ -118,10 +119,13 @@ def fill(
                 entries += _entries(candidate, raw._replace(parts=[part]), joiner)
         else:
             entries += _entries(candidate, raw, joiner)
-    candidate.entries = _named(entries, list(tables), is_given=is_given)
+    candidate.entries = _named(entries, tables, is_given=is_given)
     parts = chain.from_iterable(row.ingredients for row in candidate.rows)
-    # Numbers are no results, unless ingredients are numbers as well, such as ids.
-    if not is_given and all(is_number(row.result) for row in candidate.rows):
+    known = set(chain.from_iterable(table.values() for table in tables))
+    # Numbers are no results, unless they are names, or ingredients are numbers as well.
+    if not is_given and all(
+        is_number(row.result) and row.result not in known for row in candidate.rows
+    ):
         candidate.entries = candidate.entries if all(map(is_number, parts)) else []
         del candidate.rows
     return candidate
@@ -248,11 +252,15 @@ def names_by_id(things: Iterable[tuple[Any, Any]]) -> Names:
 
 
 def _named(entries: Sequence[Entry], tables: Sequence[Names], *, is_given: bool) -> list[Entry]:
-    """Return entries in which the ids of one table are names, if recipes use them."""
+    """Return entries in which the ids are names, if recipes use them."""
     rows = [entry for entry in entries if isinstance(entry, Row)]
     labels = {label for row in rows for label in (*row.ingredients, row.result)}
-    used = [(len(labels & table.keys()), table) for table in tables]
-    _, table = max(used, key=lambda pair: pair[0], default=(0, {}))
+    table: Names = {}
+    for each in tables:
+        if labels & each.keys():
+            table |= {
+                key: name if table.get(key, name) == name else None for key, name in each.items()
+            }
     if not labels & table.keys() and not any(label.startswith(NUMBER) for label in labels):
         return list(entries)
     names = set(table.values())

@@ -8,7 +8,7 @@ Documented keys give some (``words``), the shapes ``{result: [[a, b]]}``, ``{a: 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import chain
+from itertools import chain, compress
 from operator import itemgetter
 from pathlib import Path as FilePath
 from typing import Any
@@ -41,9 +41,11 @@ from wordcraft_kg.graphs.book_files.rows import (
 from wordcraft_kg.graphs.book_files.rule import Candidate, choose, result_place
 from wordcraft_kg.graphs.book_files.words import (
     COUNT,
+    ID,
     IGNORED,
     INGREDIENT,
     KIND,
+    NAME,
     ORDINAL,
     RESULT,
     SUMS,
@@ -52,11 +54,13 @@ from wordcraft_kg.graphs.book_files.words import (
     is_id,
     is_name,
     is_plain,
+    name_rank,
     readings,
     words_of,
 )
 from wordcraft_kg.graphs.recipes import check_label
 
+_NAME_WORDS = frozenset(NAME)
 _MOST_KEYS = 40  # of an object that is no map of labels
 _DENSE = 0.5  # share of an object's keys that its siblings have as well
 _MOST_PATHS = 12  # in a refusal
@@ -101,8 +105,9 @@ def rows_of_document(
         ConfigError: if ``columns`` lead nowhere.
     """
     value = document.value
-    if isinstance(value, dict) and isinstance(value.get("base"), list):
-        source.base = {check_label(label, f"{path}: base"): "base" for label in value["base"]}
+    base = value.get("base") if isinstance(value, dict) else None
+    if isinstance(base, list) and all(isinstance(label, str) for label in base):
+        source.base = {check_label(label, f"{path}: base"): "base" for label in base}
         document.value = {key: each for key, each in value.items() if key != "base"}
     labels = _Labels()
     if document.is_table:
@@ -125,7 +130,8 @@ def rows_of_document(
             for each in found
             if len(each.columns) == 3 and (each.by_place or not each.is_documented)
         ]
-        place = result_place(three) if len(three) == 3 else None
+        has_names = not all(path[-1][1:].isdecimal() for path in labels)
+        place = None if document.is_table and has_names else result_place(three)
         best = (
             three[place]
             if place is not None
@@ -278,11 +284,12 @@ def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
     counts = Counter(chain.from_iterable(objects))
     known = [key for key in counts if is_documented(key)]
     values = [value for each in objects for value in each.values() if value is not None]
+    properties = [key for key in counts if words_of(key) & (COUNT | IGNORED)]
     if all(map(str.isdecimal, counts)) or (len(counts) > _MOST_KEYS > 2 * len(known)):
         return False
     role = words_of(path[-1][1:]) if path and path[-1].startswith(".") else frozenset()
-    if not known and all(map(is_number, values)) and role & (INGREDIENT | RESULT | {"in"}):
-        return False
+    if role & (INGREDIENT | RESULT | {"in"}):
+        return bool(known or properties) or not all(map(is_number, values))
     if len(objects) > 1:
         if any(counts[key] * 2 > len(objects) for key in known):
             return True
@@ -295,34 +302,39 @@ def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
     if len(values) > 1 and all(isinstance(value, dict) and value for value in values):
         return not _are_records(values)
     kinds = {isinstance(value, dict | list) for value in values}
-    others = [key for key in counts if words_of(key) & (COUNT | IGNORED | ORDINAL)]
-    return len(kinds) > 1 or bool(others) or len(known) * 2 >= len(counts)
+    others = [key for key in counts if words_of(key) & ORDINAL]
+    return len(kinds) > 1 or bool(others or properties) or len(known) * 2 >= len(counts)
 
 
 def _names(document: Any, labels: _Labels) -> list[Names]:
     """Return names by id, slug or emoji, for each kind of ids beside names in a document."""
     tables = []
     for path in labels:
-        key = path[-1][1:] if path else ""
         parent = path[:-1]
-        siblings = [other for other in labels if other[:-1] == parent and other[-1][:1] == "."]
-        named = [other for other in siblings if is_name(other[-1][1:]) and other != path]
+        inside = [other for other in labels if other[:-1] == parent and is_name(other[-1][1:])]
+        named: list[Path] = []
         if path[-1:] == (KEY,):
-            inside = [other for other in labels if other[:-1] == parent and is_name(other[-1][1:])]
             texts = [parent] if parent in labels and all(map(str.isdecimal, labels[path])) else []
             named = [*inside, *texts]
-        elif not key or not is_id(key):
-            continue
+        elif path and path[-1].startswith(".") and is_id(path[-1][1:]):
+            # The name and the id of one thing, such as Parent 1 ID and Parent 1 Name.
+            thing = words_of(path[-1][1:]) - ID
+            same = [
+                words_of(other[-1][1:]) - _NAME_WORDS == thing - _NAME_WORDS for other in inside
+            ]
+            named = list(compress(inside, same))
         if named:
-            rows = rows_of_paths(document, [path], [named[0]])
+            rows = rows_of_paths(
+                document, [path], [min(named, key=lambda each: name_rank(each[-1][1:]))]
+            )
             tables.append(
                 names_by_id((ids[0], made[0]) for _, ids, made, _ in rows if ids and made)
             )
-    for path, values in labels.items():
-        # Ids may be places in a list of names.
-        is_list = path[-1:] == (EACH,) and not any(step in LOOPS for step in path[:-1])
-        if is_list and all(isinstance(value, str) for value in values):
-            tables.append(names_by_id(enumerate(values)))
+    lists = [path for path in labels if path[-1:] == (EACH,) and not set(path[:-1]) & set(LOOPS)]
+    # Ids may be places in a list of names, if nothing else is.
+    for path in lists if not tables else ():
+        if all(isinstance(value, str) for value in labels[path]):
+            tables.append(names_by_id(enumerate(labels[path])))
     return tables
 
 
@@ -338,7 +350,8 @@ def _shown_paths(labels: _Labels) -> str:
 def _readings(labels: _Labels) -> Iterator[Reading]:
     """Yield the ways to read a document, the more certain ones first."""
     by_place = list(chain(_by_keys(labels), _by_place(labels), _by_column(labels)))
-    taken = {path for reading in by_place for path in reading.results if path[-1] != KEY}
+    sure = [reading for reading in by_place if reading.is_documented]
+    taken = {path for reading in sure for path in reading.results if path[-1] != KEY}
     for reading in readings(path for path in labels if path not in taken):
         yield reading
         (part, *others), (made, *_) = reading.parts, reading.results
@@ -384,15 +397,14 @@ def _by_keys(labels: _Labels) -> Iterator[Reading]:
 
 
 def _by_column(labels: _Labels) -> Iterator[Reading]:
-    """Yield readings of a table without a header, whose columns have numbers."""
-    columns = list(labels)
-    if not all(path[0] == EACH and path[-1][1:].isdecimal() for path in columns):
-        return
-    if len(columns) == 3:
+    """Yield readings of three columns or keys whose names say nothing, and of two without names."""
+    columns = [path for path in labels if path[0] == EACH and path[1:] == path[-1:]]
+    columns = [path for path in columns if not all(map(is_number, labels[path]))]
+    if len(columns) == 3 and not any(map(is_name, (path[-1][1:] for path in columns))):
         a, b, c = columns
         for one, other, made in ((a, b, c), (b, c, a), (a, c, b)):
-            yield Reading((one, other), (made,), is_documented=False)
-    if len(columns) == 2:
+            yield Reading((one, other), (made,), is_named=False, is_documented=False)
+    if len(columns) == 2 and all(path[-1][1:].isdecimal() for path in columns):
         sums = [path for path in columns if all("+" in cell for cell in labels[path])]
         if len(sums) == 1:
             yield Reading(tuple(sums), tuple(path for path in columns if path not in sums))
@@ -415,7 +427,7 @@ def _by_place(labels: _Labels) -> Iterator[Reading]:
             at -= 1
         tail = path[at:]
         lengths = labels.lengths.get(path[:-1])
-        if not tail or not any(isinstance(value, str) for value in values):
+        if not tail or (tail != (EACH, EACH) and not any(isinstance(v, str) for v in values)):
             continue
         if tail[-3:] == (VALUES, EACH, EACH):
             key = (*path[:-2], KEY)
@@ -464,6 +476,7 @@ def _candidate(
         num_results=len(results),
         ignored=tuple(text(path) for path in others if path not in kinds),
         by_place=reading.by_place,
+        needs_reuse=not labels.counted.isdisjoint((*results, *parts)),
     )
     counts = [path for path in others if words_of(path[-1][1:]) & COUNT]
     candidate.counts_dropped = sum(

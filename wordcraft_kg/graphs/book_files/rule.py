@@ -52,6 +52,8 @@ class Candidate:
         shape: name of the shape, for people.
         num_results: number of ``columns`` with results.
         by_place: whether only the places of labels tell which one is the result.
+        needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
+            properties.
         ignored, notes, counts_dropped, several_outputs: see
             :class:`~wordcraft_kg.graphs.book_files.rows.FileRows`.
     """
@@ -67,6 +69,7 @@ class Candidate:
     counts_dropped: int = 0
     several_outputs: int = 0
     by_place: bool = False
+    needs_reuse: bool = False
 
     @property
     def is_empty(self) -> bool:
@@ -127,7 +130,8 @@ class Candidate:
         """Whether each entry can be read, so that the reading may be advised."""
         is_clean = not any(isinstance(entry, Fault) for entry in self.entries)
         are_numbers = all(is_number(made) for _, made in self.recipes)
-        return bool(self.rows) and is_clean and not are_numbers and self.num_results == 1
+        is_option = self.num_results == 1 and not self.is_mostly_single
+        return bool(self.rows) and is_clean and not are_numbers and is_option
 
     @property
     def command(self) -> str:
@@ -189,6 +193,9 @@ def choose(
     label = (lambda cell: _bare(cell).lower()) if fold else _bare
     shares = {id(each): each.share_of(label) for each in readable}
     documented = [each for each in readable if each.is_documented]
+    documented = [
+        each for each in documented if not each.needs_reuse or shares[id(each)] > LEAST_REUSED
+    ]
     named = [each for each in documented if each.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named, key=lambda each: shares[id(each)], default=None)
@@ -202,6 +209,9 @@ def choose(
             each for each in others if each.is_clean and each.num_made < FEWEST_RESULTS
         ]
         if guesses:
+            # Of several orders of the same labels, the least odd ones.
+            least = min(each.contradictions for each in guesses)
+            guesses = [each for each in guesses if each.contradictions == least]
             seen = "no key or column is a documented word for a result and its ingredients"
             raise _several(path, seen, guesses, anchor)
         # Faults of the most certain reading say what is wrong.
@@ -232,8 +242,9 @@ def choose(
         if share > LEAST_REUSED:
             close = [each for each in close if each.is_documented]
         if close:
-            seen = "two readings fit"
-            raise _several(path, seen, [best, *close] if best.is_clean else close, anchor)
+            seen = "two readings fit" if share > LEAST_REUSED else f"{_shown(best)} is not certain"
+            is_advised = best.is_clean and share > LEAST_REUSED
+            raise _several(path, seen, [best, *close] if is_advised else close, anchor)
         return best
     seen = (
         f"read as {_shown(best)}, {share * best.num_made:.0f} of {best.num_made:,} results are "
@@ -271,7 +282,7 @@ def result_place(readings: Sequence[Candidate]) -> int | None:
         readings: readings that differ in the place of the result.
     """
     recipes = [reading.recipes for reading in readings]
-    if min(map(len, recipes)) < _FEWEST_ROWS:
+    if len(recipes) != 3 or min(map(len, recipes)) < _FEWEST_ROWS:
         return None
     shares = [len({parts for parts, _ in each}) / len(each) for each in recipes]
     ranked = sorted(range(len(shares)), key=lambda place: -shares[place])

@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
+from itertools import chain
 from operator import ne
 from pathlib import Path
 from typing import NamedTuple
@@ -27,7 +28,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     LeftOut,
     refusal,
 )
-from wordcraft_kg.graphs.book_files.words import KIND, readings
+from wordcraft_kg.graphs.book_files.words import KIND, is_documented, readings
 from wordcraft_kg.graphs.plain_rows import number_plain_rows
 from wordcraft_kg.graphs.recipes import label_fault
 
@@ -40,6 +41,7 @@ _SPELT = {"comma": ",", "semicolon": ";", "tab": "\t", "\\t": "\t", "pipe": "|",
 _OWN = (CSV_HEADER, (*CSV_HEADER, KIND))
 _SAMPLE_ROWS = 200
 _EVEN = 0.9  # share of rows with the most frequent number of cells
+_FEWEST_BELOW = 3  # rows below a header of other words
 _HEADER_ROWS = 6  # first rows among which the header is
 _RULE = re.compile(r"[-=+:\s|]*[-=]{2,}[-=+:\s|]*|[-=+:\s|]*:[-=][-=+:\s|]*")
 """The line below the header of a table in Markdown or Org."""
@@ -233,7 +235,13 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
 def _are_names(cells: Sequence[str]) -> bool:
     """Return whether cells are documented words for ingredients and a result."""
     paths = [(EACH, f".{cell}") for cell in cells]
-    return len(cells) > 1 and any(readings(paths))
+    return len(cells) > 1 and any(reading.is_documented for reading in readings(paths))
+
+
+def _are_unknown_names(body: list[Line]) -> bool:
+    """Return whether the first row is rather a header of other words: no cell stands below."""
+    first, *below = [row.cells for row in body]
+    return len(below) >= _FEWEST_BELOW and set(first).isdisjoint(chain.from_iterable(below))
 
 
 # --- the table -----------------------------------------------------------------------------------
@@ -360,6 +368,8 @@ def _document(
         raise refusal(path, "no row of a table", "table")
     heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
     header = (heads or [None, *body[: int(is_named)]])[0 if heads or not is_named else 1]
+    if header is None and _are_unknown_names(body):
+        header = body[0]
     names = [] if header is None else _without_blanks(header.cells)
     below = [row for row in body if header is None or row.number > header.number]
     # In R's tables, row names have no name.
@@ -387,6 +397,9 @@ def _document(
             document.others.append(LeftOut(number, "headers"))  # of further tables of Markdown
         elif cells == names:
             message = "the header is repeated in the middle"
+            document.others.append(Fault(number, "header", message, "header"))
+        elif names and len(cells) > 1 and all(map(is_documented, cells)):
+            message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
             document.others.append(Fault(number, "header", message, "header"))
         elif names and len(cells) > len(names):
             message = (

@@ -20,8 +20,19 @@ def words_of(name: str) -> frozenset[str]:
         >>> sorted(words_of("Ingredient2_name")), sorted(words_of("canBeMadeWith"))
         (['2', 'ingredient', 'name'], ['be', 'can', 'made', 'with'])
     """
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", name)
-    return frozenset(re.findall(r"[^\W_]+", parted.lower()))
+    parted = r"(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])|(?<=[\u3040-\ud7af])(?=[A-Za-z])"
+    parted = re.sub(parted, " ", name)
+    words = re.findall(r"[^\W_]+", parted.lower())
+    # East Asian words have no blanks between them.
+    inner = [known for known in _JOINED for word in words if known in word]
+    return frozenset((*words, *inner))
+
+
+_JOINED = (
+    *("材料", "原料", "素材", "配料", "成分", "食材", "结果", "結果", "产物", "產物", "成品"),
+    *("合成", "配方", "完成品", "名称", "名字", "名前", "数量", "재료", "결과", "조합"),
+)
+"""Documented words of languages without blanks between words."""
 
 
 KIND = "kind"
@@ -29,7 +40,7 @@ KIND = "kind"
 RESULT = words_of(
     "result results resulting product products output outputs out outcome outcomes makes made make "
     "creates create created creation crafted yield yields child offspring target gives give "
-    "becomes produces produced produce dish obtained obtain to "
+    "becomes target targets produces produced produce dish obtained obtain to "
     "ergebnis ergebnisse resultat resultate produkt produkte ausgabe erzeugt ergibt gericht "
     "résultat résultats produit produits sortie donne plat "
     "resultado resultados producto productos produto produtos salida saída plato prato "
@@ -41,7 +52,7 @@ RESULT = words_of(
 )
 INGREDIENT = words_of(
     "ingredient ingredients react reacts reactant reactants reagent reagents input inputs "
-    "component components constituent constituents parent parents material materials left right "
+    "component components constituent constituents sources parent parents material materials left right "
     "first second third fourth operand operands combines combine precursor precursors "
     "substrate substrates educt educts requires require required from needs "
     "zutat zutaten edukt edukte eingabe eingaben bestandteil bestandteile eltern elternteil "
@@ -56,7 +67,7 @@ INGREDIENT = words_of(
 )
 SUMS = words_of(
     "recipe recipes combination combinations combo combos pair pairs formula formulas formulae "
-    "crafting craft crafts with rezept rezepte recette recettes receta recetas ricetta ricette "
+    "crafting craft crafts reaction reactions mix mixes fusion fusions with rezept rezepte recette recettes receta recetas ricetta ricette "
     "receita receitas recept recepten przepis рецепт рецепты 配方 合成 レシピ 조합 조합법"
 )
 """A key or column of whole recipes, unless others are ingredients: then it names the recipe."""
@@ -93,8 +104,7 @@ _FORWARD = tuple(
 )
 """Words of keys that list what a thing is used for, not what makes it."""
 CONTAINERS = SUMS | words_of(
-    "items elements entities things objects names reactions mixes fusions ingredients results "
-    "products"
+    "items elements entities things objects names ingredients results products"
 )
 """Keys of a file's lists of recipes or things."""
 _BY = words_of("with from of by using")
@@ -177,6 +187,11 @@ def _role(path: Path) -> tuple[str, int]:
         if words & INGREDIENT or words == {"in"}:
             return "part", at
         num_loops = sum(step in LOOPS for step in path[at:])
+        # A formula of a thing, as in {"reactants": [{"formula": "H2"}]}.
+        outer = next((step[1:] for step in reversed(path[:at]) if step.startswith(".")), "")
+        if "formula" in words and words_of(outer) & (INGREDIENT | RESULT):
+            is_inside = True
+            continue
         if words & SUMS and (not is_inside or num_loops > 1):
             return "sum", at
         is_slot = bool(words & ORDINAL) or (words <= WEAK and num_loops > 0)
@@ -223,20 +238,24 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
     slots = [family for family in slots if len(family) > 1 or family[0][-1] in LOOPS]
     parts = _families(by_role.get("part", {}))
     sums = _families(by_role.get("sum", {}))
+    if not (parts or sums or slots):
+        # Two columns of other names beside a result are rather its ingredients: a guess.
+        unknown = tuple(by_role.get("unknown", ()))
+        for made in _families(results) if len(unknown) in (1, 2) else ():
+            yield Reading(unknown, made, is_documented=False)
     # Words such as first, or a name, are parts of recipes only where nothing else is.
     for family in parts or sums or slots:
-        around = _common([*family])
-        for made in _families(results):
-            if around[: len(_around(made[0], results[made[0]]))] == _around(
-                made[0], results[made[0]]
-            ):
-                yield Reading(family, made)
+        around = _common(family)
         # A partner below a thing: {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}.
-        for made in results if len(family) == 1 and _is_partner(family[0]) else ():
-            for thing in things:
-                is_beside = made[:-1] == family[0][:-1]
-                if is_beside and _is_around(thing, made) and thing[:-1] != made[:-1]:
-                    yield Reading((thing, *family), (made,))
+        is_partner = len(family) == 1 and _is_partner(family[0])
+        for made in _families(results):
+            outer = _around(made[0], results[made[0]])
+            if is_partner:
+                partners = [thing for thing in things if _is_around(thing, made[0])]
+                partners = [thing for thing in partners if thing[:-1] != made[0][:-1]]
+                yield from (Reading((thing, *family), made) for thing in partners)
+            elif around[: len(outer)] == outer:
+                yield Reading(family, made)
         near = [thing for thing in things if _is_around(thing, around)]
         # The innermost thing first, and its name before its id and its key.
         near.sort(key=lambda thing: (-len(_around(thing, len(thing))), _rank(thing)))

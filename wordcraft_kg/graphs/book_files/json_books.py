@@ -251,7 +251,11 @@ def _collect(labels: _Labels, path: Path, values: list[Any]) -> None:
         labels[(*path, "[0]")] = [value[0] for value in lists]
     elif lists:
         labels.lengths.setdefault(path, set()).update(map(len, lists))
-        _collect(labels, (*path, EACH), list(chain.from_iterable(lists)))
+        elements = [element for element in chain.from_iterable(lists) if element is not None]
+        # Choices beside ingredients, as in Minecraft: no reading accounts for both.
+        num_lists = sum(isinstance(element, list) for element in elements)
+        if num_lists in (0, len(elements)):
+            _collect(labels, (*path, EACH), elements)
     if not objects:
         return
     if _are_records(objects, path):

@@ -78,7 +78,8 @@ def fitted(path: Path, value: Any) -> Path:
     steps: list[str] = []
     samples = [value]
     for step in (*path, None):
-        while any(isinstance(each, list) for each in samples) and not (step or "").startswith("["):
+        is_place = step is not None and step.startswith("[")
+        while any(isinstance(each, list) for each in samples) and not is_place and step != KEY:
             steps.append(EACH)
             samples = _next_samples(samples, EACH)
         if step is not None:

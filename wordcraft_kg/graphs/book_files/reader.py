@@ -30,7 +30,7 @@ from wordcraft_kg.graphs.book_files.foreign import foreign_format
 from wordcraft_kg.graphs.book_files.json_books import as_records, rows_of_document
 from wordcraft_kg.graphs.book_files.json_text import is_json, load_json
 from wordcraft_kg.graphs.book_files.layouts import known_layout
-from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines
+from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines, with_pluses
 from wordcraft_kg.graphs.book_files.packs import looks_like_recipe, read_pack
 from wordcraft_kg.graphs.book_files.rows import GUIDE, Fault, FileRows, LeftOut, Place, Row, refusal
 from wordcraft_kg.graphs.book_files.tables import ENDINGS, delimiter_of, read_table
@@ -239,6 +239,7 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         source.shape += " lines" if is_lines else ""
         return source
     # Lines are often saved under the ending of a table.
+    text = with_pluses(text)
     if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
         if options.columns is not None:
             seen = "lines a + b = c, which have no columns"

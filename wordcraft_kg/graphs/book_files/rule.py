@@ -206,7 +206,11 @@ def choose(
     rivals = [each for each in others if each.is_clean and shares[id(each)] > LEAST_REUSED]
     if best is None:
         guesses = rivals or [
-            each for each in others if each.is_clean and each.num_made < FEWEST_RESULTS
+            each
+            for each in others
+            if each.is_clean
+            and each.num_made < FEWEST_RESULTS
+            and "".join(each.columns).isdecimal()
         ]
         if guesses:
             # Of several orders of the same labels, the least odd ones.

@@ -398,7 +398,7 @@ def _document(
         elif cells == names:
             message = "the header is repeated in the middle"
             document.others.append(Fault(number, "header", message, "header"))
-        elif names and len(cells) > 1 and all(map(is_documented, cells)):
+        elif names and all(map(is_documented, cells)) and _are_names(cells):
             message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
             document.others.append(Fault(number, "header", message, "header"))
         elif names and len(cells) > len(names):

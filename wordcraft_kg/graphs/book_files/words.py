@@ -256,6 +256,8 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
                 yield from (Reading((thing, *family), made) for thing in partners)
             elif around[: len(outer)] == outer:
                 yield Reading(family, made)
+        if is_partner and results:
+            continue
         near = [thing for thing in things if _is_around(thing, around)]
         # The innermost thing first, and its name before its id and its key.
         near.sort(key=lambda thing: (-len(_around(thing, len(thing))), _rank(thing)))

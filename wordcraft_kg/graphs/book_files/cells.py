@@ -229,10 +229,10 @@ def labels_in(value: Any) -> list[str] | None:
         return [value]
     if isinstance(value, list | tuple | set):
         # A label and its number of pieces, as in ["egg", 2].
-        is_counted = len(value) == 2 and isinstance(value, list | tuple)
-        if is_counted and isinstance(value[0], str) and is_number(value[1]):
-            return [value[0]]
-        parts = [labels_in(part) for part in value]
+        values = list(value)
+        if len(values) == 2 and isinstance(values[0], str) and is_number(values[1]):
+            return [values[0]]
+        parts = [labels_in(part) for part in values]
         if None in parts:
             return None
         return list(chain.from_iterable(filter(None, parts)))

@@ -118,30 +118,23 @@ def rows_of_document(
     names = _names(document.value, labels)
     reader = partial(_candidate, document, labels, names, is_exact=source.is_exact)
     if columns is not None:
-        best: Candidate | None = _given(document, columns, labels, reader)
+        best = _given(document, columns, labels, reader)
     elif source.is_exact:
         parts = tuple((EACH, f".{name}") for name in ("ingredient_a", "ingredient_b"))
         best = reader(Reading(parts, ((EACH, ".result"),)))
     else:
-        anchor = "table" if document.is_table else "json"
         found = list(map(reader, _readings(labels)))
-        three = [
-            each
-            for each in found
-            if len(each.columns) == 3 and (each.by_place or not each.is_documented)
-        ]
         has_names = not all(path[-1][1:].isdecimal() for path in labels)
-        place = None if document.is_table and has_names else result_place(three)
-        best = (
-            three[place]
-            if place is not None
-            else choose(path, found, anchor, fold=fold, allows_single=allows_single)
-        )
-        if best is None:
-            seen = "no documented words name ingredients and a result"
-            raise refusal(
-                path, f"{seen}; {_shown_paths(labels)}", anchor, "Name them with --columns."
-            )
+        orders = [each for each in found if len(each.columns) == 3]
+        orders = [each for each in orders if each.by_place or not each.is_documented]
+        place = None if document.is_table and has_names else result_place(orders)
+        anchor = "table" if document.is_table else "json"
+        taken = orders[place] if place is not None else None
+        taken = taken or choose(path, found, anchor, fold=fold, allows_single=allows_single)
+        if taken is None:
+            seen = f"no documented words name ingredients and a result; {_shown_paths(labels)}"
+            raise refusal(path, seen, anchor, "Name them with --columns.")
+        best = taken
     _note_craft(source, labels, best)
     source.columns = best.columns
     source.num_results = best.num_results

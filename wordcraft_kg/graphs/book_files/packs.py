@@ -80,7 +80,7 @@ def _recipes(source: FileRows, tags: Tags, name: str, value: Any) -> Iterator[En
         yield value if isinstance(value, Fault) else Fault(name, "row", message, "not an object")
         return
     parts = _parts(value)
-    result = next(filter(None, map(value.get, _RESULT_KEYS)), [])
+    result: Any = next(filter(None, map(value.get, _RESULT_KEYS)), [])
     results = result if isinstance(result, list) else [result]
     made = _choices(results[0], {}) if results else []
     slots = [list(dict.fromkeys(_choices(part, tags))) for part in parts or ()]
@@ -104,6 +104,9 @@ def _recipes(source: FileRows, tags: Tags, name: str, value: Any) -> Iterator[En
     holders = [holder for holder in (*(parts or ()), *results, value) if isinstance(holder, dict)]
     numbers = [holder.get("count", holder.get("amount", 1)) for holder in holders]
     source.counts_dropped += sum(number != 1 for number in numbers)
+    # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.
+    different = set(map(tuple, slots))
+    source.counts_dropped += len(different) < len(slots) > 2
     yield from (Row(name, ingredients, made[0]) for ingredients in choices)
 
 

@@ -367,7 +367,9 @@ def _document(
     if not body:
         raise refusal(path, "no row of a table", "table")
     heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
-    header = (heads or [None, *body[: int(is_named)]])[0 if heads or not is_named else 1]
+    header = heads[0] if heads else None
+    if header is None and is_named:
+        header = body[0]
     if header is None and _are_unknown_names(body):
         header = body[0]
     names = [] if header is None else _without_blanks(header.cells)
@@ -385,6 +387,7 @@ def _document(
     if width == 1:
         raise _no_table(path, body[0].cells[0], dialect=source.delimiter)
     document = Document([], is_table=True)
+    known = {name.casefold() for name in names if is_documented(name)}
     for row in rows:
         if not isinstance(row, Line):
             document.others.append(row)
@@ -398,7 +401,7 @@ def _document(
         elif cells == names:
             message = "the header is repeated in the middle"
             document.others.append(Fault(number, "header", message, "header"))
-        elif names and all(map(is_documented, cells)) and _are_names(cells):
+        elif names and not known.isdisjoint(map(str.casefold, cells)) and _are_names(cells):
             message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
             document.others.append(Fault(number, "header", message, "header"))
         elif names and len(cells) > len(names):

@@ -110,15 +110,21 @@ def fill(
         ]
         joiner = find_joiner(cells, in_all=in_lists, allows_weak=not candidate.by_place)
     entries: list[Entry] = []
+    # Most labels are met again: a look-up is faster than a check.
+    clean: set[str] = set()
     for raw in raws:
         if not isinstance(raw, Raw):
             entries.append(raw)
+        elif joiner == "" and clean and len(raw.results) == 1 and _are_clean(clean, raw):
+            entries.append(Row(raw.place, raw.parts, raw.results[0], raw.kind))
         elif in_lists and joiner:
             # Each text of a list is a sum of its own.
             for part in raw.parts:
                 entries += _entries(candidate, raw._replace(parts=[part]), joiner)
         else:
             entries += _entries(candidate, raw, joiner)
+            if isinstance(entries[-1], Row):
+                clean.update(each for each in (*entries[-1].ingredients, entries[-1].result))
     candidate.entries = _named(entries, tables, is_given=is_given)
     parts = chain.from_iterable(row.ingredients for row in candidate.rows)
     known = set(chain.from_iterable(table.values() for table in tables))
@@ -129,6 +135,14 @@ def fill(
         candidate.entries = candidate.entries if all(map(is_number, parts)) else []
         del candidate.rows
     return candidate
+
+
+def _are_clean(clean: set[str], raw: Raw) -> bool:
+    """Return whether values are labels that were met before."""
+    try:
+        return clean.issuperset(raw.parts) and raw.results[0] in clean
+    except TypeError:  # an object or a list, which is not hashable
+        return False
 
 
 def _exact(raw: Raw | Entry) -> Iterator[Entry]:

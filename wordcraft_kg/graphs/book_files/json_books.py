@@ -6,7 +6,7 @@ Documented keys give some (``words``), the shapes ``{result: [[a, b]]}``, ``{a: 
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import chain, compress
 from operator import itemgetter
@@ -110,6 +110,9 @@ def rows_of_document(
         source.base = {check_label(label, f"{path}: base"): "base" for label in base}
         document.value = {key: each for key, each in value.items() if key != "base"}
     labels = _Labels()
+    if not value or not isinstance(value, list | dict):
+        source.entries = document.others
+        return source
     if document.is_table:
         for key in value[0]:
             labels[(EACH, f".{key}")] = [row[key] for row in value]
@@ -123,14 +126,20 @@ def rows_of_document(
         parts = tuple((EACH, f".{name}") for name in ("ingredient_a", "ingredient_b"))
         best = reader(Reading(parts, ((EACH, ".result"),)))
     else:
-        found = list(map(reader, _readings(labels)))
-        has_names = not all(path[-1][1:].isdecimal() for path in labels)
-        orders = [each for each in found if len(each.columns) == 3]
-        orders = [each for each in orders if each.by_place or not each.is_documented]
-        place = None if document.is_table and has_names else result_place(orders)
+        ways = list(_readings(labels))
+        found = [reader(way) for way in ways if way.is_documented]
+        guesses: Iterable[Candidate] = (reader(way) for way in ways if not way.is_documented)
+        orders: list[Candidate] = []
+        if not document.is_table or all(path[-1][1:].isdecimal() for path in labels):
+            guesses = list(guesses)
+            orders = [each for each in (*found, *guesses) if len(each.columns) == 3]
+            orders = [each for each in orders if each.by_place or not each.is_documented]
+        place = result_place(orders)
         anchor = "table" if document.is_table else "json"
         taken = orders[place] if place is not None else None
-        taken = taken or choose(path, found, anchor, fold=fold, allows_single=allows_single)
+        taken = taken or choose(
+            path, found, guesses, anchor, fold=fold, allows_single=allows_single
+        )
         if taken is None:
             seen = f"no documented words name ingredients and a result; {_shown_paths(labels)}"
             raise refusal(path, seen, anchor, "Name them with --columns.")
@@ -249,6 +258,10 @@ def _collect(labels: _Labels, path: Path, values: list[Any]) -> None:
         num_lists = sum(isinstance(element, list) for element in elements)
         if num_lists in (0, len(elements)):
             _collect(labels, (*path, EACH), elements)
+        elif set(map(len, lists)) == {2}:
+            # Ingredients in a list, and a result: [["water", "earth"], "mud"].
+            for place in range(2):
+                _collect(labels, (*path, f"[{place}]"), [each[place] for each in lists])
     if not objects:
         return
     if _are_records(objects, path):
@@ -324,9 +337,7 @@ def _names(document: Any, labels: _Labels) -> list[Names]:
             rows = rows_of_paths(
                 document, [path], [min(named, key=lambda each: name_rank(each[-1][1:]))]
             )
-            tables.append(
-                names_by_id((ids[0], made[0]) for _, ids, made, _ in rows if ids and made)
-            )
+            tables.append(names_by_id((ids[0], made[0]) for _, ids, made in rows if ids and made))
     lists = [path for path in labels if path[-1:] == (EACH,) and not set(path[:-1]) & set(LOOPS)]
     # Ids may be places in a list of names, if nothing else is.
     for path in lists if not tables else ():
@@ -395,7 +406,7 @@ def _by_keys(labels: _Labels) -> Iterator[Reading]:
 
 def _by_column(labels: _Labels) -> Iterator[Reading]:
     """Yield readings of three columns or keys whose names say nothing, and of two without names."""
-    columns = [path for path in labels if path[0] == EACH and path[1:] == path[-1:]]
+    columns = [path for path in labels if path[:1] == (EACH,) and path[1:] == path[-1:]]
     columns = [path for path in columns if not all(map(is_number, labels[path]))]
     if len(columns) == 3 and not any(map(is_name, (path[-1][1:] for path in columns))):
         a, b, c = columns
@@ -441,8 +452,8 @@ def _by_place(labels: _Labels) -> Iterator[Reading]:
             yield Reading((a, b), (c,), by_place=True)
             yield Reading((b, c), (a,), is_documented=False)
             yield Reading((a, c), (b,), is_documented=False)
-        elif tail == (EACH, EACH, EACH) and labels.lengths.get(path[:-2]) == {2}:
-            yield Reading(((*path[:-2], "[0]", EACH),), ((*path[:-2], "[1]"),), by_place=True)
+        elif path[-2:] == ("[0]", EACH) and (*path[:-2], "[1]") in labels:
+            yield Reading((path,), ((*path[:-2], "[1]"),), by_place=True)
     # Numbers of pieces by label: {"torch": {"plank": 2, "stick": 1}}.
     for path in labels.counted:
         if path[-3:] == (VALUES, VALUES, KEY):
@@ -480,14 +491,15 @@ def _candidate(
         number not in ("", "1", 1) for path in counts for number in labels[path]
     )
     raws: list[Raw | Entry] = list(document.others)
-    steps = chain.from_iterable(parts if len(parts) > 1 else ())
-    has_places = any(step.startswith("[") and step != EACH for step in steps)
-    for place, values, made, kind_of_row in rows_of_paths(document.value, parts, results, kinds):
-        if not has_places or len(values) == len(parts):
-            at = document.places[int(place[1 : place.index("]")])] if document.places else place
-            raws.append(Raw(at, values, made, kind_of_row))
-    if document.places:
+    if document.is_table:
+        raws += _raws_of_table(document, parts, results, kinds)
         raws.sort(key=itemgetter(0))
+    else:
+        steps = chain.from_iterable(parts if len(parts) > 1 else ())
+        has_places = any(step.startswith("[") and step != EACH for step in steps)
+        for place, values, made in rows_of_paths(document.value, parts, results):
+            if not has_places or len(values) == len(parts):
+                raws.append(Raw(place, values, made))
     is_sole = len(parts) == 1
     in_lists = (
         is_sole
@@ -503,3 +515,13 @@ def _candidate(
         is_exact=is_exact,
         tables=names,
     )
+
+
+def _raws_of_table(
+    document: Document, parts: Sequence[Path], results: Sequence[Path], kinds: Sequence[Path]
+) -> Iterator[Raw]:
+    """Yield the cells of a table's rows: as paths lead to them, but many times faster."""
+    columns, made, kind = ([path[-1][1:] for path in paths] for paths in (parts, results, kinds))
+    for place, row in zip(document.places, document.value, strict=True):
+        cells = [row[name] for name in columns]
+        yield Raw(place, cells, [row[name] for name in made], row[kind[0]] if kind else "")

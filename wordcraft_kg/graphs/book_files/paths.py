@@ -168,21 +168,18 @@ def _rows(found: Found, paths: dict[int, Path], num_parts: int) -> Iterator[Colu
 
 
 def rows_of_paths(
-    document: Any, parts: Sequence[Path], results: Sequence[Path], kinds: Sequence[Path] = ()
-) -> Iterator[tuple[str, list[Any], list[Any], str]]:
-    """Yield place, ingredients, results and kind of each row, all of them values of JSON.
+    document: Any, parts: Sequence[Path], results: Sequence[Path]
+) -> Iterator[tuple[str, list[Any], list[Any]]]:
+    """Yield place, ingredients and results of each row, all of them values of JSON.
 
     Args:
         document: the document.
         parts: paths of ingredients.
         results: paths of the results.
-        kinds: path of the kind of reasoning, if any.
     """
-    ends = (len(parts), len(parts) + len(results))
-    columns = dict(enumerate([*parts, *results, *kinds]))
-    for row in _rows(Found("", document), columns, ends[0]):
-        values = list(chain.from_iterable(row.get(i, []) for i in range(ends[0])))
-        made = list(chain.from_iterable(row.get(i, []) for i in range(*ends)))
+    columns = dict(enumerate([*parts, *results]))
+    for row in _rows(Found("", document), columns, len(parts)):
+        values = list(chain.from_iterable(row.get(i, []) for i in range(len(parts))))
+        made = list(chain.from_iterable(row.get(i, []) for i in range(len(parts), len(columns))))
         place = (*values, *made, Found("", None))[0].place
-        kind = next((found.value for found in row.get(ends[1], [])), "")
-        yield place, [found.value for found in values], [found.value for found in made], kind
+        yield place, [found.value for found in values], [found.value for found in made]

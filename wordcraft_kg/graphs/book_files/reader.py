@@ -422,7 +422,7 @@ class BookRows:
             message = (
                 f"{' + '.join(ingredients)[:80]!r} are {len(ingredients):,} ingredients of "
                 f"'{result[:80]}'; a recipe needs two. Read it as a chain of half-products with "
-                f"--ingredients chain. See {GUIDE}#arities."
+                f"`ingredients` chain. See {GUIDE}#arities."
             )
             return self._fault(place, "row", message, f"{len(ingredients)} ingredients")
         distinct = list(dict.fromkeys(ingredients))
@@ -439,9 +439,9 @@ class BookRows:
         single = self.options.single_ingredient
         if single is None and not is_chain:
             message = (
-                f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or name what "
-                f"it is combined with: --single-ingredient NAME, or --single-ingredient {_SELF}, "
-                f"which reads {one} + {one}."
+                f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or read the "
+                f"file with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name of "
+                "what it is combined with."
             )
             return self._fault(place, "label", message)
         return [Recipe.of(one, one if single in (None, _SELF) else str(single), result)]

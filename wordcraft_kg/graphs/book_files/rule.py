@@ -8,7 +8,7 @@ reading that does. A reading that the user names is taken at their word.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
@@ -102,12 +102,9 @@ class Candidate:
         Args:
             label: returns the label that a cell stands for.
         """
-        results: set[str] = set()
-        used: set[str] = set()
-        for ingredients, result in self.recipes:
-            made = label(result)
-            results.add(made)
-            used.update(part for part in map(label, ingredients) if part != made)
+        results = {label(made) for made in {made for _, made in self.recipes}}
+        parts = {part for parts, made in self.recipes for part in parts if part != made}
+        used = set(map(label, parts))
         return len(results & used) / len(results) if results else 0.0
 
     @cached_property
@@ -157,6 +154,7 @@ def _num_recipes(best: Candidate) -> Callable[[Candidate], tuple[int, bool]]:
     return lambda each: (len(each.recipes), each is best)
 
 
+@lru_cache(maxsize=100_000)
 def _bare(cell: str) -> str:
     """Return a cell without markup and number of pieces, as the book may have it."""
     label = without_markup(trim_unseen(cell))
@@ -166,7 +164,8 @@ def _bare(cell: str) -> str:
 
 def choose(
     path: Path,
-    candidates: Iterable[Candidate],
+    candidates: Sequence[Candidate],
+    guesses: Iterable[Candidate],
     anchor: str,
     *,
     fold: bool = False,
@@ -176,7 +175,8 @@ def choose(
 
     Args:
         path: the file, for errors.
-        candidates: all readings, the more certain ones first.
+        candidates: readings by documented words and shapes, the more certain ones first.
+        guesses: further readings, for refusals; iterated only if no named reading is certain.
         anchor: section of the guide for the file's shape.
         fold: whether labels are read in lower case.
         allows_single: whether the user says what a single ingredient means.
@@ -188,8 +188,7 @@ def choose(
         RecipeFileError: if several readings remain, or the only one does not hang together; with
             the commands that read the file.
     """
-    found = list(candidates)
-    readable = [each for each in found if each.rows]
+    readable = [each for each in candidates if each.rows]
     label = (lambda cell: _bare(cell).lower()) if fold else _bare
     shares = {id(each): each.share_of(label) for each in readable}
     documented = [each for each in readable if each.is_documented]
@@ -199,27 +198,31 @@ def choose(
     named = [each for each in documented if each.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named, key=lambda each: shares[id(each)], default=None)
+    if best is None or not best.is_named or best.by_place or shares[id(best)] <= LEAST_REUSED:
+        more = [each for each in guesses if each.rows]
+        shares |= {id(each): each.share_of(label) for each in more}
+        readable += more
     if best is not None:
         # Of two readings of the same recipes, the one that lacks none.
         best = max((each for each in documented if each.is_like(best)), key=_num_recipes(best))
     others = [each for each in readable if best is None or not each.is_like(best)]
     rivals = [each for each in others if each.is_clean and shares[id(each)] > LEAST_REUSED]
     if best is None:
-        guesses = rivals or [
+        orders = rivals or [
             each
             for each in others
             if each.is_clean
             and each.num_made < FEWEST_RESULTS
             and "".join(each.columns).isdecimal()
         ]
-        if guesses:
+        if orders:
             # Of several orders of the same labels, the least odd ones.
-            least = min(each.contradictions for each in guesses)
-            guesses = [each for each in guesses if each.contradictions == least]
+            least = min(each.contradictions for each in orders)
+            orders = [each for each in orders if each.contradictions == least]
             seen = "no key or column is a documented word for a result and its ingredients"
-            raise _several(path, seen, guesses, anchor)
+            raise _several(path, seen, orders, anchor)
         # Faults of the most certain reading say what is wrong.
-        return next((each for each in found if each.is_documented and not each.is_empty), None)
+        return next((each for each in candidates if not each.is_empty), None)
     if not best.is_named or best.by_place:
         odd = [each for each in others if each.contradictions < best.contradictions]
         odd = [each for each in odd if each.is_clean and not each.is_documented]

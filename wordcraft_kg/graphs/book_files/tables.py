@@ -339,7 +339,7 @@ def read_table(
     if max(map(len, sample)) > MAX_LINE_LENGTH:
         raise refusal(path, f"no table: {too_long(max(sample, key=len))[:-1]}", "table")
     known = delimiter or separator
-    is_own = tuple(cells_of(first[1], Dialect(known or usual))) in _OWN
+    is_own = tuple(_tolerant_cells(first[1], Dialect(known or usual))) in _OWN
     if is_own:
         dialect = Dialect(known or usual)
     else:
@@ -374,9 +374,10 @@ def _document(
         header = body[0]
     names = [] if header is None else _without_blanks(header.cells)
     below = [row for row in body if header is None or row.number > header.number]
-    # In R's tables, row names have no name.
+    # In R's tables, numbers of rows have no name.
+    has_numbers = all(row.cells[0].isdecimal() for row in below)
     longer = [len(_without_blanks(row.cells)) == len(names) + 1 for row in below]
-    if names and names[0] and below and all(longer):
+    if names and names[0] and below and has_numbers and all(longer):
         names = ["", *names]
     if len(heads) > 1 and heads[1].number == below[0].number and below[0].cells != names:
         again = ", ".join(map(repr, below[0].cells[:4]))

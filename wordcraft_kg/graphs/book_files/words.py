@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-from wordcraft_kg.graphs.book_files.paths import KEY, LOOPS, Path
+from wordcraft_kg.graphs.book_files.paths import EACH, KEY, LOOPS, Path
 
 
 @lru_cache(maxsize=10_000)
@@ -185,7 +185,9 @@ def _role(path: Path) -> tuple[str, int]:
         if words & RESULT:
             return "result", at
         if words & INGREDIENT or words == {"in"}:
-            return "part", at
+            # Lists of objects within a list of ingredients are rather choices, as in Minecraft.
+            are_choices = path[at + 1 : at + 3] == (EACH, EACH) and len(path) > at + 3
+            return ("ignored" if are_choices else "part"), at
         num_loops = sum(step in LOOPS for step in path[at:])
         # A formula of a thing, as in {"reactants": [{"formula": "H2"}]}.
         outer = next((step[1:] for step in reversed(path[:at]) if step.startswith(".")), "")

@@ -140,7 +140,7 @@ def fill(
 def _are_clean(clean: set[str], raw: Raw) -> bool:
     """Return whether values are labels that were met before."""
     try:
-        return clean.issuperset(raw.parts) and raw.results[0] in clean
+        return bool(raw.parts) and clean.issuperset(raw.parts) and raw.results[0] in clean
     except TypeError:  # an object or a list, which is not hashable
         return False
 

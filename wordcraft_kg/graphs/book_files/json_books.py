@@ -258,7 +258,7 @@ def _collect(labels: _Labels, path: Path, values: list[Any]) -> None:
         num_lists = sum(isinstance(element, list) for element in elements)
         if num_lists in (0, len(elements)):
             _collect(labels, (*path, EACH), elements)
-        elif set(map(len, lists)) == {2}:
+        elif path[-1:] == (EACH,) and set(map(len, lists)) == {2}:
             # Ingredients in a list, and a result: [["water", "earth"], "mud"].
             for place in range(2):
                 _collect(labels, (*path, f"[{place}]"), [each[place] for each in lists])
@@ -364,7 +364,9 @@ def _readings(labels: _Labels) -> Iterator[Reading]:
         yield reading
         (part, *others), (made, *_) = reading.parts, reading.results
         # A pair under a key such as combinations may be a partner and a result.
-        if not others and not reading.is_named and labels.lengths.get(part[:-1]) == {2}:
+        named = {word for step in part if step.startswith(".") for word in words_of(step[1:])}
+        is_pair = not others and labels.lengths.get(part[:-1]) == {2}
+        if is_pair and not reading.is_named and named.isdisjoint(INGREDIENT):
             first, second = (*part[:-1], "[0]"), (*part[:-1], "[1]")
             yield Reading((made, first), (second,), is_documented=False)
     yield from by_place

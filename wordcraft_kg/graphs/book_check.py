@@ -29,9 +29,15 @@ from wordcraft_kg.graphs.book_files.reader import (
     open_rows,
     unknown_base,
 )
-from wordcraft_kg.graphs.book_files.rows import NOTHING, Fault, Place, is_missing
+from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
 from wordcraft_kg.graphs.chains import makes_nothing
-from wordcraft_kg.graphs.label_notes import HTML_ENTITY, note_of_marks, note_of_numbers
+from wordcraft_kg.graphs.label_notes import (
+    HTML_ENTITY,
+    NOTHING,
+    is_missing,
+    note_of_marks,
+    note_of_numbers,
+)
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -189,7 +195,11 @@ def check_book(
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
     for reason, number in rows.left_out.items():
-        findings.append(_note("left-out", f"{counted(number, 'row')} {reason}"))
+        lines = _numbers(rows.places_left_out.get(reason, ()))
+        message = f"{counted(number, 'row')} {reason}"
+        # In a table or lines such a row is a slip; in JSON it is a thing without a recipe.
+        is_slip = reason == WITHOUT and bool(lines)
+        findings.append(_problem("row", message, lines) if is_slip else _note("left-out", message))
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     findings += [_note("marks", message) for message in note_of_marks(book.entities)]
     if makes_nothing(book.recipes):

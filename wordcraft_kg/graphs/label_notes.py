@@ -4,9 +4,21 @@ import re
 from collections.abc import Collection
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.cells import count_in
-from wordcraft_kg.graphs.book_files.rows import NOTHING, is_missing
 
+NOTHING = "Nothing"
+"""Result of pairs that make nothing in Infinite Craft."""
+_MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
+_NUMBER = r"(?P<number>\d{1,3})"  # four digits are rather a year
+_LABEL = r"(?P<label>[^\W\d].*|\W*[^\W\d].*)"
+_COUNTS = tuple(
+    re.compile(pattern)
+    for pattern in (
+        rf"{_NUMBER}\s*[x×*]?\s+{_LABEL}",  # 2 water, 2x water
+        rf"[x×]\s?{_NUMBER}\s+{_LABEL}",  # x2 water
+        rf"{_LABEL}(?:\s+x\s?|\s*[×*]\s?){_NUMBER}",  # water x2, water*2
+        rf"{_LABEL}\s*\(\s*[x×]?\s?{_NUMBER}\s?[x×]?\s*\)",  # water (2), water (x2)
+    )
+)
 _CLEAR = 0.2  # share of the labels with numbers that is worth a remark
 _MARK = re.compile(
     r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?)\s*(?=\S)|^\d+[.)]\s*(?=[^\W\d])|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
@@ -15,6 +27,28 @@ _MARK = re.compile(
 _WEAK_MARK = re.compile(r"(?<=\w)\s*(?:[!?]+|\((?:new|new!|first|wip)\))$", re.IGNORECASE)
 """Marks that are also usual parts of labels, unless the label without them exists, too."""
 HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
+
+
+def is_missing(cell: str) -> bool:
+    """Return whether a cell is what programs write for an empty one."""
+    return cell in _MISSING
+
+
+def count_in(cell: str) -> tuple[str, int] | None:
+    """Return the label and the number of pieces in a cell, or None without a number.
+
+    Example:
+        >>> count_in("2 water"), count_in("water x2"), count_in("water (2)"), count_in("H2")
+        (('water', 2), ('water', 2), ('water', 2), None)
+    """
+    # Most cells hold no digit, and need no pattern.
+    if not any(char.isdigit() for char in cell):
+        return None
+    for pattern in _COUNTS:
+        found = pattern.fullmatch(cell)
+        if found:
+            return found["label"].strip(), int(found["number"])
+    return None
 
 
 def notes_about(labels: Collection[str]) -> list[str]:

@@ -14,6 +14,7 @@ from typing import Any
 
 from wordcraft_kg.graphs.book_files.rows import Row
 from wordcraft_kg.graphs.book_files.words import is_documented, name_rank, names_thing
+from wordcraft_kg.graphs.label_notes import count_in
 
 UNSEEN = "".join(
     (
@@ -25,17 +26,6 @@ UNSEEN = "".join(
 )
 """Characters at the ends of a cell that cannot be seen, and are no part of a label."""
 _UNSEEN = re.compile(f"[{UNSEEN[1:]}]")
-_NUMBER = r"(?P<number>\d{1,3})"  # four digits are rather a year
-_LABEL = r"(?P<label>[^\W\d].*|\W*[^\W\d].*)"
-_COUNTS = tuple(
-    re.compile(pattern)
-    for pattern in (
-        rf"{_NUMBER}\s*[x×*]?\s+{_LABEL}",  # 2 water, 2x water
-        rf"[x×]\s?{_NUMBER}\s+{_LABEL}",  # x2 water
-        rf"{_LABEL}(?:\s+x\s?|\s*[×*]\s?){_NUMBER}",  # water x2, water*2
-        rf"{_LABEL}\s*\(\s*[x×]?\s?{_NUMBER}\s?[x×]?\s*\)",  # water (2), water (x2)
-    )
-)
 _SIGN = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
 """A sign of multiplication beside a number."""
 _MARKUP = (
@@ -119,23 +109,6 @@ def without_markup(cell: str) -> str:
 def has_unseen(text: str) -> bool:
     """Return whether a text holds characters that cannot be seen, other than plain spaces."""
     return not text.isascii() and _UNSEEN.search(text) is not None
-
-
-def count_in(cell: str) -> tuple[str, int] | None:
-    """Return the label and the number of pieces in a cell, or None without a number.
-
-    Example:
-        >>> count_in("2 water"), count_in("water x2"), count_in("water (2)"), count_in("H2")
-        (('water', 2), ('water', 2), ('water', 2), None)
-    """
-    # Most cells hold no digit, and need no pattern.
-    if not any(char.isdigit() for char in cell):
-        return None
-    for pattern in _COUNTS:
-        found = pattern.fullmatch(cell)
-        if found:
-            return found["label"].strip(), int(found["number"])
-    return None
 
 
 def _first_count(rows: Sequence[Sequence[str]]) -> str:

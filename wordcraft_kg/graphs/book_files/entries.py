@@ -18,17 +18,10 @@ from wordcraft_kg.graphs.book_files.cells import (
     trim_unseen,
     without_markup,
 )
-from wordcraft_kg.graphs.book_files.rows import (
-    WITHOUT,
-    Entry,
-    Fault,
-    LeftOut,
-    Place,
-    Row,
-    is_missing,
-)
+from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, Fault, LeftOut, Place, Row
 from wordcraft_kg.graphs.book_files.rule import Candidate
 from wordcraft_kg.graphs.chains import is_half_product
+from wordcraft_kg.graphs.label_notes import is_missing
 from wordcraft_kg.graphs.recipes import label_fault, shown
 
 NUMBER = "\x01"

@@ -12,7 +12,6 @@ from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.rows import (
     FROM_NOTHING,
     INFINITE_CRAFT_BASE,
-    NOTHING,
     WITH_NOTHING,
     Entry,
     Fault,
@@ -21,6 +20,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     refusal,
 )
 from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
+from wordcraft_kg.graphs.label_notes import NOTHING
 from wordcraft_kg.graphs.recipes import RecipeRows, check_label, label_fault, shown
 
 

@@ -18,12 +18,7 @@ from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest, one_of
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.cells import (
-    Cells,
-    count_in,
-    trim_unseen,
-    without_markup,
-)
+from wordcraft_kg.graphs.book_files.cells import Cells, trim_unseen, without_markup
 from wordcraft_kg.graphs.book_files.containers import Content, read_content
 from wordcraft_kg.graphs.book_files.entries import Document
 from wordcraft_kg.graphs.book_files.foreign import foreign_format
@@ -42,7 +37,7 @@ from wordcraft_kg.graphs.chains import (
     is_step,
     makes_nothing,
 )
-from wordcraft_kg.graphs.label_notes import notes_about
+from wordcraft_kg.graphs.label_notes import count_in, notes_about
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows, check_label, label_fault
 
@@ -269,6 +264,7 @@ class BookRows:
         kinds: kind of reasoning by recipe; complete after the iteration.
         rows: rows that were recipes.
         left_out: number of other entries by reason.
+        places_left_out: their places by reason.
         arities: number of rows by number of ingredients.
     """
 
@@ -289,6 +285,7 @@ class BookRows:
         self.kinds: dict[Recipe, str] = {}
         self.rows = 0
         self.left_out: Counter[str] = Counter()
+        self.places_left_out: dict[str, list[Place]] = {}
         self.arities: Counter[int] = Counter()
         self._counts_dropped = 0
         self._halves: set[Recipe] = set()
@@ -351,6 +348,7 @@ class BookRows:
             else:
                 self.rows += 1
                 self.left_out[entry.reason] += 1
+                self.places_left_out.setdefault(entry.reason, []).append(entry.place)
 
     def _row(self, row: Row) -> Iterator[tuple[Place, list[Recipe]] | Fault]:
         """Yield a row's recipes or its fault; nothing for a row that is left out."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.graphs.label_notes import NOTHING
 from wordcraft_kg.graphs.recipes import RecipeRows
 
 Place = int | str
@@ -28,10 +29,7 @@ SHAPES = {
 MAX_LINE_LENGTH = 100_000
 """Longest line, in characters: a file without line ends fails early, with the reason."""
 INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
-NOTHING = "Nothing"
-"""Result of pairs that make nothing in Infinite Craft."""
 WITHOUT = "without ingredients or result"
-_MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
 
 
 class Row(NamedTuple):
@@ -137,11 +135,6 @@ def refusal(path: Path | str, seen: str, anchor: str, remedy: str = "") -> Recip
     return RecipeFileError(
         f"{path}: {seen}.{hint} Nearest readable shape: {SHAPES[anchor]}. See {GUIDE}#{anchor}."
     )
-
-
-def is_missing(cell: str) -> bool:
-    """Return whether a cell is what programs write for an empty one."""
-    return cell in _MISSING
 
 
 def without_nothing(entries: Iterable[Entry]) -> list[Entry]:

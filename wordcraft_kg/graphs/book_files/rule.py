@@ -12,9 +12,10 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.cells import count_in, is_number, trim_unseen, without_markup
+from wordcraft_kg.graphs.book_files.cells import is_number, trim_unseen, without_markup
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
 from wordcraft_kg.graphs.book_files.words import words_of
+from wordcraft_kg.graphs.label_notes import count_in
 
 ELEMENTS = words_of(
     "water fire earth air wind eau feu terre vent agua fuego tierra aire viento wasser feuer erde "

@@ -28,7 +28,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     LeftOut,
     refusal,
 )
-from wordcraft_kg.graphs.book_files.words import KIND, is_documented, readings
+from wordcraft_kg.graphs.book_files.words import KIND, is_documented, is_name, readings
 from wordcraft_kg.graphs.plain_rows import number_plain_rows
 from wordcraft_kg.graphs.recipes import label_fault
 
@@ -235,7 +235,8 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
 def _are_names(cells: Sequence[str]) -> bool:
     """Return whether cells are documented words for ingredients and a result."""
     paths = [(EACH, f".{cell}") for cell in cells]
-    return len(cells) > 1 and any(reading.is_documented for reading in readings(paths))
+    sure = [each for each in readings(paths) if each.is_documented]
+    return any(each.is_named or is_name(each.results[0][-1][1:]) for each in sure)
 
 
 def _are_unknown_names(body: list[Line]) -> bool:

@@ -8,7 +8,7 @@ Documented keys give some (``words``), the shapes ``{result: [[a, b]]}``, ``{a: 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from itertools import chain, compress
+from itertools import chain, compress, islice
 from operator import itemgetter
 from pathlib import Path as FilePath
 from typing import Any
@@ -22,6 +22,7 @@ from wordcraft_kg.graphs.book_files.paths import (
     GRAMMAR,
     KEY,
     LOOPS,
+    MOST_STEPS,
     VALUES,
     Found,
     Path,
@@ -64,6 +65,8 @@ _NAME_WORDS = frozenset(NAME)
 _MOST_KEYS = 40  # of an object that is no map of labels
 _DENSE = 0.5  # share of an object's keys that its siblings have as well
 _MOST_PATHS = 12  # in a refusal
+_MOST_READINGS = 60  # that are tried
+_MOST_LABELS = 1_000  # paths of a document; more are no keys
 
 
 class _Labels(dict[Path, list[Any]]):
@@ -118,6 +121,9 @@ def rows_of_document(
             labels[(EACH, f".{key}")] = [row[key] for row in value]
     else:
         _collect(labels, (), [document.value])
+    if len(labels) > _MOST_LABELS:
+        seen = f"{len(labels):,} different keys, more than {_MOST_LABELS:,}"
+        raise refusal(path, seen, "json")
     names = _names(document.value, labels)
     reader = partial(_candidate, document, labels, names, is_exact=source.is_exact)
     if columns is not None:
@@ -126,7 +132,7 @@ def rows_of_document(
         parts = tuple((EACH, f".{name}") for name in ("ingredient_a", "ingredient_b"))
         best = reader(Reading(parts, ((EACH, ".result"),)))
     else:
-        ways = list(_readings(labels))
+        ways = list(islice(_readings(labels), _MOST_READINGS))
         found = [reader(way) for way in ways if way.is_documented]
         guesses: Iterable[Candidate] = (reader(way) for way in ways if not way.is_documented)
         orders: list[Candidate] = []
@@ -174,6 +180,7 @@ def _given(
     """Return the reading that the option `columns` gives."""
     value = document.value
     first = value[0] if isinstance(value, list) and value else None
+    first = first if isinstance(first, list | dict) else None
     keys = {key.strip().casefold(): key for key in first} if isinstance(first, dict) else {}
     paths: list[Path] = []
     for text in map(str.strip, columns):
@@ -243,6 +250,8 @@ def _collect(labels: _Labels, path: Path, values: list[Any]) -> None:
         path: the path.
         values: all values there.
     """
+    if len(path) > MOST_STEPS:
+        return  # no recipe book is nested so deeply
     plain = [value for value in values if isinstance(value, str | int | float)]
     lists = [value for value in values if isinstance(value, list)]
     objects = [value for value in values if isinstance(value, dict) and value]

@@ -5,6 +5,7 @@ for each value of an object, and ``{key}`` at its end for the keys of an object.
 a sign in a key as it is. Paths that begin alike go through the same lists together.
 """
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice, product
@@ -23,7 +24,10 @@ LOOPS = (EACH, VALUES)
 Path = tuple[str, ...]
 """Steps: ``.name``, ``[]``, ``[3]``, ``{}``, and ``{key}`` for the key that ``{}`` is at."""
 _STEP = re.compile(r"\[\d*\]|\{(?:key)?\}|\.?((?:\\.|[^.\[\]{}\\])+)")
+MOST_STEPS = 50
+"""Steps of the longest path."""
 _MOST_SAMPLES = 200
+_MOST_ROWS = 1_000_000  # of lists that are combined with each other
 
 
 class Found(NamedTuple):
@@ -53,6 +57,8 @@ def parse_path(text: str) -> Path:
         else:
             steps.append(step[0])
         at = step.end()
+    if len(steps) > MOST_STEPS:
+        raise ConfigError(f"`columns` {text[:80]!r}: more than {MOST_STEPS} steps.")
     return tuple(steps)
 
 
@@ -80,6 +86,8 @@ def fitted(path: Path, value: Any) -> Path:
     for step in (*path, None):
         is_place = step is not None and step.startswith("[")
         while any(isinstance(each, list) for each in samples) and not is_place and step != KEY:
+            if len(steps) > MOST_STEPS:
+                break
             steps.append(EACH)
             samples = _next_samples(samples, EACH)
         if step is not None:
@@ -160,6 +168,8 @@ def _rows(found: Found, paths: dict[int, Path], num_parts: int) -> Iterator[Colu
             several.append([{0: list(leaves(one, whole[last:]))} for one in lists])
         else:
             bound[first] = list(leaves(found, whole))
+    if len(several) > 1 and math.prod(map(len, several)) > _MOST_ROWS:
+        raise ConfigError("`columns`: these paths go through different lists; name one list.")
     for combined in product(*several):
         row = dict(bound)
         for columns in combined:

@@ -1,4 +1,4 @@
-"""Remarks about labels that may be something else: missing values, numbers of pieces, marks, HTML."""
+"""Remarks about labels that may be something else: missing values, numbers, marks, HTML."""
 
 import re
 from collections.abc import Collection

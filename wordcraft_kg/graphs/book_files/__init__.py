@@ -1,7 +1,7 @@
 """Read and write recipe books: files that list recipes, in documented shapes.
 
-Read ``reader`` first: :func:`read_book` takes a file's bytes (``containers``) and text (``text``), and
-one of four readers of its shape, which yield the same rows (``rows``):
+Read ``reader`` first: :func:`read_book` takes a file's bytes (``containers``) and text (``text``),
+and one of four readers of its shape, which yield the same rows (``rows``):
 
 - ``tables``, with a header of documented words (``words``), or columns that the user names;
 - ``lines``: a + b = c;
@@ -9,8 +9,8 @@ one of four readers of its shape, which yield the same rows (``rows``):
   their own, such as ours, the paper's, HIF and saves of Infinite Craft;
 - ``packs``: Minecraft.
 
-``rule`` takes one reading of a table or of JSON, or refuses the file with the commands that read it.
-``entries`` and ``cells`` find labels in cells, ``writing`` writes books. Labels are matched exactly.
+``rule`` takes one reading of a table or of JSON, or refuses the file with the commands that read
+it. ``entries`` and ``cells`` find labels, ``writing`` writes books. Labels are matched exactly.
 """
 
 from wordcraft_kg.graphs.book_files.reader import BookOptions as BookOptions

@@ -1,4 +1,4 @@
-"""The bytes of a recipe book: from a plain file, gzip, or an archive; nothing is unpacked to disk."""
+"""The bytes of a recipe book: from a file, gzip or an archive; nothing is unpacked to disk."""
 
 import hashlib
 import json

@@ -156,6 +156,28 @@ def _exact(raw: Raw | Entry) -> Iterator[Entry]:
 
 def _entries(candidate: Candidate, raw: Raw, joiner: str | None) -> Iterator[Entry]:
     where = f"{raw.place}: " if isinstance(raw.place, str) else ""
+    parts, message = _ingredients(raw, joiner)
+    made: list[str] = []
+    for value in raw.results:
+        labels = _labels(_decoded(value))
+        if labels is None:
+            message = message or f"{shown(value)} holds no label under a documented key."
+        made += labels or []
+    if message is None and (not parts or not made):
+        yield LeftOut(raw.place, WITHOUT)
+        return
+    if message is None:
+        faults = filter(None, map(_fault, (*parts, *made)))
+        message = " Also, ".join(dict.fromkeys(faults))
+    if message:
+        yield Fault(raw.place, "label", where + message)
+        return
+    candidate.several_outputs += len(made) > 1
+    yield from (Row(raw.place, parts, result, raw.kind) for result in made)
+
+
+def _ingredients(raw: Raw, joiner: str | None) -> tuple[list[str], str | None]:
+    """Return the ingredients of a row, and why they are not certain, or None."""
     parts: list[str] = []
     message = None
     # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of many
@@ -180,23 +202,7 @@ def _entries(candidate: Candidate, raw: Raw, joiner: str | None) -> Iterator[Ent
             message = message or alternatives(several, joiner)
             if len(several) == 1 and any(sign in cell for sign in (*JOINERS, *WEAK_JOINERS)):
                 message = f"{cell[:80]!r} may be one ingredient or several; write {joiner} between."
-    made: list[str] = []
-    for value in raw.results:
-        labels = _labels(_decoded(value))
-        if labels is None:
-            message = message or f"{shown(value)} holds no label under a documented key."
-        made += labels or []
-    if message is None and (not parts or not made):
-        yield LeftOut(raw.place, WITHOUT)
-        return
-    if message is None:
-        faults = filter(None, map(_fault, (*parts, *made)))
-        message = " Also, ".join(dict.fromkeys(faults))
-    if message:
-        yield Fault(raw.place, "label", where + message)
-        return
-    candidate.several_outputs += len(made) > 1
-    yield from (Row(raw.place, parts, result, raw.kind) for result in made)
+    return parts, message
 
 
 def _decoded(value: Any) -> Any:

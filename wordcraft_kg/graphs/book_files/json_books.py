@@ -160,7 +160,7 @@ def rows_of_document(
 
 
 def _note_craft(source: FileRows, labels: _Labels, best: Candidate) -> None:
-    """Take the base of Infinite Craft, in which Nothing is no result, where labels tell the game."""
+    """Take the base of Infinite Craft where labels tell the game; Nothing is no result there."""
     source.entries = best.entries
     texts = set(chain.from_iterable(each for each in labels.values() if type(each[0]) is str))
     texts.update(*(row.ingredients for row in best.rows))
@@ -257,35 +257,38 @@ def _collect(labels: _Labels, path: Path, values: list[Any]) -> None:
     objects = [value for value in values if isinstance(value, dict) and value]
     if plain:
         labels.setdefault(path, []).extend(plain)
-    if lists and all(map(_is_counted, lists)):
-        # A label and its number of pieces, as in ["egg", 2].
-        labels[(*path, "[0]")] = [value[0] for value in lists]
-    elif lists:
-        labels.lengths.setdefault(path, set()).update(map(len, lists))
-        elements = [element for element in chain.from_iterable(lists) if element is not None]
-        # Choices beside ingredients, as in Minecraft: no reading accounts for both.
-        num_lists = sum(isinstance(element, list) for element in elements)
-        if num_lists in (0, len(elements)):
-            _collect(labels, (*path, EACH), elements)
-        elif path[-1:] == (EACH,) and set(map(len, lists)) == {2}:
-            # Ingredients in a list, and a result: [["water", "earth"], "mud"].
-            for place in range(2):
-                _collect(labels, (*path, f"[{place}]"), [each[place] for each in lists])
-    if not objects:
-        return
-    if _are_records(objects, path):
+    if lists:
+        _collect_lists(labels, path, lists)
+    if objects and _are_records(objects, path):
         for key in dict.fromkeys(chain.from_iterable(objects)):
             inner = [each[key] for each in objects if key in each]
             _collect(labels, (*path, f".{key}"), inner)
+    elif objects:
+        keys = (*path, VALUES, KEY)
+        labels.setdefault(keys, []).extend(chain.from_iterable(objects))
+        inner = list(chain.from_iterable(each.values() for each in objects))
+        # Numbers beside labels are numbers of pieces; those beside sums are ids.
+        if all(map(is_number, inner)) and not _are_sums(labels[keys]):
+            labels.counted.add(keys)
+        else:
+            _collect(labels, (*path, VALUES), inner)
+
+
+def _collect_lists(labels: _Labels, path: Path, lists: list[list[Any]]) -> None:
+    """Collect what is in lists; a label with a number of pieces, as in ["egg", 2], is one label."""
+    if all(map(_is_counted, lists)):
+        labels[(*path, "[0]")] = [value[0] for value in lists]
         return
-    labels.setdefault((*path, VALUES, KEY), []).extend(chain.from_iterable(objects))
-    inner = list(chain.from_iterable(each.values() for each in objects))
-    key = (*path, VALUES, KEY)
-    # Numbers beside labels are numbers of pieces; those beside sums are ids.
-    if all(map(is_number, inner)) and not _are_sums(labels[key]):
-        labels.counted.add(key)
-    else:
-        _collect(labels, (*path, VALUES), inner)
+    labels.lengths.setdefault(path, set()).update(map(len, lists))
+    elements = [element for element in chain.from_iterable(lists) if element is not None]
+    num_lists = sum(isinstance(element, list) for element in elements)
+    # Choices beside ingredients, as in Minecraft: no reading accounts for both.
+    if num_lists in (0, len(elements)):
+        _collect(labels, (*path, EACH), elements)
+    elif path[-1:] == (EACH,) and set(map(len, lists)) == {2}:
+        # Ingredients in a list, and a result: [["water", "earth"], "mud"].
+        for place in range(2):
+            _collect(labels, (*path, f"[{place}]"), [each[place] for each in lists])
 
 
 def _is_counted(value: list[Any]) -> bool:
@@ -384,7 +387,7 @@ def _readings(labels: _Labels) -> Iterator[Reading]:
 def _by_keys(labels: _Labels) -> Iterator[Reading]:
     """Yield readings in which keys are ingredients: sums, or two keys around a result."""
     for path in labels:
-        keys = [path[:at] + (VALUES, KEY) for at, step in enumerate(path) if step == VALUES]
+        keys = [(*path[:at], VALUES, KEY) for at, step in enumerate(path) if step == VALUES]
         keys = [key for key in keys if key in labels]
         named = path[-1][1:] if path[-1].startswith(".") else ""
         is_result = named and (words_of(named) & RESULT or is_name(named)) and is_plain(named)
@@ -441,25 +444,20 @@ def _are_sums(keys: Sequence[str], *, has_commas: bool = True) -> bool:
 def _by_place(labels: _Labels) -> Iterator[Reading]:
     """Yield readings of shapes without keys of their own, in which places tell the roles."""
     for path, values in labels.items():
-        at = len(path)
-        while at and path[at - 1] in LOOPS:
-            at -= 1
-        tail = path[at:]
-        lengths = labels.lengths.get(path[:-1])
-        if not tail or (tail != (EACH, EACH) and not any(isinstance(v, str) for v in values)):
-            continue
-        if tail[-3:] == (VALUES, EACH, EACH):
+        has_texts = any(isinstance(value, str) for value in values)
+        parent, lengths = path[:-1], labels.lengths.get(path[:-1])
+        if path[-3:] == (VALUES, EACH, EACH) and has_texts:
             key = (*path[:-2], KEY)
             yield Reading((path,), (key,), by_place=True)
             if lengths == {2}:
-                first, second = (*path[:-1], "[0]"), (*path[:-1], "[1]")
-                yield Reading((key, first), (second,), is_documented=False)
-        elif tail == (VALUES, EACH) and not _are_sums(labels[(*path[:-1], KEY)]):
-            yield Reading((path,), ((*path[:-1], KEY),), by_place=True)
-        elif tail == (VALUES,) and _are_sums(values) and not _are_sums(labels[(*path, KEY)]):
+                reading = Reading((key, (*parent, "[0]")), ((*parent, "[1]"),))
+                yield reading._replace(is_documented=False)
+        elif path[-2:] == (VALUES, EACH) and has_texts and not _are_sums(labels[(*parent, KEY)]):
+            yield Reading((path,), ((*parent, KEY),), by_place=True)
+        elif path[-1:] == (VALUES,) and _are_sums(values) and not _are_sums(labels[(*path, KEY)]):
             yield Reading((path,), ((*path, KEY),), by_place=True)
-        elif tail == (EACH, EACH) and lengths == {3}:
-            a, b, c = ((*path[:-1], f"[{place}]") for place in range(3))
+        elif path[-2:] == (EACH, EACH) and lengths == {3}:
+            a, b, c = ((*parent, f"[{place}]") for place in range(3))
             yield Reading((a, b), (c,), by_place=True)
             yield Reading((b, c), (a,), is_documented=False)
             yield Reading((a, c), (b,), is_documented=False)

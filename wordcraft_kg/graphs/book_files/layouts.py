@@ -1,4 +1,4 @@
-"""JSON layouts with keys of their own: ours, the paper's, HIF, saves and dumps of Infinite Craft."""
+"""JSON layouts with keys of their own: ours, the paper's, HIF, dumps of Infinite Craft."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -44,9 +44,9 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
         return _our_layout(path, document)
     if isinstance(entities, dict) and all(map(_has_pairs, entities.values())):
         return _official_layout(path, entities)
-    if isinstance(items, list) and items and isinstance(recipes, list) and recipes:
-        if all(map(_is_index_row, recipes)):
-            return _dump(path, items, recipes)
+    is_dump = isinstance(items, list) and isinstance(recipes, list) and items and recipes
+    if is_dump and all(map(_is_index_row, recipes)):
+        return _dump(path, items, recipes)
     return None
 
 

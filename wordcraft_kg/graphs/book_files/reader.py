@@ -259,8 +259,7 @@ class BookRows:
     Attributes:
         content: the file's bytes and container.
         source: its rows.
-        encoding, has_mark, text: of its text, see :class:`~wordcraft_kg.graphs.book_files.text.Decoded`;
-            empty for a data pack.
+        encoding, has_mark, text: of its text, see ``text.Decoded``; empty for a data pack.
         kinds: kind of reasoning by recipe; complete after the iteration.
         rows: rows that were recipes.
         left_out: number of other entries by reason.

@@ -1,4 +1,4 @@
-"""What every reader yields: recipes with places, faults, rows left out; and the words of refusals."""
+"""What every reader yields: recipes, faults and rows left out; and the words of refusals."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

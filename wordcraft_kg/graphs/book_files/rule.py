@@ -209,62 +209,81 @@ def choose(
     others = [each for each in readable if best is None or not each.is_like(best)]
     rivals = [each for each in others if each.is_clean and shares[id(each)] > LEAST_REUSED]
     if best is None:
-        orders = rivals or [
-            each
-            for each in others
-            if each.is_clean
-            and each.num_made < FEWEST_RESULTS
-            and "".join(each.columns).isdecimal()
-        ]
-        if orders:
-            # Of several orders of the same labels, the least odd ones.
-            least = min(each.contradictions for each in orders)
-            orders = [each for each in orders if each.contradictions == least]
-            seen = "no key or column is a documented word for a result and its ingredients"
-            raise _several(path, seen, orders, anchor)
-        # Faults of the most certain reading say what is wrong.
-        return next((each for each in candidates if not each.is_empty), None)
+        return _undocumented(path, candidates, rivals or others, anchor)
     if not best.is_named or best.by_place:
         odd = [each for each in others if each.contradictions < best.contradictions]
         odd = [each for each in odd if each.is_clean and not each.is_documented]
         if odd:
             raise _several(path, "two readings fit", [best, *odd], anchor)
-    share = shares[id(best)]
     # Another order of the same labels is a reading only if it is no odder.
     rivals = [
         each for each in rivals if each.is_documented or each.contradictions <= best.contradictions
     ]
+    share = shares[id(best)]
     if best.by_place and not share and max(len(row.ingredients) for row in best.rows) > _FEW:
         seen = f"the labels of {best.columns[0]} may be columns, or ingredients"
         raise _several(path, seen, rivals, anchor)
-    is_small = best.num_made < FEWEST_RESULTS
     if best.is_mostly_single and not allows_single:
         seen = (
-            f"read as {_shown(best)}, most rows have one ingredient, so that they may be parts of "
-            "recipes"
+            f"read as {_shown(best)}, most rows have one ingredient: they may be parts of recipes"
         )
         raise _several(path, seen, rivals, anchor)
-    if share > LEAST_REUSED or is_small:
-        # In a book that hangs together, a much looser reading is none.
-        close = [each for each in rivals if shares[id(each)] > share * _LIKE]
-        if share > LEAST_REUSED:
-            close = [each for each in close if each.is_documented]
-        if close:
-            seen = "two readings fit" if share > LEAST_REUSED else f"{_shown(best)} is not certain"
-            is_advised = best.is_clean and share > LEAST_REUSED
-            raise _several(path, seen, [best, *close] if is_advised else close, anchor)
-        return best
+    if share <= LEAST_REUSED and best.num_made >= FEWEST_RESULTS:
+        raise _loose(path, best, share, rivals, anchor)
+    # In a book that hangs together, a much looser reading is none, and neither is a guess.
+    close = [each for each in rivals if shares[id(each)] > share * _LIKE]
+    if share > LEAST_REUSED:
+        close = [each for each in close if each.is_documented]
+    if close:
+        seen = "two readings fit" if share > LEAST_REUSED else f"{_shown(best)} is not certain"
+        is_advised = best.is_clean and share > LEAST_REUSED
+        raise _several(path, seen, [best, *close] if is_advised else close, anchor)
+    return best
+
+
+def _undocumented(
+    path: Path, candidates: Iterable[Candidate], others: Iterable[Candidate], anchor: str
+) -> Candidate | None:
+    """Refuse a file without documented words, with the readings that hang together.
+
+    Args:
+        path: the file.
+        candidates: readings by documented words.
+        others: all readings with recipes.
+        anchor: see :func:`choose`.
+
+    Returns:
+        A reading whose faults say what is wrong; None without one.
+    """
+    # The columns of a small table without a header may be in any order.
+    orders = [
+        each
+        for each in others
+        if each.is_clean and (each.share > LEAST_REUSED or "".join(each.columns).isdecimal())
+    ]
+    if orders:
+        # Of several orders of the same labels, the least odd ones.
+        least = min(each.contradictions for each in orders)
+        orders = [each for each in orders if each.contradictions == least]
+        seen = "no key or column is a documented word for a result and its ingredients"
+        raise _several(path, seen, orders, anchor)
+    return next((each for each in candidates if not each.is_empty), None)
+
+
+def _loose(
+    path: Path, best: Candidate, share: float, rivals: Sequence[Candidate], anchor: str
+) -> RecipeFileError:
+    """Return the error for a book that does not hang together."""
     seen = (
         f"read as {_shown(best)}, {share * best.num_made:.0f} of {best.num_made:,} results are "
         "ingredients of other recipes, so that this reading may be wrong"
     )
-    folded = best.share_of(lambda cell: _bare(cell).lower())
-    if folded > LEAST_REUSED:
-        raise refusal(path, seen, anchor, "Labels differ in case only: --case fold joins them.")
+    if best.share_of(lambda cell: _bare(cell).lower()) > LEAST_REUSED:
+        return refusal(path, seen, anchor, "Labels differ in case only: --case fold joins them.")
     if not rivals and best.is_named and best.is_clean:
-        remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}"
-        raise refusal(path, seen, anchor, f"{remedy}.")
-    raise _several(path, seen, rivals, anchor)
+        remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}."
+        return refusal(path, seen, anchor, remedy)
+    return _several(path, seen, rivals, anchor)
 
 
 def _shown(candidate: Candidate) -> str:

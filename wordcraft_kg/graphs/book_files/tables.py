@@ -85,7 +85,7 @@ def delimiter_of(option: str) -> str:
 
 
 def read_directive(source: FileRows, number: int, line: str) -> Fault | None:
-    """Note the entities that a comment such as ``# base: a, b`` declares; return its fault, or None.
+    """Note the entities that a comment such as ``# base: a, b`` declares; return its fault.
 
     Args:
         source: the file's rows, which get the entities.
@@ -363,65 +363,76 @@ def _is_odd(label: str) -> bool:
 def _document(
     path: Path, source: FileRows, rows: list[Line | Fault | LeftOut], is_named: bool
 ) -> Document:
-    """Return a table's rows as records by the names of its header, or as lists without one."""
+    """Return a table's rows as records by the names of its header, or by numbers without one."""
     body = [row for row in rows if isinstance(row, Line)]
-    if not body:
-        raise refusal(path, "no row of a table", "table")
-    heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
-    header = heads[0] if heads else None
-    if header is None and is_named:
-        header = body[0]
-    if header is None and _are_unknown_names(body):
-        header = body[0]
-    names = [] if header is None else _without_blanks(header.cells)
-    below = [row for row in body if header is None or row.number > header.number]
+    width = max((len(_without_blanks(row.cells)) for row in body), default=0)
+    if width < 2:
+        raise _no_table(path, body[0].cells[0] if body else "", source.delimiter)
+    header = _header(path, body, is_named)
+    number_of_header = header.number if header else 0
+    names = _without_blanks(header.cells) if header else []
     # In R's tables, numbers of rows have no name.
-    has_numbers = all(row.cells[0].isdecimal() for row in below)
-    longer = [len(_without_blanks(row.cells)) == len(names) + 1 for row in below]
-    if names and names[0] and below and has_numbers and all(longer):
+    below = [_without_blanks(row.cells) for row in body if row.number > number_of_header]
+    is_shifted = all(len(cells) == len(names) + 1 and cells[0].isdecimal() for cells in below)
+    if names and names[0] and below and is_shifted:
         names = ["", *names]
-    if len(heads) > 1 and heads[1].number == below[0].number and below[0].cells != names:
-        again = ", ".join(map(repr, below[0].cells[:4]))
-        seen = f"the row below line {heads[0].number} names the columns again: {again}"
-        raise refusal(path, seen, "table", "Keep one header line.")
-    width = max(len(_without_blanks(row.cells)) for row in body)
     keys = _different(names) if names else [str(number + 1) for number in range(width)]
-    if width == 1:
-        raise _no_table(path, body[0].cells[0], dialect=source.delimiter)
     document = Document([], is_table=True)
-    known = {name.casefold() for name in names if is_documented(name)}
     for row in rows:
         if not isinstance(row, Line):
             document.others.append(row)
-            continue
-        number, cells = row
-        cells = _without_blanks(cells)
-        if header is not None and number <= header.number:
-            document.others += [LeftOut(number, "above the header")] * (number < header.number)
-        elif cells == names and source.delimiter == "|":
-            document.others.append(LeftOut(number, "headers"))  # of further tables of Markdown
-        elif cells == names:
-            message = "the header is repeated in the middle"
-            document.others.append(Fault(number, "header", message, "header"))
-        elif names and not known.isdisjoint(map(str.casefold, cells)) and _are_names(cells):
-            message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
-            document.others.append(Fault(number, "header", message, "header"))
-        elif names and len(cells) > len(names):
-            message = (
-                f"'{source.delimiter.join(cells)[:80]}' has {counted(len(cells), 'cell')}; the "
-                f"table has {len(names)} columns. Quote a cell with a delimiter in it."
-            )
-            document.others.append(Fault(number, "row", message, f"width {len(cells)}"))
-        else:
-            cells += [""] * ((len(names) or width) - len(cells))
-            document.places.append(number)
-            document.value.append(dict(zip(keys, cells, strict=True)))
+        elif row.number < number_of_header:
+            document.others.append(LeftOut(row.number, "above the header"))
+        elif row.number > number_of_header:
+            odd = _odd_row(row, names, source.delimiter)
+            if odd is None:
+                cells = [*row.cells, *[""] * (len(keys) - len(row.cells))]
+                document.places.append(row.number)
+                document.value.append(dict(zip(keys, cells, strict=False)))
+            else:
+                document.others.append(odd)
     source.header = bool(names)
     return document
 
 
+def _header(path: Path, body: Sequence[Line], is_named: bool) -> Line | None:
+    """Return the row that names the columns, or None."""
+    heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
+    if not heads:
+        return body[0] if is_named or _are_unknown_names(body) else None
+    below = [row for row in body if row.number > heads[0].number]
+    if len(heads) > 1 and heads[1] is below[0] and below[0].cells != heads[0].cells:
+        again = ", ".join(map(repr, below[0].cells[:4]))
+        seen = f"the row below line {heads[0].number} names the columns again: {again}"
+        raise refusal(path, seen, "table", "Keep one header line.")
+    return heads[0]
+
+
+def _odd_row(row: Line, names: Sequence[str], delimiter: str) -> Fault | LeftOut | None:
+    """Return why a row below the header is no recipe, or None."""
+    number, cells = row.number, _without_blanks(row.cells)
+    if names and cells == names:
+        # Several tables of Markdown may follow each other.
+        message = "the header is repeated in the middle"
+        is_framed = delimiter == "|"
+        return (
+            LeftOut(number, "headers") if is_framed else Fault(number, "header", message, message)
+        )
+    known = {name.casefold() for name in names if is_documented(name)}
+    if not known.isdisjoint(map(str.casefold, cells)) and _are_names(cells):
+        message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
+        return Fault(number, "header", message, "header")
+    if names and len(cells) > len(names):
+        message = (
+            f"'{delimiter.join(cells)[:80]}' has {counted(len(cells), 'cell')}; the table has "
+            f"{len(names)} columns. Quote a cell with a delimiter in it."
+        )
+        return Fault(number, "row", message, f"width {len(cells)}")
+    return None
+
+
 def _different(names: Sequence[str]) -> list[str]:
-    """Return names of columns, with a number in place of a missing name, and behind a repeated one."""
+    """Return names of columns, with numbers where names are missing or repeated."""
     keys: list[str] = []
     for number, name in enumerate(names, start=1):
         key = name or f"column {number}"
@@ -429,8 +440,8 @@ def _different(names: Sequence[str]) -> list[str]:
     return keys
 
 
-def _no_table(path: Path, cell: str, dialect: str) -> RecipeFileError:
-    signs = DELIMITERS.get(dialect, repr(dialect))
+def _no_table(path: Path, cell: str, delimiter: str) -> RecipeFileError:
+    signs = DELIMITERS.get(delimiter, repr(delimiter))
     return refusal(
         path,
         f"no table, because {signs} give 1 column ({cell[:80]!r}), and no lines a + b = c with a "

@@ -11,6 +11,11 @@ from typing import NamedTuple
 
 from wordcraft_kg.graphs.book_files.paths import EACH, KEY, LOOPS, Path
 
+_BETWEEN_WORDS = re.compile(
+    r"(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])"
+    "|(?<=[\u3040-\ud7af])(?=[A-Za-z])"
+)
+
 
 @lru_cache(maxsize=10_000)
 def words_of(name: str) -> frozenset[str]:
@@ -20,8 +25,7 @@ def words_of(name: str) -> frozenset[str]:
         >>> sorted(words_of("Ingredient2_name")), sorted(words_of("canBeMadeWith"))
         (['2', 'ingredient', 'name'], ['be', 'can', 'made', 'with'])
     """
-    parted = r"(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])|(?<=[\u3040-\ud7af])(?=[A-Za-z])"
-    parted = re.sub(parted, " ", name)
+    parted = _BETWEEN_WORDS.sub(" ", name)
     words = re.findall(r"[^\W_]+", parted.lower())
     # East Asian words have no blanks between them.
     inner = [known for known in _JOINED for word in words if known in word]
@@ -189,11 +193,8 @@ def _role(path: Path) -> tuple[str, int]:
             are_choices = path[at + 1 : at + 3] == (EACH, EACH) and len(path) > at + 3
             return ("ignored" if are_choices else "part"), at
         num_loops = sum(step in LOOPS for step in path[at:])
-        # A formula of a thing, as in {"reactants": [{"formula": "H2"}]}.
-        outer = next((step[1:] for step in reversed(path[:at]) if step.startswith(".")), "")
-        if "formula" in words and words_of(outer) & (INGREDIENT | RESULT):
-            is_inside = True
-            continue
+        # A formula names a thing, as in {"reactants": [{"formula": "H2"}]}.
+        is_inside = is_inside or ("formula" in words and path[at - 1] in LOOPS and at > 2)
         if words & SUMS and (not is_inside or num_loops > 1):
             return "sum", at
         is_slot = bool(words & ORDINAL) or (words <= WEAK and num_loops > 0)
@@ -240,13 +241,13 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
     slots = [family for family in slots if len(family) > 1 or family[0][-1] in LOOPS]
     parts = _families(by_role.get("part", {}))
     sums = _families(by_role.get("sum", {}))
-    if not (parts or sums or slots):
-        # Two columns of other names beside a result are rather its ingredients: a guess.
-        unknown = tuple(by_role.get("unknown", ()))
-        for made in _families(results) if len(unknown) in (1, 2) else ():
-            yield Reading(unknown, made, is_documented=False)
+    families = parts or sums or slots
+    # Two columns of other names beside a result are rather its ingredients: a guess.
+    unknown = tuple(by_role.get("unknown", ()))
+    if not families and len(unknown) in (1, 2):
+        yield from (Reading(unknown, made, is_documented=False) for made in _families(results))
     # Words such as first, or a name, are parts of recipes only where nothing else is.
-    for family in parts or sums or slots:
+    for family in families:
         around = _common(family)
         # A partner below a thing: {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}.
         is_partner = len(family) == 1 and _is_partner(family[0])

@@ -281,6 +281,8 @@ def alternatives(ingredients: Sequence[str], joiner: str) -> str | None:
         ingredients: parts between joiners, such as "water", "earth or rain", "dirt".
         joiner: the sign between them.
     """
+    if len(ingredients) > 1 and ingredients[0][:1] in "([{" and ingredients[-1][-1:] in ")]}":
+        return f"{joiner.join(ingredients)[:80]!r} is no list that is read; leave its brackets out."
     for part in ingredients:
         sign = _ALTERNATIVE.search(part)
         has_sum = joiner.strip() != "+" and " + " in part

@@ -23,6 +23,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     without_nothing,
 )
 from wordcraft_kg.graphs.book_files.tables import read_directive, too_long
+from wordcraft_kg.graphs.book_files.words import is_documented
 from wordcraft_kg.graphs.recipes import label_fault
 
 _FORWARD = "→⇒⟶⟹➡⇨➔➜"
@@ -211,6 +212,9 @@ def _label_fault(label: str) -> str | None:
 
 def _is_heading(line: str) -> bool:
     """Return whether a line is a heading or comment; nested bullets and tags are recipes."""
+    # The name of a column of lines.
+    if len(line.split()) == 1 and is_documented(line):
+        return True
     return bool(_COMMENT.match(line)) or bool(_HEADING.match(line) and not _is_recipe(line))
 
 

@@ -121,9 +121,9 @@ def read_book(
 ) -> RecipeBook:
     """Read and validate a recipe book from a file, or from a graph folder.
 
-    Tables with any delimiter and order of columns, lines ``a + b = c``, JSON with documented keys or
-    paths, saves of Infinite Craft and data packs of Minecraft are read, also in gzip or zip. How the
-    file was read is in ``reading`` of the result. In tables, leading lines with ``#`` are comments;
+    Tables with any delimiter and order of columns, lines ``a + b = c``, JSON by documented keys or
+    paths, saves of Infinite Craft and data packs of Minecraft are read, also in gzip or zip. How
+    the file was read is in ``reading`` of the result. In tables, leading lines with ``#`` are comments;
     ``# base: a, b`` declares base entities (known at the start), and ``# entities: a, b`` lists
     entities without a recipe. A column ``kind`` may name each recipe's kind of reasoning.
 
@@ -229,6 +229,8 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     )
     if ending in _JSON_ENDINGS or is_json(path, text):
         value, is_lines = load_json(path, text)
+        if isinstance(value, list) and all(isinstance(each, str) for each in value):
+            return _source_of(path, ".txt", "\n".join(value), options)  # a list of a + b = c
         source = None if options.columns is not None else known_layout(path, value)
         source = source or find(Document(as_records(value)), FileRows("JSON"))
         source.shape += " lines" if is_lines else ""

@@ -296,7 +296,8 @@ def _several(path: Path, seen: str, readings: Sequence[Candidate], anchor: str) 
     if not readings:
         remedy = "Name the ingredients and, last, the result with --columns."
         return refusal(path, seen, anchor, remedy)
-    shown = " or ".join(map(str, readings[:_MOST_READINGS]))
+    texts = list(dict.fromkeys(map(str, readings)))
+    shown = " or ".join(texts[:_MOST_READINGS])
     return refusal(path, f"{seen}: {shown}", anchor, "Choose with --columns.")
 
 

@@ -56,8 +56,8 @@ RESULT = words_of(
 )
 INGREDIENT = words_of(
     "ingredient ingredients react reacts reactant reactants reagent reagents input inputs "
-    "component components constituent constituents sources parent parents material materials left right "
-    "first second third fourth operand operands combines combine precursor precursors "
+    "component components constituent constituents sources parent parents material materials "
+    "left right first second third fourth operand operands combines combine precursor precursors "
     "substrate substrates educt educts requires require required from needs "
     "zutat zutaten edukt edukte eingabe eingaben bestandteil bestandteile eltern elternteil "
     "ingrédient ingrédients composant composants réactif réactifs entrée entrées matériau "
@@ -71,8 +71,8 @@ INGREDIENT = words_of(
 )
 SUMS = words_of(
     "recipe recipes combination combinations combo combos pair pairs formula formulas formulae "
-    "crafting craft crafts reaction reactions mix mixes fusion fusions with rezept rezepte recette recettes receta recetas ricetta ricette "
-    "receita receitas recept recepten przepis рецепт рецепты 配方 合成 レシピ 조합 조합법"
+    "crafting craft crafts reaction reactions mix mixes fusion fusions with "
+    "rezept rezepte recette recettes receta recetas ricetta ricette receita receitas recept recepten przepis рецепт рецепты 配方 合成 レシピ 조합 조합법"
 )
 """A key or column of whole recipes, unless others are ingredients: then it names the recipe."""
 ORDINAL = words_of(
@@ -83,7 +83,7 @@ WEAK = ORDINAL | words_of("element elements item items part parts in thing thing
 NAME = (
     *("name", "text", "label", "title", "nombre", "nom", "nome", "naam", "nazwa", "название"),
     *("имя", "名称", "名字", "名前", "이름", "item", "element", "tag", "entity", "thing"),
-    *("object", "block", "word", "resource", "fluid"),
+    *("object", "block", "word", "resource", "fluid", "formula"),
 )
 """Keys and columns that name a thing, the more certain ones first."""
 ID = words_of("id ids uid uuid key slug code symbol emoji icon identifier index no nr")
@@ -96,8 +96,8 @@ IGNORED = words_of(
     "image images img url urls link links href path color colour hash date time times user author "
     "discovery discovered discoverer isnew note notes comment comments description desc tier "
     "level depth category categories group type types weight score probability rarity price value "
-    "version game source effect effects chance unit units xp duration station machine tool method energy "
-    "percent percentage rate mod modid wiki instructions steps"
+    "version game source effect effects chance unit units xp duration station machine tool method "
+    "energy percent percentage rate mod modid wiki instructions steps"
 )
 _FORWARD = tuple(
     words_of(words)

@@ -123,9 +123,9 @@ def read_book(
 
     Tables with any delimiter and order of columns, lines ``a + b = c``, JSON by documented keys or
     paths, saves of Infinite Craft and data packs of Minecraft are read, also in gzip or zip. How
-    the file was read is in ``reading`` of the result. In tables, leading lines with ``#`` are comments;
-    ``# base: a, b`` declares base entities (known at the start), and ``# entities: a, b`` lists
-    entities without a recipe. A column ``kind`` may name each recipe's kind of reasoning.
+    the file was read is in ``reading`` of the result. In tables, leading lines with ``#`` are
+    comments; ``# base: a, b`` declares base entities (known at the start), and ``# entities: a, b``
+    lists entities without a recipe. A column ``kind`` may name each recipe's kind of reasoning.
 
     Args:
         path: the file, or the graph folder.

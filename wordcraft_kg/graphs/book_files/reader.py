@@ -182,8 +182,7 @@ def _without_faults(path: Path, rows: "BookRows") -> Iterator[Recipe]:
     for entry in rows:
         if isinstance(entry, Fault):
             line = f", line {entry.place}" if isinstance(entry.place, int) else ""
-            message = f"{path}{line}: {entry.message}"
-            raise RecipeFileError(message if GUIDE in message else f"{message} See {GUIDE}.")
+            raise RecipeFileError(f"{path}{line}: {entry.message}")
         yield from entry[1]
 
 
@@ -438,8 +437,8 @@ class BookRows:
         single = self.options.single_ingredient
         if single is None and not is_chain:
             message = (
-                f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or read the "
-                f"file with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name of "
+                f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or build the "
+                f"graph with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name of "
                 "what it is combined with."
             )
             return self._fault(place, "label", message)

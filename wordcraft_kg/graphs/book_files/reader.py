@@ -438,8 +438,8 @@ class BookRows:
         if single is None and not is_chain:
             message = (
                 f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or build the "
-                f"graph with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name of "
-                "what it is combined with."
+                f"graph with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name "
+                "of what it is combined with."
             )
             return self._fault(place, "label", message)
         return [Recipe.of(one, one if single in (None, _SELF) else str(single), result)]

@@ -29,7 +29,7 @@ def words_of(name: str) -> frozenset[str]:
     parted = _BETWEEN_WORDS.sub(" ", name)
     words = re.findall(r"[^\W_]+", parted.lower())
     # East Asian words have no blanks between them.
-    inner = [known for known in _JOINED for word in words if known in word]
+    inner = [] if name.isascii() else [known for known in _JOINED if known in name]
     return frozenset((*words, *inner))
 
 
@@ -117,6 +117,8 @@ _BY = words_of("with from of by using")
 _FIRST = ORDINAL | words_of("first second third fourth left right")
 _SLOT = WEAK | ID | {"name"}
 _NAMES = frozenset(NAME)
+_KNOWN = RESULT | INGREDIENT | CONTAINERS | ID
+_PROPERTIES = COUNT | IGNORED
 
 
 class Reading(NamedTuple):
@@ -141,7 +143,7 @@ def is_plain(key: str) -> bool:
     """Return whether a key may hold labels: no numbers of pieces, no properties, no uses."""
     words = words_of(key)
     is_forward = any(forward <= words for forward in _FORWARD)
-    return bool(words) and words.isdisjoint(COUNT | IGNORED) and not is_forward
+    return bool(words) and words.isdisjoint(_PROPERTIES) and not is_forward
 
 
 def is_name(key: str) -> bool:
@@ -157,8 +159,7 @@ def is_id(key: str) -> bool:
 
 def is_documented(key: str) -> bool:
     """Return whether a key is a word of recipes or things, so that it is hardly a label."""
-    known = RESULT | INGREDIENT | CONTAINERS | ID
-    return bool(words_of(key) & known) or is_name(key)
+    return not words_of(key).isdisjoint(_KNOWN) or is_name(key)
 
 
 def names_thing(key: str) -> bool:

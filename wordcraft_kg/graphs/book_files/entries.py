@@ -119,13 +119,11 @@ def fill(
             if isinstance(entries[-1], Row):
                 clean.update(each for each in (*entries[-1].ingredients, entries[-1].result))
     candidate.entries = _named(entries, tables, is_given=is_given)
-    parts = chain.from_iterable(row.ingredients for row in candidate.rows)
     known = set(chain.from_iterable(table.values() for table in tables))
-    # Numbers are no results, unless they are names, or ingredients are numbers as well.
-    if not is_given and all(
-        is_number(row.result) and row.result not in known for row in candidate.rows
-    ):
-        candidate.entries = candidate.entries if all(map(is_number, parts)) else []
+    # Numbers are no results, unless they are names.
+    made = [row.result for row in candidate.rows if row.result not in known]
+    if not is_given and made and len(made) == len(candidate.rows) and all(map(is_number, made)):
+        candidate.entries = []
         del candidate.rows
     return candidate
 

@@ -363,7 +363,10 @@ def _names(document: Any, labels: _Labels) -> list[Names]:
 
 
 def _shown_paths(labels: _Labels) -> str:
-    shown = [repr(path_text(path)[:40].removeprefix("[].")) for path in labels][:_MOST_PATHS]
+    names = [path_text(path)[:40].removeprefix("[].") for path in labels][:_MOST_PATHS]
+    if all(map(str.isdecimal, names)):
+        names = [str(labels[path][0])[:40] for path in labels][:_MOST_PATHS]  # no header
+    shown = list(map(repr, names))
     more = f" and {len(labels) - _MOST_PATHS:,} more" if len(labels) > _MOST_PATHS else ""
     return f"the file has {', '.join(shown) or 'no labels'}{more}"
 
@@ -425,6 +428,7 @@ def _by_keys(labels: _Labels) -> Iterator[Reading]:
 def _by_column(labels: _Labels) -> Iterator[Reading]:
     """Yield readings of three columns or keys whose names say nothing, and of two without names."""
     columns = [path for path in labels if path[:1] == (EACH,) and path[1:] == path[-1:]]
+    columns = [path for path in columns if is_plain(path[-1][1:])]
     columns = [path for path in columns if not all(map(is_number, labels[path]))]
     if len(columns) == 3 and not any(map(is_name, (path[-1][1:] for path in columns))):
         a, b, c = columns
@@ -457,7 +461,10 @@ def _by_place(labels: _Labels) -> Iterator[Reading]:
                 reading = Reading((key, (*parent, "[0]")), ((*parent, "[1]"),))
                 yield reading._replace(is_documented=False)
         elif path[-2:] == (VALUES, EACH) and has_texts and not _are_sums(labels[(*parent, KEY)]):
-            yield Reading((path,), ((*parent, KEY),), by_place=True)
+            # Two labels below a key may be anything about it; sums are recipes.
+            is_sum = _are_sums(values)
+            if is_sum or path[-3:-2] != (VALUES,):
+                yield Reading((path,), ((*parent, KEY),), is_documented=is_sum, by_place=True)
         elif path[-1:] == (VALUES,) and _are_sums(values) and not _are_sums(labels[(*path, KEY)]):
             yield Reading((path,), ((*path, KEY),), by_place=True)
         elif path[-2:] == (EACH, EACH) and lengths == {3}:

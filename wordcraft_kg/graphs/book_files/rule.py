@@ -27,7 +27,6 @@ LEAST_REUSED = 0.05
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
 _LIKE = 0.5  # share of the rows by which two readings are one
-_FEW = 3  # ingredients of recipes under keys that say nothing
 _MOST_READINGS = 4  # in a refusal
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
 _FEWEST_ROWS = 50
@@ -127,7 +126,8 @@ class Candidate:
     def is_clean(self) -> bool:
         """Whether each entry can be read, so that the reading may be advised."""
         is_clean = not any(isinstance(entry, Fault) for entry in self.entries)
-        are_numbers = all(is_number(made) for _, made in self.recipes)
+        texts = [label for row in self.rows for label in (row.ingredients[-1], row.result)]
+        are_numbers = 2 * sum(map(is_number, texts)) > len(self.rows)
         is_option = self.num_results == 1 and not self.is_mostly_single
         return bool(self.rows) and is_clean and not are_numbers and is_option
 
@@ -223,9 +223,6 @@ def choose(
         each for each in rivals if each.is_documented or each.contradictions <= best.contradictions
     ]
     share = shares[id(best)]
-    if best.by_place and not share and max(len(row.ingredients) for row in best.rows) > _FEW:
-        seen = f"the labels of {best.columns[0]} may be columns, or ingredients"
-        raise _several(path, seen, rivals, anchor)
     if best.is_mostly_single and not allows_single:
         seen = (
             f"read as {_shown(best)}, most rows have one ingredient: they may be parts of recipes"

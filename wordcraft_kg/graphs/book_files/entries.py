@@ -19,7 +19,7 @@ from wordcraft_kg.graphs.book_files.cells import (
     without_markup,
 )
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, Fault, LeftOut, Place, Row
-from wordcraft_kg.graphs.book_files.rule import Candidate
+from wordcraft_kg.graphs.book_files.rule import BookReading
 from wordcraft_kg.graphs.chains import is_half_product
 from wordcraft_kg.graphs.label_notes import is_missing
 from wordcraft_kg.graphs.recipes import label_fault, shown
@@ -66,7 +66,7 @@ class Raw(NamedTuple):
 
 
 def fill(
-    candidate: Candidate,
+    candidate: BookReading,
     raws: Iterable[Raw | Entry],
     *,
     is_sole: bool,
@@ -74,7 +74,7 @@ def fill(
     is_given: bool = False,
     is_exact: bool = False,
     tables: Iterable[Names] = (),
-) -> Candidate:
+) -> BookReading:
     """Fill a candidate with the recipes of a file's rows.
 
     Args:
@@ -152,7 +152,7 @@ def _exact(raw: Raw | Entry) -> Iterator[Entry]:
     yield Fault(raw.place, "label", message) if faults else Row(raw.place, parts, made[0], raw.kind)
 
 
-def _entries(candidate: Candidate, raw: Raw, joiner: str | None) -> Iterator[Entry]:
+def _entries(candidate: BookReading, raw: Raw, joiner: str | None) -> Iterator[Entry]:
     where = f"{raw.place}: " if isinstance(raw.place, str) else ""
     parts, message = _ingredients(raw, joiner)
     made: list[str] = []

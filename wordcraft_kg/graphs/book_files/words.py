@@ -121,7 +121,7 @@ _KNOWN = RESULT | INGREDIENT | CONTAINERS | ID
 _PROPERTIES = COUNT | IGNORED
 
 
-class Reading(NamedTuple):
+class ColumnRoles(NamedTuple):
     """A way to read columns or keys.
 
     Attributes:
@@ -234,7 +234,7 @@ def _families(paths: Iterable[Path]) -> list[tuple[Path, ...]]:
     return list(map(tuple, families.values()))
 
 
-def readings(paths: Iterable[Path]) -> Iterator[Reading]:
+def readings(paths: Iterable[Path]) -> Iterator[ColumnRoles]:
     """Yield the ways in which documented words let labels be read, the more certain ones first.
 
     Args:
@@ -258,7 +258,7 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
     # Two columns of other names beside a result are rather its ingredients: a guess.
     unknown = tuple(by_role.get("unknown", ()))
     if not families and len(unknown) in (1, 2):
-        yield from (Reading(unknown, made, is_documented=False) for made in _families(results))
+        yield from (ColumnRoles(unknown, made, is_documented=False) for made in _families(results))
     # Words such as first, or a name, are parts of recipes only where nothing else is.
     for family in families:
         around = _common(family)
@@ -268,26 +268,26 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
             if is_partner:
                 yield from _partners(family, made, things)
             elif around[: len(outer)] == outer:
-                yield Reading(family, made)
+                yield ColumnRoles(family, made)
         if not is_partner or not results:
             near = [thing for thing in things if _is_around(thing, around)]
             # The innermost thing first, and its name before its id and its key.
             near.sort(key=lambda thing: (-len(_around(thing, len(thing))), _rank(thing)))
-            yield from (Reading(family, (thing,), is_named=False) for thing in near)
+            yield from (ColumnRoles(family, (thing,), is_named=False) for thing in near)
             guesses = [guess for guess in unknown if _is_around(guess, around)]
-            yield from (Reading(family, (guess,), False, False) for guess in guesses)
+            yield from (ColumnRoles(family, (guess,), False, False) for guess in guesses)
 
 
 def _partners(
     family: tuple[Path, ...], made: tuple[Path, ...], things: Iterable[Path]
-) -> Iterator[Reading]:
+) -> Iterator[ColumnRoles]:
     """Yield readings of a partner below a thing.
 
     Such as {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}.
     """
     for thing in things:
         if _is_around(thing, made[0]) and thing[:-1] != made[0][:-1]:
-            yield Reading((thing, *family), made)
+            yield ColumnRoles((thing, *family), made)
 
 
 def _is_partner(path: Path) -> bool:

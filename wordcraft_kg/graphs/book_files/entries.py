@@ -165,7 +165,8 @@ def _entries(candidate: BookReading, raw: Raw, joiner: str | None) -> Iterator[E
         yield LeftOut(raw.place, WITHOUT)
         return
     if message is None:
-        faults = filter(None, map(_fault, (*parts, *made)))
+        kind = [raw.kind] if raw.kind else []
+        faults = filter(None, map(_fault, (*parts, *made, *kind)))
         message = " Also, ".join(dict.fromkeys(faults))
     if message:
         yield Fault(raw.place, "label", where + message)

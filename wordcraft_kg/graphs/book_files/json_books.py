@@ -560,4 +560,5 @@ def _raws_of_records(
         if isinstance(row, dict):
             cells = [row[name] for name in columns if name in row]
             results_of_row = [row[name] for name in made if name in row]
-            yield Raw(place, cells, results_of_row, row[kind[0]] if kind else "")
+            kind_of_row = str(row.get(kind[0]) or "") if kind else ""
+            yield Raw(place, cells, results_of_row, kind_of_row)

@@ -13,7 +13,7 @@ from small_scorers import BareScorer, normal
 from small_scorers import states as states_of
 
 from wordcraft_kg import PolicyConfig, make_sources
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
 from wordcraft_kg.models.policies.attention import (
     FOLD_LIMIT,
     AttentionPolicy,

@@ -242,10 +242,10 @@ def _chance(row: Any) -> str:
 
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
+    from wordcraft_kg.evaluation.recipe_scores import BECAUSE
+
     if any(getattr(one, "because", ()) for one in scored):
-        yield (
-            "because: similar train recipes; similarity (1 is identical) and share of all evidence."
-        )
+        yield f"because: {BECAUSE}."
     if any(getattr(one, "outside", ()) for one in scored):
         yield (
             "Lines with the name of a source: knowledge from outside the train recipes; in "

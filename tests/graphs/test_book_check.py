@@ -217,7 +217,7 @@ def test_single_ingredients_are_read_as_asked_or_a_problem(check):
     """A check reads single ingredients as asked and is a problem otherwise."""
     text = HEADER + "sand,,glass\n"
     assert "'sand' is the only ingredient" in message(check(text), "label")
-    assert "the label '' is blank" in message(check(HEADER + "milk,, \n"), "label")
+    assert message(check(HEADER + "milk,, \n"), "row") == "1 row without ingredients or result"
     assert check(text, single_ingredient="self").graph.recipe_labels() == [
         ("sand", "sand", "glass")
     ]
@@ -357,11 +357,11 @@ def test_long_lists_are_cut_and_equal_faults_are_one(check):
     )
     assert len(duplicate.lines) == 15
     assert duplicate.message.endswith("listed 40 times")
-    rows = "".join(f"no recipe {i}\n" for i in range(100))
+    rows = "".join(f"no,recipe,in,row {i}\n" for i in range(100))
     found = check(HEADER + rows + "a,b\n" + "a,a,b\n")
     one, two = (finding for finding in found.findings if finding.kind == "row")
     assert one.lines == tuple(range(2, 17))
-    assert one.message.startswith("'no recipe 0' has 0 ingredients")
+    assert one.message.startswith("'no,recipe,in,row 0' has 4 cells; the table has 3 columns")
     assert one.message.endswith("(99 more like this)")
     assert two.lines == (102,)
 

@@ -91,7 +91,7 @@ def test_a_file_or_graph_folder_of_the_same_name_goes_before_a_known_book(home, 
     with pytest.raises(RecipeFileError, match=r"mine' is an empty folder; expected a recipe book"):
         open_book("mine")
     (home / "kitchen" / "graph.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(RecipeFileError, match="recipes in a known shape are missing"):
+    with pytest.raises(RecipeFileError, match="has no recipe to keep"):
         open_book("kitchen")
 
 

@@ -91,7 +91,7 @@ def test_labels_that_would_hide_a_half_product_are_refused(tmp_path, labels):
     rows = [{"ingredients": labels, "name": "r"}, {"ingredients": ["a", "b + c", "d"], "name": "r"}]
     path = tmp_path / "book.json"
     path.write_text(json.dumps(rows))
-    with pytest.raises(RecipeFileError, match="half-product"):
+    with pytest.raises(RecipeFileError, match=r"half-product|several things"):
         read_book(path, ingredients="chain")
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.arrays import absent
 from wordcraft_kg.graphs.book_files import read_book
-from wordcraft_kg.graphs.book_files.tables import Table
+from wordcraft_kg.graphs.book_files.reader import BookRows
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 from wordcraft_kg.graphs.row_text import json_recipes, row_text
 
@@ -61,7 +61,7 @@ def outcome(path, **options):
 
 
 def outcome_by_rows(path, **options):
-    with patch.object(Table, "all_rows", return_value=None):
+    with patch.object(BookRows, "all_at_once", return_value=None):
         return outcome(path, **options)
 
 
@@ -76,7 +76,7 @@ def put(tmp_path):
 
 
 def is_read_at_once(path):
-    with patch.object(Table, "__iter__", side_effect=AssertionError("read row by row")):
+    with patch.object(BookRows, "__iter__", side_effect=AssertionError("read row by row")):
         try:
             read_book(path)
         except AssertionError:
@@ -108,9 +108,9 @@ def test_an_odd_row_has_the_result_or_the_fault_of_its_line(put, odd, after):
     assert outcome(path) == outcome_by_rows(path)
 
 
-@pytest.mark.parametrize("name", ["two cells", "the header again", "a control character"])
+@pytest.mark.parametrize("name", ["the header again", "a control character"])
 def test_a_fault_behind_the_first_piece_has_its_line(put, monkeypatch, name):
-    monkeypatch.setattr("wordcraft_kg.graphs.book_files.plain_rows._PIECE", 20)
+    monkeypatch.setattr("wordcraft_kg.graphs.plain_rows._PIECE", 20)
     assert ", line 6: " in outcome(put(PLAIN + ODD[name]))
 
 
@@ -118,7 +118,7 @@ def test_pieces_end_at_lines(put, monkeypatch):
     path = put(PLAIN)
     whole = outcome(path)
     for size in range(1, len(PLAIN)):
-        monkeypatch.setattr("wordcraft_kg.graphs.book_files.plain_rows._PIECE", size)
+        monkeypatch.setattr("wordcraft_kg.graphs.plain_rows._PIECE", size)
         assert outcome(path) == whole
 
 

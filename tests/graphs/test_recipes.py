@@ -14,7 +14,7 @@ from refusals import refuses
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
 from wordcraft_kg.graphs.book_files import book_name
-from wordcraft_kg.graphs.book_files.dialects import trimmed
+from wordcraft_kg.graphs.book_files.tables import trimmed
 from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
@@ -175,7 +175,7 @@ def test_a_fourth_column_names_kinds(read):
             KINDS + "a,b,c,d\nb,a,c,e\n",
             "line 3: a . b -> c has the kind 'e' here, and 'd' above",
         ),
-        ("book.csv", TABLE + "a,b,c,d\n", "line 2: 'a,b,c,d' has 3 ingredients"),
+        ("book.csv", TABLE + "a,b,c,d\n", "line 2: 'a,b,c,d' has 4 cells; the table has 3"),
         (
             "book.json",
             '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": ["x", "y"]}',

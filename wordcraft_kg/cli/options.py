@@ -74,11 +74,12 @@ MovedGraph = Annotated[
 @Parameter(name="*", group=Group("Recipe file", sort_key=1))
 @dataclass(frozen=True)
 class FileOptions:
-    """What a user says about a recipe book's file; everything left out is guessed.
+    """What a user says about a recipe book's file; what is left out, documented words tell.
 
     Attributes:
         columns: comma-separated names, or numbers from 1, of the columns of ingredients and, last,
-            of the result, such as item1,item2,product.
+            of the result, such as item1,item2,product; in JSON paths, such as
+            'recipes[].parts[].item,recipes[].out.name'.
         delimiter: column delimiter: a character, or comma, semicolon, tab, pipe or space.
         encoding: encoding of the text, such as cp1252.
         case: keep labels as they are, or fold them to lower case.

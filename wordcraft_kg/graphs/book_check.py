@@ -20,15 +20,24 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, quoted
-from wordcraft_kg.graphs.book_files.book_rows import BookRows
-from wordcraft_kg.graphs.book_files.cells import HTML_ENTITY, note_of_marks, note_of_numbers
-from wordcraft_kg.graphs.book_files.container import read_bytes
-from wordcraft_kg.graphs.book_files.guide import naming_the_guide
-from wordcraft_kg.graphs.book_files.opening import OpenedFile, open_source
-from wordcraft_kg.graphs.book_files.options import BookOptions, ReadOptions
-from wordcraft_kg.graphs.book_files.reader import book_name, unknown_base
-from wordcraft_kg.graphs.book_files.rows import NOTHING, Fault, Place, is_missing
+from wordcraft_kg.graphs.book_files.containers import read_bytes
+from wordcraft_kg.graphs.book_files.reader import (
+    BookOptions,
+    BookRows,
+    ReadOptions,
+    book_name,
+    open_rows,
+    unknown_base,
+)
+from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
 from wordcraft_kg.graphs.chains import makes_nothing
+from wordcraft_kg.graphs.label_notes import (
+    HTML_ENTITY,
+    NOTHING,
+    is_missing,
+    note_of_marks,
+    note_of_numbers,
+)
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -177,18 +186,20 @@ def check_book(
     if not path.is_dir():
         read_bytes(path)  # raises for a missing or unreadable file
     try:
-        with naming_the_guide(path):
-            file = open_source(path, chosen)
+        rows = open_rows(path, chosen)
     except RecipeFileError as error:
         if path.is_dir():
             raise
         return BookCheck((_problem("unreadable", str(error)),), None, None)
-    findings = _of_bytes(file)
-    rows = BookRows(file, chosen)
+    findings = _of_bytes(rows)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
     for reason, number in rows.left_out.items():
-        findings.append(_note("left-out", f"{counted(number, 'row')} {reason}"))
+        lines = _numbers(rows.places_left_out.get(reason, ()))
+        message = f"{counted(number, 'row')} {reason}"
+        # In a table or lines such a row is a slip; in JSON it is a thing without a recipe.
+        is_slip = reason == WITHOUT and bool(lines)
+        findings.append(_problem("row", message, lines) if is_slip else _note("left-out", message))
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     findings += [_note("marks", message) for message in note_of_marks(book.entities)]
     if makes_nothing(book.recipes):
@@ -224,7 +235,7 @@ def check_book(
     return BookCheck(_sorted(findings), _statistics(graph), graph, mended, reading)
 
 
-def _of_bytes(file: OpenedFile) -> list[Finding]:
+def _of_bytes(file: BookRows) -> list[Finding]:
     """Return findings about the bytes of a text: mark, line ends, encoding."""
     findings = []
     if file.encoding not in ("", "utf-8"):

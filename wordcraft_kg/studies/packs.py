@@ -14,10 +14,11 @@ name of a cell only, and the sizes of archives and members are bounded before th
 import io
 import re
 import zipfile
-import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
+from wordcraft_kg.base.archives import ZipArchive
 from wordcraft_kg.base.artefacts import check_file, read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 
@@ -27,20 +28,8 @@ _LARGEST_PACK = 2**24
 """Bytes of the largest archive: some twenty thousand cells of a book with 700 entities."""
 _LARGEST_CELL = 2**24
 """Bytes of the largest cell after decompression; a cell usually has about a thousand."""
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_ENCRYPTED = 0x1
-"""Bit of a member's flags."""
 _FIRST_DATE = (1980, 1, 1, 0, 0, 0)
 """The date of all members, the earliest of the format: equal cells give equal bytes."""
-_DAMAGE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    EOFError,
-    NotImplementedError,
-    OSError,
-    ValueError,  # a name that is not UTF-8, or a place before the begin of the file
-)
-"""Errors of :mod:`zipfile` for damaged archives."""
 
 
 class CellFiles:
@@ -65,16 +54,16 @@ class CellFiles:
                 f"`store` '{folder}' is a file; expected a folder of cells, which may be new."
             )
         self.folder = folder
-        self._packs: dict[str, tuple[Path, zipfile.ZipFile]] = {}
+        self._packs: dict[str, ZipArchive] = {}
         for path in pack_files(folder):
             archive = _open_pack(path)
-            for name in archive.namelist():
+            for name in archive.members:
                 if name in self._packs:
                     raise ArtefactError(
-                        f"{path} has the cell '{name}', and so has {self._packs[name][0]}; "
+                        f"{path} has the cell '{name}', and so has {self._packs[name].path}; "
                         "expected the cell in one of the packs. Remove one of the two."
                     )
-                self._packs[name] = path, archive
+                self._packs[name] = archive
 
     def loose(self, address: str) -> Path:
         """Return the path of the loose file for the cell of an address, if it exists or not."""
@@ -89,8 +78,7 @@ class CellFiles:
         if self.loose(address).exists():
             return str(self.loose(address))
         if f"{address}.json" in self._packs:
-            path, _ = self._packs[f"{address}.json"]
-            return f"{path}, member {address}.json,"
+            return f"{self._packs[f'{address}.json'].path}, member '{address}.json',"
         return None
 
     def read(self, address: str) -> bytes:
@@ -109,20 +97,14 @@ class CellFiles:
         loose = self.loose(address)
         if loose.exists() or name not in self._packs:
             return read_small_file(loose)
-        path, archive = self._packs[name]
-        try:
-            return _content(archive, name)
-        except _DAMAGE as error:
-            raise ArtefactError(
-                f"{path}, member {name}, is damaged: {error}. Restore a copy of the file."
-            ) from None
+        return self._packs[name].read(name, _LARGEST_CELL)
 
     def addresses(self) -> dict[str, Path]:
         """Return the sorted addresses of all cells, each with its file.
 
         If there are two files, it is the loose one.
         """
-        found = {name.removesuffix(".json"): path for name, (path, _) in self._packs.items()}
+        found = {name.removesuffix(".json"): pack.path for name, pack in self._packs.items()}
         for path in self.folder.glob("*/*.json"):
             name = path.relative_to(self.folder).as_posix()
             if _NAME.fullmatch(name):
@@ -135,49 +117,19 @@ def pack_files(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.zip"))
 
 
-def _open_pack(path: Path) -> zipfile.ZipFile:
+def _open_pack(path: Path) -> ZipArchive:
     """Open an archive and check its list of members; the members are neither read nor extracted."""
     check_file(path, _LARGEST_PACK)
-    try:
-        # From memory: no file stays open, and another process may replace the pack meanwhile.
-        archive = zipfile.ZipFile(io.BytesIO(path.read_bytes()))
-    except _DAMAGE as error:
-        raise ArtefactError(
-            f"{path} is damaged: {error}. Restore a copy of the file, or remove it."
-        ) from None
-    names: set[str] = set()
-    for member in archive.infolist():
-        fault = _fault_of(member)
-        if member.filename in names:
-            fault = "occurs twice"
-        if fault is not None:
+    # From memory: another process may replace the pack meanwhile.
+    archive = ZipArchive(path, path.read_bytes())
+    for name in archive.members:
+        if not _NAME.fullmatch(name):
             raise ArtefactError(
-                f"{path} is no pack of cells: its member {member.filename!r} {fault}. Remove the "
-                "file."
+                f"{path} is no pack of cells: its member {name[:80]!r} is no cell; expected a name "
+                "such as 'runs/2f65aebd52224b51.json'. Remove the file."
             )
-        names.add(member.filename)
+        archive.check(name, _LARGEST_CELL)
     return archive
-
-
-def _fault_of(member: zipfile.ZipInfo) -> str | None:
-    """Return why a member cannot be a cell, as the end of a sentence; None if it can."""
-    if not _NAME.fullmatch(member.filename):
-        return "is no cell; expected a name such as 'runs/2f65aebd52224b51.json'"
-    if member.file_size > _LARGEST_CELL:
-        return f"has {member.file_size:,} bytes; the limit is {_LARGEST_CELL:,}"
-    if member.flag_bits & _ENCRYPTED:
-        return "is encrypted"
-    if member.compress_type not in _METHODS:
-        return f"has the compression method {member.compress_type}; expected none or deflate"
-    return None
-
-
-def _content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """Return a member's bytes, at most as many as the list of members claims."""
-    member = archive.getinfo(name)
-    with archive.open(member) as file:
-        # Without a number, zipfile decompresses everything before it compares with the claim.
-        return file.read(member.file_size)
 
 
 def write_pack(path: Path, cells: Mapping[str, bytes]) -> bool:
@@ -199,12 +151,12 @@ def write_pack(path: Path, cells: Mapping[str, bytes]) -> bool:
     if path.exists():
         before = _open_pack(path)
         # Compared by content: another version of zlib may compress the same cells to other bytes.
-        if before.namelist() == list(members):
-            try:
-                if all(_content(before, name) == content for name, content in members.items()):
+        if list(before.members) == list(members):
+            with suppress(ArtefactError):  # a damaged pack is replaced
+                if all(
+                    before.read(name, _LARGEST_CELL) == content for name, content in members.items()
+                ):
                     return False
-            except _DAMAGE:
-                pass  # the pack is replaced
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name, content in members.items():

@@ -451,7 +451,7 @@ def test_damaged_or_useless_triples_are_refused(opened, tmp_path, text, message)
 def test_a_cut_archive_is_refused(tmp_path):
     whole = gzip.compress(b"flour\tmakes\tdough\n" * 1000)
     (tmp_path / "t.tsv.gz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(KnowledgeFileError, match="cut or damaged"):
+    with pytest.raises(KnowledgeFileError, match="is damaged: EOFError"):
         read_triples(tmp_path / "t.tsv.gz")
 
 
@@ -515,21 +515,10 @@ def test_a_folder_without_wordnet_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("read", [read_triples, read_conceptnet])
-@pytest.mark.parametrize(
-    ("line", "says"),
-    [
-        (b"\n", "blank lines|bytes from a compressed byte"),
-        (b"a\tr\tb\t1\t{}\n", "bytes from a compressed byte"),
-    ],
-)
-def test_a_small_file_that_unpacks_to_hours_of_reading_is_refused(
-    tmp_path, monkeypatch, read, line, says
-):
-    monkeypatch.setattr("wordcraft_kg.models.knowledge.readers._SOME", 2**16, raising=False)
+@pytest.mark.parametrize("line", [b"\n", b"a\t/r/x\tb\t/c/de/c\t{}\n"])
+def test_a_small_file_that_unpacks_to_hours_of_reading_is_refused(tmp_path, read, line):
     if read is read_triples:
-        line = line.replace(b"\t1\t{}", b"\t1")
-    (tmp_path / "t.tsv.gz").write_bytes(
-        gzip.compress(line * (2**20 + 1 if line.isspace() else 50_000))
-    )
-    with pytest.raises(KnowledgeFileError, match=says):
+        line = line.replace(b"/c/de/c\t{}", b"1")
+    (tmp_path / "t.tsv.gz").write_bytes(gzip.compress(line * (2**22 // len(line))))
+    with pytest.raises(KnowledgeFileError, match="bytes from a compressed byte"):
         read(tmp_path / "t.tsv.gz")

@@ -423,7 +423,7 @@ def test_a_gzip_file_that_is_cut_off_or_has_a_wrong_bit_is_refused(cut, vectors_
     path = vectors_file(gzip.compress(GLOVE_TEXT.encode())[:cut], "vectors.txt.gz")
     if cut is None:
         flip_bit(Path(path), -6)  # in its check sum
-    assert refused(path).startswith(f"{path} cannot be read: ")
+    assert refused(path).startswith(f"{path} is damaged: ")
 
 
 def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):

@@ -2,18 +2,15 @@
 
 They lie in a folder, as ``bench run`` writes it, or in a ZIP archive.
 
-An archive keeps a leaderboard in one file for each submission. Nothing is unpacked to disk: a
-member is read by its exact name, so the other members of an archive, whatever their names, have no
-effect.
+An archive keeps a leaderboard in one file for each submission; its other members have no effect.
 """
 
-import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-from wordcraft_kg.base.artefacts import SMALL_FILE, check_file, read_small_file
+from wordcraft_kg.base.archives import ZipArchive
+from wordcraft_kg.base.artefacts import SMALL_FILE, read_small_file
 from wordcraft_kg.base.errors import ArtefactError
 
 SUBMISSION_FILE = "submission.json"
@@ -56,21 +53,10 @@ def read_submission_file(submission: Path, name: str) -> bytes:
     """
     if not submission.is_file():
         return read_small_file(submission / name)
-    check_file(submission, SMALL_FILE)
-    try:
-        with zipfile.ZipFile(submission) as archive, archive.open(name) as member:
-            # One byte more than allowed: the size that the archive declares may be a lie.
-            data = member.read(SMALL_FILE + 1)
-    except KeyError:
+    archive = ZipArchive(submission, read_small_file(submission))
+    if name not in archive.members:
         raise ArtefactError(
             f"{submission} has no {name}; expected the files {SUBMISSION_FILE} and {GAMES_FILE} of "
             "`wordcraft-kg bench run`."
-        ) from None
-    # Damaged, encrypted, or compressed by a method that this Python does not know.
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as error:
-        raise ArtefactError(
-            f"{submission} is damaged: {error}. Make it again, or restore a copy."
-        ) from None
-    if len(data) > SMALL_FILE:
-        raise ArtefactError(f"{submission}: {name} has more than {SMALL_FILE:,} bytes.")
-    return data
+        )
+    return archive.read(name, SMALL_FILE)

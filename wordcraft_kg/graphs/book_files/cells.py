@@ -1,16 +1,20 @@
-"""What cells hold beside labels: characters that cannot be seen, numbers of pieces, marks.
+"""What cells hold beside labels: lists, joiners, numbers of pieces, marks, unseen characters.
 
 Characters at the ends that cannot be seen are left out. Numbers such as in ``2 water`` are left out
 if many cells have them; a few may as well be part of labels, and are only named, as are marks.
 """
 
+import ast
+import json
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
+from typing import Any
 
-from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.rows import NOTHING, Entry, is_missing
+from wordcraft_kg.graphs.book_files.rows import Row
+from wordcraft_kg.graphs.book_files.words import is_documented, name_rank, names_thing
+from wordcraft_kg.graphs.label_notes import count_in
 
 UNSEEN = "".join(
     (
@@ -22,26 +26,8 @@ UNSEEN = "".join(
 )
 """Characters at the ends of a cell that cannot be seen, and are no part of a label."""
 _UNSEEN = re.compile(f"[{UNSEEN[1:]}]")
-_NUMBER = r"(?P<number>\d{1,3})"  # four digits are rather a year
-_LABEL = r"(?P<label>[^\W\d].*|\W*[^\W\d].*)"
-_COUNTS = tuple(
-    re.compile(pattern)
-    for pattern in (
-        rf"{_NUMBER}\s*[x×*]?\s+{_LABEL}",  # 2 water, 2x water
-        rf"[x×]\s?{_NUMBER}\s+{_LABEL}",  # x2 water
-        rf"{_LABEL}(?:\s+x\s?|\s*[×*]\s?){_NUMBER}",  # water x2, water*2
-        rf"{_LABEL}\s*\(\s*[x×]?\s?{_NUMBER}\s?[x×]?\s*\)",  # water (2), water (x2)
-    )
-)
 _SIGN = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
 """A sign of multiplication beside a number."""
-_MARK = re.compile(
-    r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?)\s*(?=\S)|^\d+[.)]\s*(?=[^\W\d])|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
-)
-"""What lists put before or behind a label: stars, ticks, numbers of footnotes."""
-_WEAK_MARK = re.compile(r"(?<=\w)\s*(?:[!?]+|\((?:new|new!|first|wip)\))$", re.IGNORECASE)
-"""Marks that are also usual parts of labels, unless the label without them exists, too."""
-HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
 _MARKUP = (
     re.compile(r"“([^“”]+)”|«\s?([^«»]+?)\s?»|„([^„“”]+)[“”]"),
     re.compile(r"\*\*([^*]+)\*\*|__([^_]+)__|`([^`]+)`"),
@@ -50,8 +36,6 @@ _MARKUP = (
 """Quotes, and markup of wikis and Markdown such as links, around a whole cell."""
 _CLEAR = 0.2  # share of the cells with numbers by which these are numbers of pieces
 _MOST_MERGERS = 0.1  # share of the rows with numbers that may make what they are made of
-JUDGED_ENTRIES = 100_000
-"""Entries of a file by which its cells are judged."""
 
 
 class Cells:
@@ -64,26 +48,22 @@ class Cells:
         example: a cell with a number of pieces; empty if none is left out.
     """
 
-    def __init__(self, entries: Iterable[Entry]):
-        """Judge cells by a file's first entries.
+    def __init__(self, rows: Iterable[Row]):
+        """Judge cells by a file's rows.
 
         Args:
-            entries: recipes, faults and rows left out; only recipes count.
+            rows: the recipes.
         """
         self.trimmed = 0
         self.unwrapped = 0
         self.numbers = 0
         # Most labels are met again: a look-up is faster than a check.
         self._clean: set[str] = set()
-        self.example = _first_count(entries)
+        self.example = _first_count([(*row.ingredients, row.result) for row in rows])
 
     def are_clean(self, cells: Collection[str]) -> bool:
         """Return whether cells are labels that were met before, without anything beside them."""
         return self._clean.issuperset(cells)
-
-    def label(self, cell: str) -> str:
-        """Return the label in a cell."""
-        return self.counted_label(cell)[0]
 
     def counted_label(self, cell: str) -> tuple[str, int]:
         """Return the label in a cell, and its number of pieces."""
@@ -131,30 +111,12 @@ def has_unseen(text: str) -> bool:
     return not text.isascii() and _UNSEEN.search(text) is not None
 
 
-def count_in(cell: str) -> tuple[str, int] | None:
-    """Return the label and the number of pieces in a cell, or None without a number.
-
-    Example:
-        >>> count_in("2 water"), count_in("water x2"), count_in("water (2)"), count_in("H2")
-        (('water', 2), ('water', 2), ('water', 2), None)
-    """
-    # Most cells hold no digit, and need no pattern.
-    if not any(char.isdigit() for char in cell):
-        return None
-    for pattern in _COUNTS:
-        found = pattern.fullmatch(cell)
-        if found:
-            return found["label"].strip(), int(found["number"])
-    return None
-
-
-def _first_count(entries: Iterable[Entry]) -> str:
+def _first_count(rows: Sequence[Sequence[str]]) -> str:
     """Return a cell with a number of pieces if a clear share of the cells has such numbers.
 
     In games of merging, ``sword (1) + sword (1) = sword (2)``, numbers belong to labels: without
     them, rows would make what they are made of.
     """
-    rows = [entry[1] for entry in entries if type(entry) is tuple]
     every_cell = chain.from_iterable(rows)
     times = Counter(without_markup(trim_unseen(cell)) for cell in every_cell)
     # Labels by the cells that hold a number of pieces beside them.
@@ -192,82 +154,145 @@ def _is_merger(row: Sequence[str], bare: dict[str, str]) -> bool:
     return bare.get(result, result) in bare_ingredients
 
 
-# --- remarks -------------------------------------------------------------------------------------
+# --- several labels in one cell ------------------------------------------------------------------
+
+JOINERS = (" + ", "+", ";", "|", "\n", "<br>", ",", "、", "，")
+"""Signs between ingredients in one cell, the more certain ones first; cells without are single."""
+WEAK_JOINERS = (" and ", " & ", "&", " x ", " × ", "×", " X ", " und ", " et ", " y ", "/", " - ")
+"""Signs that labels hold as well: between ingredients if each cell has one."""
+_OFTEN = 0.5  # share of the cells with a joiner
+_LISTED = re.compile(r"\s*[\[({]\s*(?:[\[({]\s*)?[\"'].*[\])}]\s*", re.DOTALL)
+_MOST_BRACKETS = 1_000  # in a cell; deeper lists are no recipes
 
 
-def notes_about(labels: Collection[str]) -> list[str]:
-    """Return remarks about labels that may be something else, for the line about the file."""
-    return [
-        *note_of_missing(labels),
-        *note_of_numbers(labels),
-        *note_of_marks(labels),
-        *_note_of_html(labels),
-    ]
+def listed_value(cell: str) -> Any:
+    """Return the list or dictionary in a cell, as pandas and other programs write it.
 
+    Nothing is run: the cell is JSON, or literals of Python.
 
-def note_of_missing(labels: Collection[str]) -> list[str]:
-    """Return a remark, or none, about labels that often stand for nothing, such as NA."""
-    kept = sorted(label for label in labels if label == NOTHING or is_missing(label))
-    if not kept:
-        return []
-    names = ", ".join(map(_quoted, kept))
-    noun = "an entity" if len(kept) == 1 else "entities"
-    return [f"{names} kept as {noun}"]
+    Returns:
+        The value; None for any other text.
 
-
-def note_of_numbers(labels: Collection[str]) -> list[str]:
-    """Return a remark, or none, about numbers of pieces that may be in labels.
-
-    One label is enough if it stands beside the label without the number.
+    Example:
+        >>> listed_value("['flour', 'egg']"), listed_value('{"egg": 2}'), listed_value("egg")
+        (['flour', 'egg'], {'egg': 2}, None)
     """
-    known = set(labels)
-    numbered = []
-    beside = []
-    for label in labels:
-        found = count_in(label)
-        if found:
-            numbered.append(label)
-            if found[0] in known:
-                beside.append(label)
-    if not beside and len(numbered) <= _CLEAR * len(known):
+    if not _LISTED.fullmatch(cell) or sum(map(cell.count, "[{(")) > _MOST_BRACKETS:
+        return None
+    for parse in (json.loads, ast.literal_eval):
+        try:
+            return parse(cell)
+        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
+            continue
+    return None
+
+
+def labels_in(value: Any) -> list[str] | None:
+    """Return the labels in a value of JSON: a text, a list, an object with a name, or with numbers.
+
+    Args:
+        value: such as "egg", ["egg", {"name": "flour", "amount": 2}] or {"egg": 2}.
+
+    Returns:
+        The labels; None for a value whose labels no documented word names.
+    """
+    if value is None or value == "":
         return []
-    example = _quoted(min(beside or numbered))
-    also = " beside the label without it" if beside else ""
-    return [
-        f"{counted(len(numbered), 'label')} with numbers, such as {example}{also}; numbers of "
-        "pieces are no part of a label"
-    ]
+    if isinstance(value, str):
+        return [value]
+    if isinstance(value, list | tuple | set):
+        # A label and its number of pieces, as in ["egg", 2].
+        values = list(value)
+        if len(values) == 2 and isinstance(values[0], str) and is_number(values[1]):
+            return [values[0]]
+        parts = [labels_in(part) for part in values]
+        if None in parts:
+            return None
+        return list(chain.from_iterable(filter(None, parts)))
+    if isinstance(value, dict):
+        names = [key for key in value if names_thing(str(key)) and isinstance(value[key], str)]
+        if names:
+            return [value[min(names, key=name_rank)]]
+        if value and all(isinstance(key, str) and is_number(value[key]) for key in value):
+            return None if any(map(is_documented, value)) else list(value)
+    return None
 
 
-def note_of_marks(labels: Collection[str]) -> list[str]:
-    """Return a remark, or none, about labels with marks of lists, such as a star."""
-    known = set(labels)
-    marked = sorted(label for label in labels if _has_mark(label, known))
-    if not marked:
-        return []
-    return [
-        f"{counted(len(marked), 'label')} with a mark, such as {_quoted(marked[0])}; remove it if "
-        "it is no part of the label"
-    ]
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number, or a text of one."""
+    if isinstance(value, str):
+        return bool(_FIGURE.fullmatch(value.strip()))
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _has_mark(label: str, known: Collection[str]) -> bool:
-    # Most labels begin with a letter and end in one, and need no pattern.
-    if label[0].isalpha() and label[-1].isalpha():
-        return False
-    bare = _MARK.sub("", label)
-    if bare != label:
-        return any(char.isalnum() for char in bare)
-    bare = _WEAK_MARK.sub("", label)
-    return bare != label and bare in known
+_FIGURE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 
 
-def _note_of_html(labels: Collection[str]) -> list[str]:
-    html = [label for label in labels if "&" in label and HTML_ENTITY.search(label)]
-    if not html:
-        return []
-    return [f"{len(html):,} labels with HTML entities, such as {html[0][:60]!r}"]
+_FORMULA = re.compile(
+    r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
+)
 
 
-def _quoted(label: str) -> str:
-    return f"'{label[:60]}'"
+def formula_fault(cell: str) -> str | None:
+    """Return why a cell is a spreadsheet's formula, or None."""
+    if cell[:1] in ("=", "@", "#") and _FORMULA.match(cell):
+        return f"{cell[:80]!r} is a spreadsheet's formula or its error; save the values."
+    return None
+
+
+def find_joiner(
+    cells: Sequence[str], *, in_all: bool = False, allows_weak: bool = True
+) -> str | None:
+    """Return the sign between ingredients in cells, or an empty text for single labels.
+
+    Args:
+        cells: texts that are not blank.
+        in_all: whether a sign must be in each cell, as where each one of a list is a sum.
+        allows_weak: whether a sign that labels hold as well is enough.
+
+    Returns:
+        None if two signs fit, or one of them is in a few cells only.
+    """
+    counts = {sign: sum(sign in cell for cell in cells) for sign in (*JOINERS, *WEAK_JOINERS)}
+    everywhere = [sign for sign in counts if cells and counts[sign] == len(cells)]
+    if everywhere:
+        return everywhere[0] if allows_weak or everywhere[0] in JOINERS else None
+    if in_all:
+        return ""
+    present = [sign for sign in JOINERS if counts[sign]]
+    often = [sign for sign in present if counts[sign] >= _OFTEN * len(cells)]
+    if often:
+        return often[0]
+    is_parted = bool(present) or any(counts[sign] > _OFTEN * len(cells) for sign in WEAK_JOINERS)
+    return None if is_parted else ""
+
+
+def parts_of(cell: str, joiner: str) -> list[str]:
+    """Return the labels in a cell; without a joiner the cell is one label."""
+    if not joiner:
+        return [cell]
+    return [part.strip() for part in cell.split(joiner)]
+
+
+def alternatives(ingredients: Sequence[str], joiner: str) -> str | None:
+    """Return why the parts of a cell may be those of several recipes, or None.
+
+    Args:
+        ingredients: parts between joiners, such as "water", "earth or rain", "dirt".
+        joiner: the sign between them.
+    """
+    if len(ingredients) > 1 and ingredients[0][:1] in "([{" and ingredients[-1][-1:] in ")]}":
+        return f"{joiner.join(ingredients)[:80]!r} is no list that is read; leave its brackets out."
+    for part in ingredients:
+        sign = _ALTERNATIVE.search(part)
+        has_sum = joiner.strip() != "+" and " + " in part
+        if has_sum or (sign and len(ingredients) > 2):
+            shown = "+" if sign is None else sign[0].strip()
+            return (
+                f"{part[:80]!r} in a sum of {len(ingredients)} may be the end of one recipe and "
+                f"the start of another, with {shown!r} between them; write one in each row."
+            )
+    return None
+
+
+_ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>|, ", re.IGNORECASE)

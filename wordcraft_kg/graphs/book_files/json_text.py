@@ -99,3 +99,19 @@ def _loads(path: Path | str, text: str) -> Any:
         raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
     except ValueError as error:  # such as a number of thousands of digits
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
+
+
+def is_json(path: Path, text: str) -> bool:
+    """Return whether a text is JSON or JSON lines, whatever its file's ending.
+
+    Args:
+        path: the file, for errors.
+        text: its text.
+    """
+    if text.lstrip()[:1] not in ("{", "["):
+        return False
+    try:
+        load_json(path, text)
+    except RecipeFileError as error:
+        return "not JSON" not in str(error)
+    return True

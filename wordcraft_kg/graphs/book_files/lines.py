@@ -1,30 +1,29 @@
 """Lines such as ``water + earth = mud``, as in forums and chats; several results by commas.
 
 Either side of the sign may hold the sum: ``mud = water + earth, clay + rain`` gives two recipes.
-Marks of lists are no part of labels. What else most lines begin or end with is refused.
+Marks of lists are no part of labels.
 """
 
 import io
 import re
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from itertools import islice
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
-from wordcraft_kg.graphs.book_files.guide import refusal
+from wordcraft_kg.graphs.book_files.cells import alternatives, without_markup
 from wordcraft_kg.graphs.book_files.rows import (
-    FROM_NOTHING,
-    NOTHING,
-    WITH_NOTHING,
+    INFINITE_CRAFT_BASE,
+    MAX_LINE_LENGTH,
     Entry,
     Fault,
+    FileRows,
     LeftOut,
-    RowSource,
-    alternatives,
-    is_infinite_craft,
+    Row,
+    refusal,
+    without_nothing,
 )
+from wordcraft_kg.graphs.book_files.tables import read_directive, too_long
+from wordcraft_kg.graphs.book_files.words import is_documented
 from wordcraft_kg.graphs.recipes import label_fault
 
 _FORWARD = "→⇒⟶⟹➡⇨➔➜"
@@ -42,34 +41,31 @@ _SIGNS = tuple(
     )
 )
 """Signs between ingredients and results, the more certain ones first."""
-_IS_BACKWARD = re.compile(rf"[<‹{_BACKWARD}]")
 _MARK = re.compile(
-    r"\s*(?:[-*•–·◦▪‣+>]\s+|\*{2,}\s+|>+\s+|\(?\d+[.)\]:]\s+|\d+[.)](?=[^\W\d])|\[\d+\]\s+"
-    r"|\d+\s+[-–—]\s+|\[[ xX]?\]\s+|[☐☑☒✓✔✅]\ufe0f?\s*)"
+    r"(?:\s*(?:[-*•–·◦▪‣+>]\s+|\*{2,}\s+|>+\s+|\(?\d+[.)\]:]\s+|\d+[.)](?=[^\W\d])|\[\d+\]\s+"
+    r"|\d+\s+[-–—]\s+|\[[ xX]?\]\s+|[☐☑☒✓✔✅]\ufe0f?\s*)){0,3}"
 )
-"""A mark of a list before a line: a bullet, a number, a box, a quote."""
+"""Marks of a list before a line: bullets, numbers, boxes, quotes."""
+_END_MARK = re.compile(r"\s*(?:;|<br\s*/?>|\\|[✓✔✅]\ufe0f?)\s*$", re.IGNORECASE)
 _WIDE_SIGNS = str.maketrans("＋＝：，", "+=:,")
 """Signs as East Asian keyboards write them."""
-_MOST_MARKS = 3  # such as a bullet, a box and a number
-_END_MARK = re.compile(r"\s*(?:;|<br\s*/?>|\\|[✓✔✅]\ufe0f?)\s*$", re.IGNORECASE)
 _HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,}|`{3}|\[[^\]+=]*\]\s*$|[^+=:]*:\s*$)")
-_COMMENT = re.compile(r"\s*(?:#\s|//)")
+_COMMENT = re.compile(r"\s*(?:#\s|#$|//)")
 _TAG = re.compile(r"#[\w.-]+:\w")  # a label of Minecraft, such as #minecraft:planks
-_WRAPPERS = (('"', '"'), ("“", "”"), ("'", "'"), ("`", "`"), ("**", "**"), ("[[", "]]"))
-"""Quotes and markup around a label or a sum."""
 _LEFT_OVER = re.compile(
     rf"^[=<>~≈|:;*\"“`]|^-[-\s]|[=<>~≈|:;*\"”`]$|\s[-–—]$|[{_FORWARD}{_BACKWARD}≈]|\[\[|\]\]|;\s"
     r"|\s(?:[=<>~|#/]|//|:=)\s"
 )
 """Signs, quotes and comments that a label does not hold."""
-_PREFIX = re.compile(r"[^\w\s\"'(#]+\s*|.{0,30}?[:\])|]\s+|\S*\d\S*\s+")
-_SUFFIX = re.compile(r"(?:\s*[\[(][^\[\]()]*[\])]|\s+[-–—]\s+.*|\s*[^\w\s\"')\]]+)$")
-_JUDGED_LINES = 10_000
-_OFTEN = 0.2  # share of lines with one beginning or end
-_MOSTLY = 0.5  # share of the other labels
+_PREFIX = re.compile(r"^(?:[^\w\s\"'(#]+\s*|.{0,30}?[:\])|]\s+|\S*\d\S*\s+)(?=.)")
+_SUFFIX = re.compile(r"(?<=.)(?:\s*[\[(][^\[\]()]*[\])]|\s+[-–—]\s+.*|\s*[^\w\s\"')\]]+)$")
+"""Beginnings and ends of lines that may be marks, or parts of labels."""
+_OFTEN = 0.2  # share of the lines with a beginning or end
 _SELDOM = 0.1  # how many times rarer it must be in other labels
-_LIMIT = 100_000  # characters in a line
+_OTHER_SUM = re.compile(r"(.+?)\s(x|×|&|and)\s(.+?\s(?:[-=]+>|→|=)\s.+)")
+"""A line whose ingredients are parted by another sign than a plus."""
 _ENOUGH = 0.5  # share of the lines that are recipes, in a file of this shape
+_SAMPLE_LINES = 200
 
 
 class _Sides(NamedTuple):
@@ -80,201 +76,126 @@ class _Sides(NamedTuple):
     is_backward: bool = False
 
 
-def looks_like_lines(lines: list[str]) -> bool:
-    """Return whether at least half of the lines have a sum and a sign; headings do not count.
+def with_pluses(text: str) -> str:
+    """Return a text with pluses in place of another sign, if each of its lines has it once."""
+    lines = text.splitlines()
+    content = [line.strip() for line in lines if line.strip() and not _is_heading(line)]
+    found = [_OTHER_SUM.fullmatch(line) for line in content[:_SAMPLE_LINES]]
+    signs = {match and match[2] for match in found}
+    if "+" in text or len(signs) != 1 or None in signs:
+        return text
+    return "\n".join(_OTHER_SUM.sub(r"\1 + \3", line) for line in lines)
+
+
+def looks_like_lines(text: str, *, is_table: bool) -> bool:
+    """Return whether at least half of a text's first lines have a sum and a sign.
 
     Args:
-        lines: lines that are not blank; without any, the answer is False.
+        text: the text.
+        is_table: whether the file's ending is that of a table; then the sum has to come before any
+            delimiter, as in a + b = c, d.
     """
+    lines = [line for line in text[: 2**17].splitlines() if line.strip()][:_SAMPLE_LINES]
     content = [line for line in lines if not _is_heading(line)]
-    sums = [line for line in content if _is_recipe(line[:_LIMIT])]
+    if is_table and any(sign in line for line in content[:20] for sign in ",;\t|"):
+        starts = [_sides(re.split(r"[,;\t|]", line)[0]) for line in content]
+        return bool(content) and all(sides is not None and "+" in sides.left for sides in starts)
+    sums = [line for line in content if _is_recipe(line[:MAX_LINE_LENGTH])]
     return bool(content) and len(sums) >= _ENOUGH * len(content)
 
 
-def begins_with_recipe(line: str) -> bool:
-    """Return whether a line is a recipe up to its first comma, as in a + b = c, d."""
-    sides = _sides(line.partition(",")[0])
-    return sides is not None and "+" in sides.left
+def read_lines(path: Path, text: str) -> FileRows:
+    """Read a text with a sum on each line.
 
+    Args:
+        path: the file, for errors.
+        text: its text.
 
-class SumLines(RowSource):
-    """A text with a sum on each line."""
-
-    shape = "lines a + b = c"
-
-    def __init__(self, path: Path, text: str):
-        """Find on which side the sums are.
-
-        Args:
-            path: the file, for errors.
-            text: its text.
-
-        Raises:
-            RecipeFileError: if they are on both sides, an arrow points at a sum, or many lines
-                begin or end with what may be a mark.
-        """
-        super().__init__()
-        self._path = path
-        self._text = text
-        self._drops_nothing = is_infinite_craft(text)
-        left = right = 0
-        for number, sides in self._parted():
+    Raises:
+        RecipeFileError: if sums are on both sides, or an arrow points at a sum.
+    """
+    source = FileRows("lines a + b = c")
+    lines = list(enumerate(io.StringIO(text, newline=""), start=1))
+    left = right = 0
+    for number, line in lines:
+        sides = None if _is_heading(line) else _sides(line)
+        if sides is not None:
             left += "+" in sides.left
             right += "+" in sides.right
             if sides.is_backward and "+" in sides.left:
                 seen = f"line {number}, whose arrow points at a sum of ingredients"
                 raise refusal(path, seen, "lines")
-        if left and right:
-            raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
-        self._sum_is_left = left >= right
-        self.columns = ("sum", "result") if self._sum_is_left else ("sum", "result before it")
-        self._ingredients = self._known_ingredients()
-        self._check_ends()
-
-    def _parted(self) -> Iterator[tuple[int, _Sides]]:
-        for number, line in enumerate(io.StringIO(self._text, newline=""), start=1):
-            sides = None if _is_heading(line) else _sides(line)
-            if sides is not None:
-                yield number, sides
-
-    def _known_ingredients(self) -> frozenset[str]:
-        """Return the ingredients of sums with a comma: such a comma does not part results."""
-        parts: set[str] = set()
-        for _, sides in self._parted():
-            total, _ = self._sum_and_result(sides)
-            if "," in total:
-                parts.update(_summands(total))
-        return frozenset(parts)
-
-    def _sum_and_result(self, sides: _Sides) -> tuple[str, str]:
-        if self._sum_is_left:
-            return sides.left, sides.right
-        return sides.right, sides.left
-
-    def _check_ends(self) -> None:
-        """Refuse lines that often begin or end with what other labels do not have.
-
-        Raises:
-            RecipeFileError: naming the beginning or the end, such as "Step 1: " or " (new!)".
-        """
-        firsts: list[str] = []
-        lasts: list[str] = []
-        after: list[str] = []
-        before: list[str] = []
-        for _, sides in islice(self._parted(), _JUDGED_LINES):
-            labels = [*_summands(sides.left), *_summands(sides.right)]
-            firsts.append(labels[0])
-            lasts.append(labels[-1])
-            after += labels[1:]
-            before += labels[:-1]
-        # A mark of lines stands at their first labels alone; part of a label also at others.
-        for where, pattern, ends, others in (
-            ("begin", _PREFIX, firsts, after),
-            ("end", _SUFFIX, lasts, before),
-        ):
-            often = _often(pattern, ends, others)
-            if often is not None:
-                raise refusal(
-                    self._path,
-                    f"many lines {where} as with {often.strip()[:40]!r}, which may be a mark or "
-                    "part of a label",
-                    "lines",
-                    "Remove it from the lines.",
-                )
-
-    def __iter__(self) -> Iterator[Entry]:
-        """Yield recipes, lines that are none, and headings."""
-        for number, line in enumerate(io.StringIO(self._text, newline=""), start=1):
-            if not line.strip():
-                continue
-            if is_directive(line):
-                fault = read_directive(self, number, line)
-                if fault is not None:
-                    yield fault
-            elif _is_heading(line):
-                yield LeftOut(number, "headings or comments")
-            elif len(line) > _LIMIT:
-                message = f"a line of {len(line):,} characters; the limit is {_LIMIT:,}."
-                yield Fault(number, "row", message, "long")
-            else:
-                yield from self._recipes(number, line)
-
-    def _recipes(self, number: int, line: str) -> Iterator[Entry]:
-        sides = _sides(line)
-        if sides is None:
-            message = (
-                f"{line.strip()[:80]!r} has no sign such as = or ->, or several; expected "
-                "a + b = c."
+    if left and right:
+        raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
+    source.columns = ("sum", "result") if left >= right else ("sum", "result before it")
+    entries: list[Entry] = list(_entries(source, lines, sum_is_left=left >= right))
+    # Each label of Infinite Craft's base as a word of its own.
+    if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
+        entries = without_nothing(entries)
+    source.entries = entries
+    rows = [entry for entry in entries if isinstance(entry, Row)]
+    # In a line the sum may stand on either side.
+    first, last = ([row.ingredients[0] for row in rows], [row.result for row in rows])
+    inner = [label for row in rows for label in row.ingredients[1:]]
+    if left < right:
+        first, last = last, [row.ingredients[-1] for row in rows]
+    for where, pattern, ends in (("begin", _PREFIX, first), ("end", _SUFFIX, last)):
+        others = [*inner, *(last if ends is first else first)]
+        mark = _common_mark(pattern, ends, others)
+        if mark is not None:
+            seen = (
+                f"many lines {where} as with {mark[:40]!r}, which may be a mark or part of a label"
             )
-            yield Fault(number, "row", message, "no sign")
-            return
-        total, rest = self._sum_and_result(sides)
-        if self._sum_is_left:
-            if "," in rest and rest in self._ingredients:
-                message = f"{rest[:80]!r} may be several results, or one: an ingredient elsewhere."
-                yield Fault(number, "row", message, "comma")
-                return
-            pairs = [(_summands(total), _unwrapped(result)) for result in rest.split(",")]
-            self.several_outputs += len(pairs) > 1
+            raise refusal(path, seen, "lines", "Remove it from the lines.")
+    return source
+
+
+def _common_mark(pattern: re.Pattern[str], ends: list[str], others: list[str]) -> str | None:
+    """Return what many labels at an end of lines have, and few other labels; None without one."""
+    marks = [found[0].strip() for found in map(pattern.search, ends) if found]
+    elsewhere = sum(1 for label in others if pattern.search(label))
+    share = len(marks) / max(len(ends), 1)
+    is_mark = len(marks) > 1 and share >= _OFTEN and elsewhere <= _SELDOM * share * len(others)
+    return marks[0] if is_mark else None
+
+
+def _entries(
+    source: FileRows, lines: list[tuple[int, str]], *, sum_is_left: bool
+) -> Iterator[Entry]:
+    for number, line in lines:
+        if not line.strip():
+            continue
+        is_directive = re.match(r"#\s*(?:base|entities)\s*:", line, re.IGNORECASE)
+        if is_directive:
+            yield from filter(None, [read_directive(source, number, line)])
+        elif _is_heading(line):
+            yield LeftOut(number, "headings or comments")
+        elif len(line) > MAX_LINE_LENGTH:
+            yield Fault(number, "row", too_long(line), "long")
         else:
-            # Each part between commas makes the same result.
-            pairs = [(_summands(part), _unwrapped(rest)) for part in total.split(",")]
-        for ingredients, result in pairs:
-            labels = [*ingredients, result]
-            # Each fault once, in the order of the labels.
-            faults = dict.fromkeys(filter(None, map(_label_fault, labels)))
-            message = alternatives(ingredients) or " Also, ".join(faults)
-            if message:
-                yield Fault(number, "label", message)
-            elif self._drops_nothing and NOTHING in labels:
-                is_result = result == NOTHING
-                yield LeftOut(number, WITH_NOTHING if is_result else FROM_NOTHING)
-            else:
-                yield number, labels
+            yield from _recipes(source, number, line, sum_is_left=sum_is_left)
 
 
-def _often(pattern: re.Pattern[str], ends: Sequence[str], others: Sequence[str]) -> str | None:
-    """Return what the pattern finds in many of the labels at an end, and seldom in the others.
-
-    Numbers count as equal.
-
-    Args:
-        pattern: ``_PREFIX`` or ``_SUFFIX``.
-        ends: first or last label of each line.
-        others: all other labels.
-
-    Returns:
-        The first such mark; None without one.
-    """
-    marks = _marks_in(ends, pattern)
-    in_others = _marks_in(others, pattern)
-    if len(in_others) > _MOSTLY * len(others):
-        return None  # labels of this file begin or end so, such as with an emoji each
-    elsewhere = Counter(map(_without_digits, in_others))
-    # The most frequent mark alone: a loop of one round, or of none without marks.
-    for shape, number in Counter(map(_without_digits, marks)).most_common(1):
-        share = number / len(ends)
-        # As many as there would be if the mark were part of labels, and a tenth of these.
-        expected_elsewhere = share * len(others)
-        is_seldom = elsewhere[shape] <= _SELDOM * expected_elsewhere
-        if share >= _OFTEN and is_seldom:
-            return next(mark for mark in marks if _without_digits(mark) == shape)
-    return None
-
-
-def _marks_in(labels: Sequence[str], pattern: re.Pattern[str]) -> list[str]:
-    """Return what a pattern finds at the beginnings, or at the ends, of labels."""
-    search = pattern.match if pattern is _PREFIX else pattern.search
-    marks = []
-    for found in map(search, labels):
-        # A label that is a sign as a whole, such as an emoji, has no mark.
-        if found and found[0] != found.string:
-            marks.append(found[0])
-    return marks
-
-
-def _without_digits(text: str) -> str:
-    return re.sub(r"\d+", "0", text)
+def _recipes(source: FileRows, number: int, line: str, *, sum_is_left: bool) -> Iterator[Entry]:
+    sides = _sides(line)
+    if sides is None:
+        message = (
+            f"{line.strip()[:80]!r} has no sign such as = or ->, or several; expected a + b = c."
+        )
+        yield Fault(number, "row", message, "no sign")
+        return
+    total, rest = (sides.left, sides.right) if sum_is_left else (sides.right, sides.left)
+    # Several results, or several sums of the same result, between commas.
+    if sum_is_left:
+        pairs = [(_summands(total), _unwrapped(result)) for result in rest.split(",")]
+        source.several_outputs += len(pairs) > 1
+    else:
+        pairs = [(_summands(part), _unwrapped(rest)) for part in total.split(",")]
+    for ingredients, result in pairs:
+        # Each fault once, in the order of the labels.
+        faults = dict.fromkeys(filter(None, map(_label_fault, (*ingredients, result))))
+        message = alternatives(ingredients, "+") or " Also, ".join(faults)
+        yield Fault(number, "label", message) if message else Row(number, ingredients, result)
 
 
 def _label_fault(label: str) -> str | None:
@@ -291,9 +212,10 @@ def _label_fault(label: str) -> str | None:
 
 def _is_heading(line: str) -> bool:
     """Return whether a line is a heading or comment; nested bullets and tags are recipes."""
-    if not _HEADING.match(line):
-        return False
-    return bool(_COMMENT.match(line)) or not _is_recipe(line)
+    # The name of a column of lines.
+    if len(line.split()) == 1 and is_documented(line):
+        return True
+    return bool(_COMMENT.match(line)) or bool(_HEADING.match(line) and not _is_recipe(line))
 
 
 def _is_recipe(line: str) -> bool:
@@ -304,43 +226,32 @@ def _is_recipe(line: str) -> bool:
 def _sides(line: str) -> _Sides | None:
     """Return what stands left and right of a line's sign, or None without exactly one sign."""
     content = line.translate(_WIDE_SIGNS).strip()
-    for _ in range(_MOST_MARKS):
-        mark = _MARK.match(content)
-        content = content[mark.end() :] if mark else content
-    content = _END_MARK.sub("", content)
+    mark = _MARK.match(content)
+    content = _END_MARK.sub("", content[mark.end() if mark else 0 :])
     for sign in _SIGNS:
-        found = list(islice(sign.finditer(content), 2))
-        if not found:
-            continue
-        first = found[0]
-        left = content[: first.start()].strip()
-        right = content[first.end() :].strip()
+        parts = sign.split(content, maxsplit=2)
         # A sign at an end is a mark; a less certain sign may part the line.
-        if not left or not right:
+        if len(parts) < 2 or not parts[0].strip() or not parts[1].strip():
             continue
-        if len(found) > 1:
+        if len(parts) > 2:
             return None
-        is_backward = bool(_IS_BACKWARD.match(first[0]))
-        return _Sides(_unwrapped(left), _unwrapped(right), is_backward)
+        is_backward = sign is _SIGNS[1]
+        left, right = map(_unwrapped, parts)
+        return _Sides(left, right, is_backward)
     return None
 
 
 def _summands(text: str) -> list[str]:
     """Return the parts of a sum; a plus without spaces is part of a label if there is one with."""
-    sign = " + " if " + " in text else "+"
-    parts = text.split(sign)
-    return [_unwrapped(part) for part in parts]
+    return [_unwrapped(part) for part in text.split(" + " if " + " in text else "+")]
 
 
 def _unwrapped(text: str) -> str:
     """Return a text without quotes or markup around all of it."""
-    text = text.strip()
-    for start, end in _WRAPPERS:
-        if not text.startswith(start) or not text.endswith(end):
-            continue
-        inner = text[len(start) : -len(end)]
-        # A link with two names, or two quoted labels, stay as they are, and are refused.
-        has_sign = start in inner or end in inner or "|" in inner
-        if inner.strip() and not has_sign:
+    text = without_markup(text.strip())
+    for quote in ('"', "'"):
+        inner = text.removeprefix(quote).removesuffix(quote)
+        # Two quoted labels stay as they are, and are refused.
+        if len(text) - len(inner) == 2 and quote not in inner and inner.strip():
             return inner.strip()
     return text

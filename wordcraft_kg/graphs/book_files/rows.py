@@ -1,16 +1,51 @@
-"""What every reader yields: recipes with places, faults, and rows that are no recipe."""
+"""What every reader yields: recipes, faults and rows left out; and the words of refusals."""
 
-import re
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.graphs.label_notes import NOTHING
 from wordcraft_kg.graphs.recipes import RecipeRows
 
 Place = int | str
 """Line number from 1, or a path in a JSON file or archive, such as ``recipes[3]``."""
-Row = tuple[Place, Sequence[str]]
-"""A recipe: its place, and valid labels, the result last and one or more ingredients before."""
+GUIDE = "docs/your-file.md"
+"""Guide with an example of each readable shape."""
+SHAPES = {
+    "table": "a table with two columns of ingredients and one of results: a,b,result",
+    "lines": "a line for each recipe: water + earth = mud",
+    "json": 'JSON such as {"mud": [["water", "earth"]]} or '
+    '[{"name": "mud", "recipes": [["water", "earth"]]}], or any JSON by paths in `--columns`, such '
+    "as 'recipes[].parts[],recipes[].out.name'",
+    "infinite-craft": 'a save of Infinite Craft: {"items": [{"id": 0, "text": "Water"}, ...]}',
+    "minecraft": "a data pack with JSON files in a folder recipe or recipes",
+    "compressed": "a file that is gzip, or a zip archive with one recipe book",
+    "encodings": "text in UTF-8",
+    "arities": "recipes of two ingredients, or any number with `--ingredients chain`",
+}
+"""Readable shapes by the anchor of their section in the guide."""
+MAX_LINE_LENGTH = 100_000
+"""Longest line, in characters: a file without line ends fails early, with the reason."""
+INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
+WITHOUT = "without ingredients or result"
+
+
+class Row(NamedTuple):
+    """A recipe.
+
+    Attributes:
+        place: where it stands.
+        ingredients: one or more labels.
+        result: label of what they make.
+        kind: kind of reasoning; empty without one.
+    """
+
+    place: Place
+    ingredients: Sequence[str]
+    result: str
+    kind: str = ""
 
 
 class Fault(NamedTuple):
@@ -43,91 +78,82 @@ class LeftOut(NamedTuple):
 
 
 Entry = Row | Fault | LeftOut
-NOTHING = "Nothing"
-"""Result of pairs that make nothing in Infinite Craft."""
-WITH_NOTHING = "with the result Nothing"
-FROM_NOTHING = "with Nothing as ingredient"
-"""Reasons for which such rows are left out."""
-INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
-_MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
-_ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>", re.IGNORECASE)
 
 
-def is_missing(cell: str) -> bool:
-    """Return whether a cell is what programs write for an empty one."""
-    return cell in _MISSING
-
-
-def is_infinite_craft(text: str) -> bool:
-    """Return whether a text holds the base of Infinite Craft, and its Nothing."""
-    words = (NOTHING, *INFINITE_CRAFT_BASE)
-    # A plain search is fast, and most texts lack one of the words.
-    if not all(word in text for word in words):
-        return False
-    return all(re.search(rf"\b{word}\b", text) for word in words)
-
-
-def alternatives(ingredients: Sequence[str]) -> str | None:
-    """Return why the parts of a sum may be those of several sums, or None.
-
-    Args:
-        ingredients: parts between pluses or other joiners, such as "water", "earth or rain",
-            "dirt". With two parts, the sign may as well be part of a label.
-    """
-    for part in ingredients if len(ingredients) > 2 else ():
-        sign = _ALTERNATIVE.search(part)
-        if sign:
-            return (
-                f"{part[:80]!r} in a sum of {len(ingredients)} may be the end of one recipe and "
-                f"the start of another, with {sign[0].strip()!r} between them; write one in each "
-                "row."
-            )
-    return None
-
-
-class RowSource(ABC):
-    """The entries of one file in one shape; iterate once.
+@dataclass
+class FileRows:
+    """The entries of one file in one shape.
 
     Attributes:
         shape: name of the shape, for people.
+        entries: recipes, faults and rows left out, in the file's order; iterated once.
         base: declared base entities with their places; None without a declaration.
         listed: entities that the file lists outside of recipes, with their places.
-        kind_of: kind of reasoning by sorted ingredients and result; filled while iterating.
-        delimiter, quote, columns, num_results, ignored, header: see
+        delimiter, quote, header, columns, num_results, ignored: see
             :class:`~wordcraft_kg.graphs.reading.Reading`.
         is_exact: whether cells are labels as they stand, as in our own shapes.
-        trimmed: cells without the characters at their ends that cannot be seen; counted while
-            iterating.
-        counts_dropped: ingredients whose number of pieces was dropped; counted while iterating.
-        several_outputs: entries with several results; counted while iterating.
+        numbered: all recipes at once, if each row is a plain recipe of two ingredients.
+        left_out: number of rows left out by reason, beside those among ``entries``.
+        trimmed: cells without the characters at their ends that cannot be seen.
+        counts_dropped: ingredients whose number of pieces was dropped.
+        several_outputs: entries with several results.
         notes: remarks for the announcement.
     """
 
-    shape = ""
+    shape: str
+    entries: Iterable[Entry] = ()
+    base: dict[str, Place] | None = None
+    listed: dict[str, Place] = field(default_factory=dict)
+    delimiter: str = ""
+    quote: str = ""
+    header: bool = True
+    columns: tuple[str, ...] = ()
+    num_results: int = 1
+    ignored: tuple[str, ...] = ()
+    is_exact: bool = False
+    numbered: RecipeRows | None = None
+    left_out: dict[str, int] = field(default_factory=dict)
+    trimmed: int = 0
+    counts_dropped: int = 0
+    several_outputs: int = 0
+    notes: list[str] = field(default_factory=list)
 
-    def __init__(self) -> None:
-        self.base: dict[str, Place] | None = None
-        self.listed: dict[str, Place] = {}
-        self.kind_of: dict[tuple[tuple[str, ...], str], str] = {}
-        self.delimiter = ""
-        self.quote = ""
-        self.header = True
-        self.columns: tuple[str, ...] = ()
-        self.num_results = 1
-        self.ignored: tuple[str, ...] = ()
-        self.is_exact = False
-        self.trimmed = 0
-        self.counts_dropped = 0
-        self.several_outputs = 0
-        self.notes: list[str] = []
 
-    def all_rows(self) -> RecipeRows | None:
-        """Return all entries at once, if each is a plain recipe of valid labels; None to iterate.
+def refusal(path: Path | str, seen: str, anchor: str, remedy: str = "") -> RecipeFileError:
+    """Return the error for a file that is not read; the caller raises it.
 
-        A recipe of this kind has two ingredients, and counts for nothing but itself.
-        """
-        return None
+    Args:
+        path: the file.
+        seen: what was seen, and what is missing.
+        anchor: key of :data:`SHAPES`: the nearest readable shape.
+        remedy: a sentence about what to do; empty if the readable shape says it.
 
-    @abstractmethod
-    def __iter__(self) -> Iterator[Entry]:
-        """Yield recipes, faults and rows left out, in the file's order."""
+    Returns:
+        The error, which names the nearest readable shape and the guide.
+    """
+    hint = f" {remedy}" if remedy else ""
+    return RecipeFileError(
+        f"{path}: {seen}.{hint} Nearest readable shape: {SHAPES[anchor]}. See {GUIDE}#{anchor}."
+    )
+
+
+def without_nothing(entries: Iterable[Entry]) -> list[Entry]:
+    """Return entries of Infinite Craft, in which Nothing is no result.
+
+    Args:
+        entries: all entries of a file whose labels hold the base of Infinite Craft.
+    """
+    kept: list[Entry] = []
+    for entry in entries:
+        reason = ""
+        if isinstance(entry, Row) and entry.result == NOTHING:
+            reason = WITH_NOTHING
+        elif isinstance(entry, Row) and NOTHING in entry.ingredients:
+            reason = FROM_NOTHING
+        kept.append(LeftOut(entry.place, reason) if reason else entry)
+    return kept
+
+
+WITH_NOTHING = "with the result Nothing"
+FROM_NOTHING = "with Nothing as ingredient"
+"""Reasons for which rows of Infinite Craft are left out."""

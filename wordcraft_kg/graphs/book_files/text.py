@@ -9,12 +9,14 @@ charset-normalizer 3.5 took a wrong reading in silence for 5; the rule here for 
 import codecs
 import re
 import unicodedata
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.escaping import for_terminal
-from wordcraft_kg.graphs.book_files.guide import refusal
+from wordcraft_kg.graphs.book_files.rows import refusal
 
 # UTF-32 first: its little-endian mark begins with that of UTF-16.
 _MARKS = {
@@ -38,10 +40,11 @@ _NOT_OF_FILES = frozenset(
 """Python's encodings of names and source code, not of files."""
 _WORD = re.compile(r"[^\s,;|\t\"=+()\[\]{}:/-]+")
 _PUNCTUATION = frozenset(
-    "'\u2019\u2018\u201c\u201d\u2013\u2014\u2026\u20ac\u00b0\u00bd\u00b2\u00b3\u00ab\u00bb._!?&#*"
+    "\u2019\u2018\u201c\u201d\u2013\u2014\u2026\u20ac\u00b0\u00bd\u00b2\u00b3\u00ab\u00bb"
 )
 _JAPANESE = ("CJK", "HIRAGANA", "KATAKANA", "KATAKANA-HIRAGANA", "IDEOGRAPHIC")
 _SHORT_WORD = 3
+_REMEDY = "Name the file's encoding with --encoding, or save the file as UTF-8."
 _MANY_ZEROS = 0.3  # of the bytes at even or odd places: text in UTF-16
 
 
@@ -96,28 +99,17 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
             several encodings fit and give different texts; the message shows two readings.
     """
     mark = next((mark for mark in _MARKS if data.startswith(mark)), b"")
-    name = encoding or _MARKS.get(mark) or _guess(path, data)
-    if mark and encoding and not _fits_mark(encoding, _MARKS[mark]):
-        marked = _MARKS[mark].removesuffix("-sig")
-        raise refusal(
-            path,
-            f"it begins with the byte order mark of {marked}, and `encoding` is {encoding}",
-            "encodings",
-            "Leave `encoding` out.",
-        )
-    if name in ("utf-8", "utf8", "utf-8-sig"):
-        name = "utf-8-sig"
+    marked = _MARKS.get(mark, "")
+    name = codecs.lookup(encoding).name if encoding else marked or _guess(path, data)
+    if marked and not name.startswith(marked.removesuffix("-sig")):
+        family = marked.removesuffix("-sig")
+        seen = f"it begins with the byte order mark of {family}, and `encoding` is {encoding}"
+        raise refusal(path, seen, "encodings", "Leave --encoding out.")
     try:
-        text = data.decode(name)
+        text = data.removeprefix(codecs.BOM_UTF8).decode(name.removesuffix("-sig"))
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        byte = data[error.start]
-        raise refusal(
-            path,
-            f"line {line} is not {name.removesuffix('-sig')} (byte 0x{byte:02x})",
-            "encodings",
-            "Name the file's encoding with `encoding`, or save the file as UTF-8.",
-        ) from None
+        seen = _not(path, data, name.removesuffix("-sig"), error)
+        raise refusal(path, seen, "encodings", _REMEDY) from None
     # A decoder with a byte order in its name leaves the mark.
     text = text.removeprefix("\ufeff") if mark and encoding else text
     if text.startswith("\ufeff"):
@@ -127,113 +119,71 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
     return Decoded(text, name.removesuffix("-sig"), bool(mark))
 
 
-def _fits_mark(encoding: str, marked: str) -> bool:
-    """Return whether an encoding is of the family that a byte order mark tells."""
-    return codecs.lookup(encoding).name.startswith(marked.removesuffix("-sig"))
+def _not(path: Path, data: bytes, name: str, error: UnicodeDecodeError) -> str:
+    line = data.count(b"\n", 0, error.start) + 1
+    return f"line {line} is not {name} (byte 0x{data[error.start]:02x})"
 
 
 def _guess(path: Path, data: bytes) -> str:
+    """Return the encoding of bytes, if all plausible ones give one text."""
     if b"\x00" in data:
         return _wide(path, data)
-    if data.isascii():
-        return "utf-8"
     try:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
-        return _detected(path, data, error)
-    return "utf-8"
+        start = error.start
+        seen = _not(path, data, "UTF-8", error)
+    else:
+        return "utf-8"
+    # All lines with bytes outside of ASCII, each once, are all that a guess can go by.
+    lines = dict.fromkeys(line for line in data.splitlines() if not line.isascii())
+    sample = b"\n".join(lines)[:_SAMPLE]
+    texts: dict[str, str] = {}
+    for name in _ENCODINGS:
+        # A sample may end within a character of several bytes.
+        with suppress(UnicodeDecodeError):
+            text = codecs.getincrementaldecoder(name)().decode(sample)
+            if all(word.isascii() or _is_word(word) for word in set(_WORD.findall(text))):
+                texts.setdefault(text, name)
+    if len(texts) == 1:
+        return next(iter(texts.values()))
+    if texts:
+        two = [_reading(data, name, start) for name in list(texts.values())[:2]]
+        seen = f"{seen}; its encoding is not certain: {' or '.join(two)}"
+    raise refusal(path, seen, "encodings", _REMEDY)
 
 
 def _wide(path: Path, data: bytes) -> str:
     """Return which kind of UTF-16 bytes with zeros are, or refuse them as binary."""
-    even = data[::2]
-    odd = data[1::2]
-    many = _MANY_ZEROS * len(odd)
     # In most scripts many characters, such as spaces and line ends, are below 256. One byte of
     # their two is zero: the second one in little endian, the first one in big endian. The other
     # byte is never zero in usual text, but often in binary files.
-    if odd.count(0) > many and not even.count(0):
-        return "utf-16-le"
-    if odd and even.count(0) > many and not odd.count(0):
-        return "utf-16-be"
-    raise refusal(path, "a binary file (it holds zero bytes), not text", "encodings")
-
-
-def _detected(path: Path, data: bytes, error: UnicodeDecodeError) -> str:
-    """Return the encoding of bytes that are not UTF-8, if all plausible encodings give one text."""
-    sample = _sample(data)
-    texts: dict[str, str] = {}
-    for name in _ENCODINGS:
-        text = _decoded(sample, name)
-        if text is not None and _is_plausible(text):
-            texts.setdefault(text, name)
-    line = data.count(b"\n", 0, error.start) + 1
-    byte = data[error.start]
-    seen = f"line {line} is not UTF-8 (byte 0x{byte:02x})"
-    remedy = "Name the file's encoding with `encoding`, or save the file as UTF-8."
-    if not texts:
-        raise refusal(path, seen, "encodings", remedy)
-    if len(texts) > 1:
-        names = list(texts.values())[:2]
-        readings = " or ".join(_reading(data, name, error.start) for name in names)
-        raise refusal(path, f"{seen}; its encoding is not certain: {readings}", "encodings", remedy)
-    return next(iter(texts.values()))
-
-
-def _sample(data: bytes) -> bytes:
-    """Return all lines with bytes outside of ASCII, each once: all that a guess can go by."""
-    lines = (line for line in data.splitlines() if not line.isascii())
-    return b"\n".join(dict.fromkeys(lines))[:_SAMPLE]
-
-
-def _decoded(data: bytes, name: str) -> str | None:
-    # A sample may end within a character of several bytes.
-    decoder = codecs.getincrementaldecoder(name)()
-    try:
-        return decoder.decode(data)
-    except UnicodeDecodeError:
-        return None
-
-
-def _is_plausible(text: str) -> bool:
-    """Return whether words outside of ASCII look as people write them.
-
-    They have one script, no capitals after small letters, no signs inside, and in Latin script at
-    most half of the letters with accents.
-    """
-    words = set(_WORD.findall(text))
-    return all(word.isascii() or _is_word(word) for word in words)
+    even, odd = data[::2].count(0), data[1::2].count(0)
+    if min(even, odd) or max(even, odd) <= _MANY_ZEROS * (len(data) // 2):
+        raise refusal(path, "a binary file (it holds zero bytes), not text", "encodings")
+    return "utf-16-le" if odd else "utf-16-be"
 
 
 def _is_word(word: str) -> bool:
-    """Return whether a word looks as people write it, see :func:`_is_plausible`."""
-    scripts = set()
-    before = ""
-    for char in word:
-        if char in _PUNCTUATION:
-            before = ""
-            continue
-        is_sign = not char.isalpha() and not char.isdigit()
-        if is_sign and not char.isascii():
-            return False
-        if char.isalpha():
-            # A letter's name begins with its script, as in LATIN SMALL LETTER A.
-            script = unicodedata.name(char, "").partition(" ")[0]
-            scripts.add("CJK" if script in _JAPANESE else script)
-        is_capital_inside = before.islower() and char.isupper()
-        if is_capital_inside and not char.isascii():
-            return False
-        before = char
-    accented = sum(not char.isascii() for char in word)
-    is_latin = scripts == {"LATIN"} and len(word) > _SHORT_WORD
-    if is_latin and 2 * accented > len(word):
+    """Return whether a word looks as people write it.
+
+    It has one script, no capitals after small letters, no signs inside, and in Latin script at most
+    half of the letters with accents.
+    """
+    foreign = [char for char in word if not char.isascii() and char not in _PUNCTUATION]
+    if not all(char.isalpha() or char.isdigit() for char in foreign):
         return False
-    return len(scripts) <= 1 and "HALFWIDTH" not in scripts
+    if any(a.islower() and b.isupper() and not b.isascii() for a, b in pairwise(word)):
+        return False
+    # A letter's name begins with its script, as in LATIN SMALL LETTER A.
+    names = [unicodedata.name(char, "").partition(" ")[0] for char in word if char.isalpha()]
+    scripts = {"CJK" if name in _JAPANESE else name for name in names}
+    is_latin = scripts == {"LATIN"} and len(word) > _SHORT_WORD
+    return len(scripts) <= 1 and not (is_latin and 2 * len(foreign) > len(word))
 
 
 def _reading(data: bytes, name: str, start: int) -> str:
     """Return the line around a byte as an encoding reads it, for a refusal."""
     line_start = data.rfind(b"\n", 0, start) + 1
     around = data[line_start : start + 30].decode(name, errors="replace")
-    line = around.splitlines()[0]
-    return f"{for_terminal(line[:60])!r} as {name}"
+    return f"{for_terminal(around.splitlines()[0][:60])!r} as {name}"

@@ -4,19 +4,17 @@ Memory holds nodes and edges, about 150 bytes for a new node and 30 for an edge,
 """
 
 import csv
-import gzip
-import zlib
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import numpy as np
 
+from wordcraft_kg.base.archives import read_lines
 from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 from wordcraft_kg.models.knowledge.triple_lines import (
@@ -29,8 +27,6 @@ from wordcraft_kg.models.knowledge.triple_lines import (
     parser_of,
 )
 
-_LONGEST = 2**20
-"""Most bytes in a line; a longer line suggests another kind of file, and could fill the memory."""
 _USELESS = {
     b"/r/ExternalURL",
     b"/r/FormOf",
@@ -41,15 +37,6 @@ _USELESS = {
 _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
 """Relations whose edges are stored in one direction, so that two assertions are not two edges."""
 _ENGLISH = b"/c/en/"
-_MOST_BLANK = 2**20
-"""Most blank lines; a small compressed file could hold so many that reading them takes hours."""
-_SOME = 2**26
-"""Bytes of a compressed file that may be packed in any way: seconds of reading."""
-_DENSEST = 100
-"""Most bytes from a compressed byte, beyond the first ones.
-
-Only mere repetition, up to 1,032, gives more.
-"""
 
 
 class _Assertion(msgspec.Struct):
@@ -107,8 +94,7 @@ def read_triples(path: Path) -> Network:
     parse: Parser | None = None
     for number, line in _lines(path):
         try:
-            # The mark that some programs write before UTF-8 is no part of the first name.
-            text = line.decode("utf-8-sig").strip("\r\n")
+            text = line.decode().strip("\r\n")
             parse = parse or parser_of(text)
             parsed = parse(text)
         except UnicodeError:
@@ -249,28 +235,9 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
         raise KnowledgeFileError(
             f"{path} is not a file; expected a file of triples or assertions, plain or gzipped."
         )
-    number = num_blank = num_bytes = 0
-    with path.open("rb") as file:
-        is_compressed = file.read(2) == b"\x1f\x8b"
-    most_bytes = max(_SOME, _DENSEST * path.stat().st_size)
-    try:
-        with gzip.open(path) if is_compressed else path.open("rb") as file:
-            # At most so many bytes at once: a file without line ends would fill the memory.
-            lines = iter(partial(file.readline, _LONGEST), b"")
-            for number, line in enumerate(lines, 1):
-                if len(line) == _LONGEST:
-                    raise _fault(path, number, f"more than {_LONGEST:,} characters")
-                num_bytes += len(line)
-                if is_compressed and num_bytes > most_bytes:
-                    raise _fault(path, number, f"more than {_DENSEST} bytes from a compressed byte")
-                if not line.isspace():
-                    yield number, line
-                    continue
-                num_blank += 1
-                if num_blank > _MOST_BLANK:
-                    raise _fault(path, number, f"more than {_MOST_BLANK:,} blank lines")
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise _fault(path, number + 1, f"the compressed file is cut or damaged ({error})") from None
+    for number, line in read_lines(path, KnowledgeFileError):
+        if not line.isspace():
+            yield number, line
 
 
 def _fault(path: Path, line: int, problem: str) -> KnowledgeFileError:

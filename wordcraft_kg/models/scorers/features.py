@@ -4,14 +4,10 @@ Files of vectors come from anywhere: every number is checked, nothing is unpickl
 the line.
 """
 
-import codecs
-import gzip
 import hashlib
-import io
 import json
 import os
 import re
-import zlib
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -22,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.archives import read_lines
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
@@ -45,7 +42,6 @@ _POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
 _LISTED = 20
 """Most unknown words in an error."""
 _SPLIT = "labels are split at blanks, _, -, :, / and capitals"
-_GZIP_MAGIC = b"\x1f\x8b"
 ENCODED = "vectors.npy"
 """Vectors of a sentence encoder, from ``encode`` or built in; ``vectors.labels.txt`` has labels."""
 ENCODE = "wordcraft-kg encode GRAPH --encoder sentence-transformers/all-MiniLM-L6-v2"
@@ -424,7 +420,7 @@ def _from_file(
     read = _read_array if path.suffix.lower() == ".npy" else _parse
     try:
         vectors = read(path, wanted)
-    except (OSError, EOFError, zlib.error) as error:
+    except OSError as error:
         raise ConfigError(
             f"{path} cannot be read: {error}. Download the file again, or use another file."
         ) from error
@@ -542,13 +538,7 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield stripped lines of a file, gzipped or not, numbered from 1."""
-    with path.open("rb") as raw:
-        # By content, not by name; no UTF-8 text starts with these bytes.
-        is_packed = raw.peek(2)[:2] == _GZIP_MAGIC
-        file = io.BufferedReader(gzip.GzipFile(fileobj=raw)) if is_packed else raw
-        for number, line in enumerate(file, 1):
-            text = line.removeprefix(codecs.BOM_UTF8) if number == 1 else line
-            yield number, text.strip()
+    return ((number, line.strip()) for number, line in read_lines(path, ConfigError))
 
 
 def _decoded(text: bytes, path: Path, number: int) -> str:

@@ -1,0 +1,360 @@
+"""The rule of the reader: each kind of wrong reading is read right, or refused with commands that work."""
+
+import json
+import random
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.graphs import open_book, read_book
+from wordcraft_kg.graphs.chains import unchained
+
+ROWS = (
+    ("water", "earth", "mud"),
+    ("water", "fire", "steam"),
+    ("earth", "fire", "lava"),
+    ("lava", "air", "stone"),
+    ("mud", "fire", "brick"),
+    ("brick", "stone", "wall"),
+)
+NAMES = sorted({label for row in ROWS for label in row})
+IDS = {name: number for number, name in enumerate(NAMES, 1)}
+KITCHEN = tuple(map(tuple, open_book("kitchen").recipes))
+
+
+def records(*keys, rows=ROWS, **more):
+    return [{**dict(zip(keys, row, strict=True)), **more} for row in rows]
+
+
+def listed(parts, result, rows=ROWS, **more):
+    return [{parts: [a, b], result: c, **more} for a, b, c in rows]
+
+
+def things(ingredient, **names):
+    """Return a list of things with a recipe each, whose ingredients are written in a way."""
+    made = {c: [a, b] for a, b, c in ROWS}
+    listing = []
+    for name in NAMES:
+        thing = {key: value(name) for key, value in names.items()}
+        thing["recipe"] = {"time": 1, "ingredients": list(map(ingredient, made.get(name, [])))}
+        listing.append(thing)
+    return listing
+
+
+def cells(header, *columns, rows=ROWS):
+    return header + "\n" + "".join(",".join(f(*row) for f in columns) + "\n" for row in rows)
+
+
+def first(a, b, c):
+    return a
+
+
+def second(a, b, c):
+    return b
+
+
+def result(a, b, c):
+    return c
+
+
+READ = {
+    # One thing under two names.
+    "ids in objects": things(lambda n: {"id": IDS[n], "amount": 2}, id=IDS.get, name=str),
+    "slugs in texts": things(lambda n: f"{n}_item", slug=lambda n: f"{n}_item", title=str),
+    "emoji": [
+        {
+            "elements": [chr(0x1F300 + IDS[a]), chr(0x1F300 + IDS[b])],
+            "result": {"emoji": chr(0x1F300 + IDS[c]), "name": c},
+        }
+        for a, b, c in ROWS
+    ]
+    + [{"elements": [], "result": {"emoji": chr(0x1F300 + IDS[n]), "name": n}} for n in NAMES],
+    "ids by key": {
+        "names": {str(IDS[n]): n for n in NAMES},
+        "recipes": {str(IDS[c]): [[str(IDS[a]), str(IDS[b])]] for a, b, c in ROWS},
+    },
+    "places of a list": {
+        "names": NAMES,
+        "recipes": [[IDS[a] - 1, IDS[b] - 1, IDS[c] - 1] for a, b, c in ROWS],
+    },
+    "ids in a table": cells(
+        "P1 ID,P1 Name,P2 ID,P2 Name,Child ID,Child Name".replace("P", "Parent "),
+        *(lambda a, b, c: str(IDS[a]), first, lambda a, b, c: str(IDS[b]), second),
+        *(lambda a, b, c: str(IDS[c]), result),
+    ),
+    # The result under another key than the row's id or name.
+    **{
+        f"result under {key}": listed(parts, key, id=7)
+        for parts, key in (
+            ("ingredients", "resultId"),
+            ("inputs", "output_item"),
+            ("reactants", "produces"),
+            ("zutaten", "ergebnis"),
+            ("ingredientes", "plato"),
+            ("ингредиенты", "результат"),
+            ("材料", "结果"),
+            ("素材", "完成品"),
+            ("재료", "결과"),
+            ("składniki", "wynik"),
+            ("malzemeler", "sonuç"),
+        )
+    },
+    "a recipe's own name": [
+        {"name": f"Make {c}", "inputs": [a, b], "gives": c} for a, b, c in ROWS
+    ],
+    # One ingredient is no pair.
+    "item and path": [
+        {"name": c, "ingredients": [{"item": x, "item_path": f"/{x}", "count": 2} for x in (a, b)]}
+        for a, b, c in ROWS
+    ],
+    "item and its name": [
+        {"name": c, "ingredients": [{"item": x, "item_name": x.title()} for x in (a, b)]}
+        for a, b, c in ROWS
+    ],
+    "ingredient and quantity": [
+        {"id": 1, "name": c, "ingredients": [{"ingredient": a, "quantity": 2}, {"ingredient": b}]}
+        for a, b, c in ROWS
+    ],
+    # Counts and effects are no labels.
+    "counts by label": [{"reactants": {a: 1, b: 3}, "products": {c: 1}} for a, b, c in ROWS],
+    "counts by result": {c: {a: 1, b: 3} for a, b, c in ROWS},
+    "labels and counts": [{"name": c, "ingredients": [[a, 1], [b, 3]]} for a, b, c in ROWS],
+    "effects beside": listed("ingredients", "result", effects=["heals"], power=3),
+    "counts in columns": cells(
+        "Item,Station,Ingredient 1,Qty 1,Ingredient 2,Qty 2",
+        *(result, lambda a, b, c: "Oven", first, lambda a, b, c: "2"),
+        *(second, lambda a, b, c: "1"),
+    ),
+    # Lists in cells, and other signs between names.
+    "Python lists": cells("name,ingredients", result, lambda a, b, c: f"\"['{a}', '{b}']\""),
+    "JSON lists": cells("name,ingredients", result, lambda a, b, c: f'"[""{a}"", ""{b}""]"'),
+    "dictionaries": cells(
+        "name,ingredients", result, lambda a, b, c: f"\"{{'{a}': 2, '{b}': 1}}\""
+    ),
+    **{
+        f"sign {sign.strip()}": [{"name": c, "recipes": [f"{a}{sign}{b}"]} for a, b, c in ROWS]
+        for sign in (" + ", "+", ", ", " x ", " and ", " & ", "/", " × ")
+    },
+    "A x B": cells("Combination,Result", lambda a, b, c: f"{a} x {b}", result),
+    "lines of A x B": "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
+    "several tables": "# One\n\n"
+    + "\nText.\n\n".join(
+        "| First | Second | Result |\n|---|---|---|\n"
+        + "".join(f"| {a} | {b} | {c} |\n" for a, b, c in part)
+        for part in (ROWS[:3], ROWS[3:])
+    ),
+    "comments between rows": "a,b,result\n" + "".join(f"# part\n{a},{b},{c}\n" for a, b, c in ROWS),
+    # Groups and containers.
+    "tiers": {f"tier {i}": {c: {"recipe": [a, b]}} for i, (a, b, c) in enumerate(ROWS)},
+    "groups of a list": {
+        "groups": [
+            {"name": "Air", "elements": [{"name": c, "reactions": [[a, b]]} for a, b, c in ROWS]}
+        ]
+    },
+    "an API's page": {"count": 6, "results": listed("ingredients", "name", url="https://a")},
+    "partners below a thing": [
+        {"name": a, "combinations": [{"with": b, "makes": c}]} for a, b, c in ROWS
+    ],
+    "two keys": {
+        "water": {"earth": "mud", "fire": "steam"},
+        "earth": {"fire": "lava"},
+        "lava": {"air": "stone"},
+        "mud": {"fire": "brick"},
+        "brick": {"stone": "wall"},
+    },
+    "a cache": {f"{a};{b}": {"result": c, "emoji": "x", "isNew": True} for a, b, c in ROWS},
+    "columns": {
+        "first": [r[0] for r in ROWS],
+        "second": [r[1] for r in ROWS],
+        "result": [r[2] for r in ROWS],
+    },
+}
+
+
+@pytest.fixture
+def put(tmp_path):
+    def put(content, name="book.txt"):
+        path = tmp_path / name
+        text = content if isinstance(content, str) else json.dumps(content, ensure_ascii=False)
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return put
+
+
+def recipes(book):
+    return {(*sorted(parts), made) for parts, made in unchained(book.recipes)}
+
+
+def expected(rows):
+    return {(*sorted(row[:2]), row[2]) for row in rows}
+
+
+@pytest.mark.parametrize("case", READ)
+def test_a_file_is_read_as_it_is_meant(put, case):
+    book = read_book(put(READ[case]))
+    assert recipes(book) == expected(ROWS)
+    reading = book.reading
+    assert reading.rows == reading.kept + sum(reading.left_out.values())
+
+
+ADVISED = {
+    "an unknown key of results": [
+        {"name": f"Recipe {i}", "ingredients": [a, b], "zorkel": c}
+        for i, (a, b, c) in enumerate(ROWS)
+    ],
+    "unknown keys": records("foo", "bar", "baz"),
+    "unknown columns": cells("X1,X2,Y", first, second, result),
+    "an unknown column of sums": cells("Breeding,Result", lambda a, b, c: f"{a} x {b}", result),
+    "an unknown key, a large book": [
+        {"id": i, "ingredients": [a, b], "zorkel": c} for i, (a, b, c) in enumerate(KITCHEN)
+    ],
+    "chemistry": [{"reactants": [f"a{i}", f"b{i}"], "products": [f"c{i}"]} for i in range(30)],
+}
+
+
+@pytest.mark.parametrize("case", ADVISED)
+def test_a_refusal_has_a_command_that_reads_the_file(put, case):
+    content = ADVISED[case]
+    path = put(content)
+    with pytest.raises(RecipeFileError) as caught:
+        read_book(path)
+    message = str(caught.value).partition("Nearest readable shape")[0]
+    commands = re.findall(r"--columns '([^']+)'( --ingredients chain)?", message)
+    assert commands, message
+    for columns, chain in commands:
+        options = {"ingredients": "chain"} if chain else {}
+        book = read_book(path, columns=columns.split(","), **options)
+        if case.endswith("large book"):
+            assert recipes(book) == expected(KITCHEN)
+        elif case != "chemistry":
+            assert recipes(book) == expected(ROWS)
+
+
+PARTNERS = {"water": [["earth", "mud"], ["fire", "steam"]], "earth": [["fire", "lava"]]}
+
+
+def test_two_readings_are_refused_with_both_commands(put):
+    path = put(PARTNERS)
+    with pytest.raises(RecipeFileError, match="two readings fit") as caught:
+        read_book(path)
+    columns = re.findall(r"--columns '([^']+)'", str(caught.value))
+    found = [recipes(read_book(path, columns=each.split(","))) for each in columns]
+    assert expected(ROWS[:3]) in found
+    assert len(found) == 2
+
+
+REFUSED = {
+    "properties": (
+        {"water": {"emoji": "W", "kind": "wet"}, "mud": {"emoji": "M", "kind": "x"}},
+        "",
+    ),
+    "numbers that are properties": ({"axe": {"damage": 7, "speed": 2}, "bow": {"damage": 9}}, ""),
+    "effects as result": ([{"ingredients": ["herb", "salt"], "result": {"energy": 40}}], "energy"),
+    "potions by effects": ([{"name": n, "effects": ["heal", "rest"]} for n in NAMES], "effects"),
+    "uses": ([{"name": a, "usedIn": [c]} for a, _, c in ROWS], "usedIn"),
+    "edges": ([{"source": a, "target": c} for a, _, c in ROWS], "target"),
+    "items without recipes": ([{"name": n, "weight": 3} for n in NAMES], "'name', 'weight'"),
+    "cooking of many dishes": (
+        [{"name": f"dish {i}", "ingredients": [f"a{i % 7}", f"b{i % 5}"]} for i in range(40)],
+        "0 of 40 results are ingredients of other recipes",
+    ),
+    "other cases": (
+        listed("inputs", "output", rows=[(a, b, c.upper()) for a, b, c in KITCHEN]),
+        "--case fold",
+    ),
+    "parts in rows": (
+        "id,ingredient,result\n" + "".join(f"1,{a},{c}\n1,{b},{c}\n" for a, b, c in ROWS),
+        "most rows have one ingredient",
+    ),
+    "sums in several columns": (
+        "Result,Recipe 1,Recipe 2\n" + "".join(f"{c},{a} + {b},{b} + {a}\n" for a, b, c in ROWS),
+        "may be several things",
+    ),
+    "choices beside ingredients": ([{"ingredients": [["oak", "fir"], "coal"], "result": "x"}], ""),
+    "numbers as results": ("a,b,result\nwater,earth,12\nfire,sand,13\n", ""),
+    "weights": ("a,b,weight\nwater,earth,0.5\nfire,sand,0.25\n", "weight"),
+    "merged cells": ("a,b,result\nwater,earth,mud\n,fire,steam\n", "line 3: a blank cell before"),
+    "a missing value": ("a,b,result\nice,NA,water\n", "line 2: 'NA' may be a missing value"),
+    "or": ("Result,Recipe\nmud,water + earth or rain + dirt\n", "'or' between them"),
+    "breaks": ("Result,Recipe\nmud,water + earth<br>rain + dirt\n", "'<br>' between them"),
+    "another sign": ("Recipe,Result\na + b,c\nx & y,z\n", "may be one ingredient or several"),
+    "another header below": (
+        "| First | Second | Result |\n|---|---|---|\n| a | b | c |\n\n| Result | First | Second |\n",
+        "names the columns again",
+    ),
+    "an id of nothing": (
+        {"elements": [{"id": 1, "name": "a"}], "recipes": [{"a": 1, "b": 9, "result": 1}]},
+        "'9' is the id of nothing",
+    ),
+    "an id of two things": (
+        {
+            "elements": [{"id": 1, "name": "a"}, {"id": 1, "name": "b"}, {"id": 2, "name": "c"}],
+            "recipes": [{"a": 1, "b": 2, "result": 2}],
+        },
+        "'1' belongs to several things",
+    ),
+    "many labels under keys": ({"x": list("abcdef"), "y": list("klmnop")}, "may be columns"),
+    "two lists": (
+        {"one": listed("parents", "child"), "two": listed("inputs", "output", rows=KITCHEN)},
+        "two readings fit",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_book_for_sure_is_refused(put, case):
+    content, says = REFUSED[case]
+    with pytest.raises(RecipeFileError, match=re.escape(says)) as caught:
+        read_book(put(content))
+    assert "docs/your-file.md" in str(caught.value)
+    assert "--single-ingredient" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        (["nope", "ingredients[]"], "no such column"),
+        (["[].ingredients[]"], "expected different columns"),
+        (["[].ingredients[", "[].gives"], "a path of keys"),
+    ],
+)
+def test_wrong_paths_are_refused_with_the_grammar_or_the_paths(put, columns, says):
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        read_book(put(READ["a recipe's own name"]), columns=columns)
+
+
+def test_paths_read_any_json(put):
+    deep = {"a.b": {"made": [{"of": [{"x": [a, b]}], "out": {"nm": c}} for a, b, c in ROWS]}}
+    book = read_book(put(deep), columns=[r"a\.b.made[].of[].x[]", r"a\.b.made.out.nm"])
+    assert recipes(book) == expected(ROWS)
+
+
+def test_a_row_without_ingredients_or_result_is_left_out_and_counted(put):
+    rows = [*records("a", "b", "result"), {"a": "x", "b": "y"}, {"result": "z"}]
+    book = read_book(put(rows))
+    assert recipes(book) == expected(ROWS)
+    assert book.reading.left_out == {"without ingredients or result": 2}
+
+
+@given(seed=st.integers(0, 2**32), shape=st.sampled_from(["records", "things", "table"]))
+def test_the_order_of_keys_rows_and_columns_changes_nothing(tmp_path_factory, seed, shape):
+    rng = random.Random(seed)
+    rows = rng.sample(KITCHEN, 60)
+    if shape == "table":
+        order = rng.sample(range(3), 3)
+        lines = [[row[i] for i in order] for row in [("in1", "in2", "out"), *rows]]
+        text = "\n".join(map(",".join, lines))
+    else:
+        key = "result" if shape == "records" else "name"
+        content = [
+            {"id": i, "emoji": "x", "inputs": [a, b], key: c} for i, (a, b, c) in enumerate(rows)
+        ]
+        content = [dict(rng.sample(list(each.items()), 4)) for each in content]
+        text = json.dumps(content)
+    path = tmp_path_factory.mktemp("orders") / "book.txt"
+    path.write_text(text)
+    assert recipes(read_book(path)) == expected(rows)

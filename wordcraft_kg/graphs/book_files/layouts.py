@@ -1,0 +1,196 @@
+"""JSON layouts with keys of their own: ours, the paper's, HIF, dumps of Infinite Craft."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.graphs.book_files.cells import trim_unseen
+from wordcraft_kg.graphs.book_files.rows import (
+    FROM_NOTHING,
+    INFINITE_CRAFT_BASE,
+    WITH_NOTHING,
+    Entry,
+    Fault,
+    FileRows,
+    Row,
+    refusal,
+)
+from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
+from wordcraft_kg.graphs.label_notes import NOTHING
+from wordcraft_kg.graphs.recipes import RecipeRows, check_label, label_fault, shown
+
+
+def known_layout(path: Path, document: Any) -> FileRows | None:
+    """Return the rows of a layout that its keys tell; None for any other document.
+
+    Args:
+        path: the file, for errors.
+        document: the parsed JSON.
+
+    Raises:
+        RecipeFileError: if the base, kinds or items of such a layout are damaged.
+    """
+    if not isinstance(document, dict):
+        return None
+    if is_hif(document):
+        return _hypergraph(path, document)
+    entities, recipes = document.get("entities"), document.get("recipes")
+    items = document.get("items")
+    if isinstance(entities, list) and isinstance(recipes, list):
+        return _our_layout(path, document)
+    if isinstance(entities, dict) and all(map(_has_pairs, entities.values())):
+        return _official_layout(path, entities)
+    is_dump = isinstance(items, list) and isinstance(recipes, list) and items and recipes
+    if is_dump and all(map(_is_index_row, recipes)):
+        return _dump(path, items, recipes)
+    return None
+
+
+def _has_pairs(entry: Any) -> bool:
+    return isinstance(entry, dict) and "recipes" in entry
+
+
+def _is_index_row(row: Any) -> bool:
+    # By type: true and false are instances of int, but no indices.
+    return isinstance(row, list) and len(row) == 3 and all(type(each) is int for each in row)
+
+
+def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
+    """Read our own layout, in which a wrong row is a fault in its place."""
+    rows, base, kinds = document["recipes"], document.get("base"), document.get("kinds")
+    if base is not None and not isinstance(base, list):
+        found = type(base).__name__
+        raise RecipeFileError(f"{path}: 'base' is {found}; expected a list of labels or null.")
+    if kinds is not None and (not isinstance(kinds, list) or len(kinds) != len(rows)):
+        expected = 'expected a list with a kind, or "", for each recipe.'
+        raise RecipeFileError(f"{path}: kinds is {shown(kinds)}; {expected}")
+
+    def raws() -> Iterator[tuple[str, Any, Any]]:
+        for index, row in enumerate(rows):
+            yield f"recipes[{index}]", row, kinds[index] if kinds else ""
+
+    source = FileRows("our own JSON", is_exact=True)
+    _list(source, path, document["entities"], base)
+    source.entries = _exact(raws(), source.listed, "[ingredient, ingredient, result]")
+    return source
+
+
+def _official_layout(path: Path, entities: Mapping[str, Mapping[str, Any]]) -> FileRows:
+    """Read the layout of the paper's code: pairs below each entity."""
+    source = FileRows("the paper's JSON", is_exact=True)
+    _list(source, path, list(entities), None)
+
+    def raws() -> Iterator[tuple[str, Any, Any]]:
+        for result, entry in entities.items():
+            place = f"entities['{result}']"
+            if not isinstance(entry["recipes"], list):
+                yield f"{place}.recipes", entry["recipes"], ""
+                continue
+            for index, pair in enumerate(entry["recipes"]):
+                row = [*pair, result] if isinstance(pair, list) and pair else pair
+                yield f"{place}.recipes[{index}]", row, ""
+
+    source.entries = _exact(raws(), source.listed, "a list of ingredients")
+    return source
+
+
+def _list(source: FileRows, path: Path, entities: Iterable[Any], base: list[Any] | None) -> None:
+    """Note the entities that a file lists, and its base among them."""
+    for index, label in enumerate(entities):
+        place = f"entities[{index}]"
+        source.listed[check_label(label, f"{path}: {place}")] = place
+    if base is not None:
+        source.base = {}
+        for index, label in enumerate(base):
+            fault = _unknown(label, source.listed, f"base[{index}]")
+            if fault:
+                raise RecipeFileError(f"{path}: {fault}")
+            source.base[label] = f"base[{index}]"
+
+
+def _unknown(label: Any, known: Mapping[str, Any], where: str) -> str | None:
+    fault = label_fault(label)
+    if fault is None and label not in known:
+        fault = f"'{label}' is not among the file's entities.{nearest(label, known)}"
+    return None if fault is None else f"{where}: {fault}"
+
+
+def _exact(
+    raws: Iterable[tuple[str, Any, Any]], known: Mapping[str, Any], expected: str
+) -> Iterator[Entry]:
+    """Yield the recipes of rows of labels that a file lists."""
+    for place, row, kind in raws:
+        # The frequent case: labels of the list, which were looked at already.
+        if kind == "" and isinstance(row, list) and len(row) > 1 and _are_known(row, known):
+            yield Row(place, row[:-1], row[-1])
+            continue
+        if not isinstance(row, list) or len(row) < 2:
+            yield Fault(place, "row", f"{place} is {shown(row)}; expected {expected}.", "own row")
+            continue
+        faults = [_unknown(label, known, place) for label in row]
+        if kind != "":
+            kind_fault = label_fault(kind)
+            faults.append(kind_fault and f"{place}: {kind_fault}")
+        fault = next(filter(None, faults), None)
+        if fault is None:
+            yield Row(place, row[:-1], row[-1], kind)
+        else:
+            yield Fault(place, "label", fault)
+
+
+def _are_known(row: list[Any], known: Mapping[str, Any]) -> bool:
+    try:
+        return all(label in known for label in row)
+    except TypeError:  # an object or a list, which is not hashable
+        return False
+
+
+def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
+    """Read a directed hypergraph in HIF, as `export --format hif` writes it."""
+    found = recipes_of_hif(document, str(path))
+    source = FileRows("a hypergraph (HIF)", is_exact=True, counts_dropped=found.dropped_counts)
+    _list(source, path, found.listed, None if found.base is None else list(found.base))
+    # For people, edges count from 1.
+    source.entries = [
+        Row(f"edge {number}", row[:-1], row[-1], kind)
+        for number, (row, kind) in enumerate(zip(found.rows, found.kinds, strict=True), start=1)
+    ]
+    return source
+
+
+def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:
+    """Read a dump of Infinite Craft: rows of indices of two ingredients, and of the result."""
+    labels = [
+        item.get("text", item.get("name")) if isinstance(item, dict) else item for item in items
+    ]
+    names = [check_label(trim_unseen(label), f"{path}: items") for label in map(str, labels)]
+    ids = np.array(rows, dtype=np.int64)
+    if ids.min() < 0 or ids.max() >= len(names):
+        seen = f"the index {ids.max():,} in recipes, of {len(names):,} items"
+        raise refusal(path, seen, "infinite-craft")
+    # Of items of one name, the first one stands for all.
+    first = {name: index for index, name in reversed(list(enumerate(names)))}
+    ids = np.array([first[name] for name in names])[ids]
+    source = FileRows("a dump of Infinite Craft")
+    if NOTHING in first:
+        makes_nothing = ids[:, 2] == first[NOTHING]
+        from_nothing = (ids[:, :2] == first[NOTHING]).any(axis=1) & ~makes_nothing
+        source.left_out = {
+            FROM_NOTHING: int(from_nothing.sum()),
+            WITH_NOTHING: int(makes_nothing.sum()),
+        }
+        ids = ids[~makes_nothing & ~from_nothing]
+    # Nothing is no entity, and ids are those of the names that stay.
+    kept = [name for name in dict.fromkeys(names) if name != NOTHING]
+    number_of = {name: number for number, name in enumerate(kept)}
+    source.listed = dict.fromkeys(kept, "items")
+    if set(INFINITE_CRAFT_BASE) <= number_of.keys():
+        source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
+    source.numbered = RecipeRows(kept, np.array([number_of.get(name, 0) for name in names])[ids])
+    numbered = enumerate(source.numbered)
+    source.entries = (Row(f"recipe {number}", each[:2], each[2]) for number, each in numbered)
+    return source

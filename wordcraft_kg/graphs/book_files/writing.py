@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import chain
 from pathlib import Path
@@ -44,6 +44,33 @@ def write_book(book: RecipeBook, path: Path) -> None:
         raise RecipeFileError(
             f"{path}: unknown ending '{ending}'; a recipe book is written as .csv, .tsv or .json."
         )
+
+
+def write_rows(
+    book: RecipeBook,
+    path: Path,
+    columns: Sequence[str],
+    rows: Iterable[tuple[Recipe, Sequence[str]]],
+) -> None:
+    """Write a book as a table whose rows have an order and further cells.
+
+    Args:
+        book: the book, for its base, idle entities and kinds.
+        path: a .csv or .tsv file. A link is followed.
+        columns: names of the further columns.
+        rows: each recipe with its further cells; ingredients stand in the recipe's order.
+
+    Raises:
+        OutputExistsError: if the path is a device, a pipe or a socket, or leads nowhere.
+        OSError: if the file cannot be written.
+    """
+    delimiter = "," if path.suffix.lower() == ".csv" else "\t"
+    names = (*CSV_HEADER, KIND) if book.kinds else CSV_HEADER
+    lines = [_csv_line((*names, *columns), delimiter)]
+    for recipe, cells in rows:
+        kind = (book.kinds.get(Recipe.of(*recipe), ""),) if book.kinds else ()
+        lines.append(_csv_line((*recipe, *kind, *cells), delimiter))
+    write_atomically(output_target(path), chain(_directives(book), lines))
 
 
 def _directives(book: RecipeBook) -> Iterator[str]:

@@ -188,9 +188,10 @@ def _ingredients(raw: Raw, joiner: str | None) -> tuple[list[str], str | None]:
     # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of many
     # slots blanks are usual.
     if raw.parts[:1] == [""] and any(raw.parts) and len(raw.parts) <= _MOST_WITHOUT_GRID:
+        filled = next(filter(None, raw.parts))
         message = (
-            f"a blank cell before {next(filter(None, raw.parts))!r:.80}, as where cells were merged; "
-            "fill it, or write a single ingredient first."
+            f"a blank cell before {filled!r:.80}, as where cells were merged; fill it, or write a "
+            "single ingredient first."
         )
     for value in raw.parts:
         cell = _decoded(value)

@@ -8,7 +8,7 @@ Documented keys give some (``words``), the shapes ``{result: [[a, b]]}``, ``{a: 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from itertools import chain, compress, islice
+from itertools import chain, compress, count, islice
 from operator import itemgetter
 from pathlib import Path as FilePath
 from typing import Any
@@ -36,6 +36,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     INFINITE_CRAFT_BASE,
     Entry,
     FileRows,
+    Place,
     refusal,
     without_nothing,
 )
@@ -136,7 +137,8 @@ def rows_of_document(
         found = [reader(way) for way in ways if way.is_documented]
         guesses: Iterable[Candidate] = (reader(way) for way in ways if not way.is_documented)
         orders: list[Candidate] = []
-        if not document.is_table or all(path[-1][1:].isdecimal() for path in labels):
+        has_numbers = all(path[-1][1:].isdecimal() for path in labels)
+        if has_numbers or any(way.by_place and way.parts[0][-1:] == ("[0]",) for way in ways):
             guesses = list(guesses)
             orders = [each for each in (*found, *guesses) if len(each.columns) == 3]
             orders = [each for each in orders if each.by_place or not each.is_documented]
@@ -307,7 +309,9 @@ def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
     known = [key for key in counts if is_documented(key)]
     values = [value for each in objects for value in each.values() if value is not None]
     properties = [key for key in counts if words_of(key) & (COUNT | IGNORED)]
-    if all(map(str.isdecimal, counts)) or (len(counts) > _MOST_KEYS > 2 * len(known)):
+    if all(map(str.isdecimal, counts)) or (
+        len(counts) > _MOST_KEYS and 2 * len(known) < len(counts)
+    ):
         return False
     role = words_of(path[-1][1:]) if path and path[-1].startswith(".") else frozenset()
     if role & (INGREDIENT | RESULT | {"in"}):
@@ -500,15 +504,17 @@ def _candidate(
         number not in ("", "1", 1) for path in counts for number in labels[path]
     )
     raws: list[Raw | Entry] = list(document.others)
-    if document.is_table:
-        raws += _raws_of_table(document, parts, results, kinds)
-        raws.sort(key=itemgetter(0))
+    is_flat = all(path[:1] == (EACH,) and path[1:2] == path[1:] for path in (*parts, *results))
+    if is_flat and all(path[-1].startswith(".") for path in (*parts, *results)):
+        raws += _raws_of_records(document, parts, results, kinds)
     else:
         steps = chain.from_iterable(parts if len(parts) > 1 else ())
         has_places = any(step.startswith("[") and step != EACH for step in steps)
         for place, values, made in rows_of_paths(document.value, parts, results):
             if not has_places or len(values) == len(parts):
                 raws.append(Raw(place, values, made))
+    if document.is_table:
+        raws.sort(key=itemgetter(0))
     is_sole = len(parts) == 1
     in_lists = (
         is_sole
@@ -526,11 +532,14 @@ def _candidate(
     )
 
 
-def _raws_of_table(
+def _raws_of_records(
     document: Document, parts: Sequence[Path], results: Sequence[Path], kinds: Sequence[Path]
 ) -> Iterator[Raw]:
-    """Yield the cells of a table's rows: as paths lead to them, but many times faster."""
+    """Yield the rows of flat records: as paths lead to them, but many times faster."""
     columns, made, kind = ([path[-1][1:] for path in paths] for paths in (parts, results, kinds))
-    for place, row in zip(document.places, document.value, strict=True):
-        cells = [row[name] for name in columns]
-        yield Raw(place, cells, [row[name] for name in made], row[kind[0]] if kind else "")
+    places: Iterable[Place] = document.places or map("[{}]".format, count())
+    for place, row in zip(places, document.value, strict=False):
+        if isinstance(row, dict):
+            cells = [row[name] for name in columns if name in row]
+            results_of_row = [row[name] for name in made if name in row]
+            yield Raw(place, cells, results_of_row, row[kind[0]] if kind else "")

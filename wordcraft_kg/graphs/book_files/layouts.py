@@ -44,10 +44,10 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
         return _our_layout(path, document)
     if isinstance(entities, dict) and all(map(_has_pairs, entities.values())):
         return _official_layout(path, entities)
-    is_dump = isinstance(items, list) and isinstance(recipes, list) and items and recipes
-    if is_dump and all(map(_is_index_row, recipes)):
-        return _dump(path, items, recipes)
-    return None
+    if not isinstance(items, list) or not isinstance(recipes, list) or not items:
+        return None
+    is_dump = bool(recipes) and all(map(_is_index_row, recipes))
+    return _dump(path, items, recipes) if is_dump else None
 
 
 def _has_pairs(entry: Any) -> bool:

@@ -125,9 +125,9 @@ def read_book(
 
     Tables with any delimiter and order of columns, lines ``a + b = c``, JSON by documented keys or
     paths, saves of Infinite Craft and data packs of Minecraft are read, also in gzip or zip. How
-    the file was read is in ``reading`` of the result. In tables, leading lines with ``#`` are comments;
-    ``# base: a, b`` declares base entities (known at the start), and ``# entities: a, b`` lists
-    entities without a recipe. A column ``kind`` may name each recipe's kind of reasoning.
+    the file was read is in ``reading`` of the result. In tables, leading lines with ``#`` are
+    comments; ``# base: a, b`` declares base entities (known at the start), and ``# entities: a, b``
+    lists entities without a recipe. A column ``kind`` may name each recipe's kind of reasoning.
 
     Args:
         path: the file, or the graph folder.
@@ -184,8 +184,7 @@ def _without_faults(path: Path, rows: "BookRows") -> Iterator[Recipe]:
     for entry in rows:
         if isinstance(entry, Fault):
             line = f", line {entry.place}" if isinstance(entry.place, int) else ""
-            message = f"{path}{line}: {entry.message}"
-            raise RecipeFileError(message if GUIDE in message else f"{message} See {GUIDE}.")
+            raise RecipeFileError(f"{path}{line}: {entry.message}")
         yield from entry[1]
 
 
@@ -444,9 +443,9 @@ class BookRows:
         single = self.options.single_ingredient
         if single is None and not is_chain:
             message = (
-                f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or read the "
-                f"file with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name of "
-                "what it is combined with."
+                f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or build the "
+                f"graph with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name "
+                "of what it is combined with."
             )
             return self._fault(place, "label", message)
         return [Recipe.of(one, one if single in (None, _SELF) else str(single), result)]

@@ -150,6 +150,10 @@ class Candidate:
         return len(self.recipes & other.recipes) >= _LIKE * smaller
 
 
+def _folded(cell: str) -> str:
+    return _bare(cell).lower()
+
+
 def _num_recipes(best: Candidate) -> Callable[[Candidate], tuple[int, bool]]:
     """Return a key by which readings are larger, and of equal ones the best in front."""
     return lambda each: (len(each.recipes), each is best)
@@ -190,7 +194,7 @@ def choose(
             the commands that read the file.
     """
     readable = [each for each in candidates if each.rows]
-    label = (lambda cell: _bare(cell).lower()) if fold else _bare
+    label = _folded if fold else _bare
     shares = {id(each): each.share_of(label) for each in readable}
     documented = [each for each in readable if each.is_documented]
     documented = [
@@ -210,12 +214,11 @@ def choose(
     rivals = [each for each in others if each.is_clean and shares[id(each)] > LEAST_REUSED]
     if best is None:
         return _undocumented(path, candidates, rivals or others, anchor)
-    if not best.is_named or best.by_place:
-        odd = [each for each in others if each.contradictions < best.contradictions]
-        odd = [each for each in odd if each.is_clean and not each.is_documented]
-        if odd:
-            raise _several(path, "two readings fit", [best, *odd], anchor)
     # Another order of the same labels is a reading only if it is no odder.
+    odd = [each for each in others if each.contradictions < best.contradictions]
+    odd = [each for each in odd if each.is_clean and not each.is_documented]
+    if odd and (best.by_place or not best.is_named):
+        raise _several(path, "two readings fit", [best, *odd], anchor)
     rivals = [
         each for each in rivals if each.is_documented or each.contradictions <= best.contradictions
     ]
@@ -278,7 +281,7 @@ def _loose(
         f"read as {_shown(best)}, {share * best.num_made:.0f} of {best.num_made:,} results are "
         "ingredients of other recipes, so that this reading may be wrong"
     )
-    if best.share_of(lambda cell: _bare(cell).lower()) > LEAST_REUSED:
+    if best.share_of(_folded) > LEAST_REUSED:
         return refusal(path, seen, anchor, "Labels differ in case only: --case fold joins them.")
     if not rivals and best.is_named and best.is_clean:
         remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}."

@@ -239,7 +239,7 @@ def _are_names(cells: Sequence[str]) -> bool:
     return any(each.is_named or is_name(each.results[0][-1][1:]) for each in sure)
 
 
-def _are_unknown_names(body: list[Line]) -> bool:
+def _are_unknown_names(body: Sequence[Line]) -> bool:
     """Return whether the first row is rather a header of other words: no cell stands below."""
     first, *below = [row.cells for row in body]
     return len(below) >= _FEWEST_BELOW and set(first).isdisjoint(chain.from_iterable(below))

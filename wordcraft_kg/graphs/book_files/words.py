@@ -7,6 +7,7 @@ of a table are paths of one key, so that tables and JSON have one set of rules.
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 from wordcraft_kg.graphs.book_files.paths import EACH, KEY, LOOPS, Path
@@ -72,7 +73,8 @@ INGREDIENT = words_of(
 SUMS = words_of(
     "recipe recipes combination combinations combo combos pair pairs formula formulas formulae "
     "crafting craft crafts reaction reactions mix mixes fusion fusions with "
-    "rezept rezepte recette recettes receta recetas ricetta ricette receita receitas recept recepten przepis рецепт рецепты 配方 合成 レシピ 조합 조합법"
+    "rezept rezepte recette recettes receta recetas ricetta ricette receita receitas "
+    "recept recepten przepis рецепт рецепты 配方 合成 レシピ 조합 조합법"
 )
 """A key or column of whole recipes, unless others are ingredients: then it names the recipe."""
 ORDINAL = words_of(
@@ -218,6 +220,12 @@ def _family(path: Path) -> tuple[object, ...]:
     return tuple(words_of(step[1:]) - _FIRST if step.startswith(".") else step for step in path)
 
 
+def _plain_words(path: Path) -> frozenset[str]:
+    """Return the words of the last key, without those that tell ids from names."""
+    keys = [step for step in path if step.startswith(".")]
+    return words_of(keys[-1][1:]) - ID - _NAMES - _FIRST - {"name"}
+
+
 def _families(paths: Iterable[Path]) -> list[tuple[Path, ...]]:
     families: dict[tuple[object, ...], list[Path]] = {}
     for path in paths:
@@ -242,6 +250,10 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
     parts = _families(by_role.get("part", {}))
     sums = _families(by_role.get("sum", {}))
     families = parts or sums or slots
+    # Ingredients under several words, such as an optional one, may all belong to a recipe.
+    different = {frozenset().union(*map(_plain_words, family)): family for family in parts}
+    if len(different) > 1 and len({_common(family) for family in different.values()}) < 3:
+        families = [*families, tuple(chain.from_iterable(different.values()))]
     # Two columns of other names beside a result are rather its ingredients: a guess.
     unknown = tuple(by_role.get("unknown", ()))
     if not families and len(unknown) in (1, 2):
@@ -249,25 +261,32 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
     # Words such as first, or a name, are parts of recipes only where nothing else is.
     for family in families:
         around = _common(family)
-        # A partner below a thing: {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}.
         is_partner = len(family) == 1 and _is_partner(family[0])
         for made in _families(results):
             outer = _around(made[0], results[made[0]])
             if is_partner:
-                partners = [thing for thing in things if _is_around(thing, made[0])]
-                partners = [thing for thing in partners if thing[:-1] != made[0][:-1]]
-                yield from (Reading((thing, *family), made) for thing in partners)
+                yield from _partners(family, made, things)
             elif around[: len(outer)] == outer:
                 yield Reading(family, made)
-        if is_partner and results:
-            continue
-        near = [thing for thing in things if _is_around(thing, around)]
-        # The innermost thing first, and its name before its id and its key.
-        near.sort(key=lambda thing: (-len(_around(thing, len(thing))), _rank(thing)))
-        yield from (Reading(family, (thing,), is_named=False) for thing in near)
-        for guess in by_role.get("unknown", {}):
-            if _is_around(guess, around):
-                yield Reading(family, (guess,), is_named=False, is_documented=False)
+        if not is_partner or not results:
+            near = [thing for thing in things if _is_around(thing, around)]
+            # The innermost thing first, and its name before its id and its key.
+            near.sort(key=lambda thing: (-len(_around(thing, len(thing))), _rank(thing)))
+            yield from (Reading(family, (thing,), is_named=False) for thing in near)
+            guesses = [guess for guess in unknown if _is_around(guess, around)]
+            yield from (Reading(family, (guess,), False, False) for guess in guesses)
+
+
+def _partners(
+    family: tuple[Path, ...], made: tuple[Path, ...], things: Iterable[Path]
+) -> Iterator[Reading]:
+    """Yield readings of a partner below a thing.
+
+    Such as {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}.
+    """
+    for thing in things:
+        if _is_around(thing, made[0]) and thing[:-1] != made[0][:-1]:
+            yield Reading((thing, *family), made)
 
 
 def _is_partner(path: Path) -> bool:

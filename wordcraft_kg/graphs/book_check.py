@@ -34,6 +34,7 @@ from wordcraft_kg.graphs.book_files.reader import (
     unknown_base,
 )
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
+from wordcraft_kg.graphs.book_files.writing import csv_line
 from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.label_notes import (
     HTML_ENTITY,
@@ -345,7 +346,7 @@ def _lost(rows: BookRows, lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[st
             lost[SELF_RESULT] += places
         else:
             lost[REPEATED] += places[1:]
-    return lost
+    return {reason: places for reason, places in lost.items() if places}
 
 
 def _inferred_base(graph: RecipeGraph) -> Iterator[Finding]:
@@ -353,7 +354,7 @@ def _inferred_base(graph: RecipeGraph) -> Iterator[Finding]:
         entities = counted(len(graph.base), "entity", "entities")
         message = (
             f"no base is named, so the base is the {entities} without a recipe. Name the base: "
-            f"# base: {', '.join(map(quoted, graph.base))}"
+            f"# base: {csv_line(graph.base, ',').strip()}"
         )
         yield _note("base", message)
 

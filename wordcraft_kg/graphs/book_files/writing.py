@@ -66,10 +66,10 @@ def write_rows(
     """
     delimiter = "," if path.suffix.lower() == ".csv" else "\t"
     names = (*CSV_HEADER, KIND) if book.kinds else CSV_HEADER
-    lines = [_csv_line((*names, *columns), delimiter)]
+    lines = [csv_line((*names, *columns), delimiter)]
     for recipe, cells in rows:
         kind = (book.kinds.get(Recipe.of(*recipe), ""),) if book.kinds else ()
-        lines.append(_csv_line((*recipe, *kind, *cells), delimiter))
+        lines.append(csv_line((*recipe, *kind, *cells), delimiter))
     write_atomically(output_target(path), chain(_directives(book), lines))
 
 
@@ -77,9 +77,9 @@ def _directives(book: RecipeBook) -> Iterator[str]:
     """Yield comments that declare the base, also an empty one, and entities without a recipe."""
     # Between commas also above a table with tabs, as the reader of comments expects.
     if book.base is not None:
-        yield f"# base: {_csv_line(book.base, ',')}"
+        yield f"# base: {csv_line(book.base, ',')}"
     if book.idle:
-        yield f"# entities: {_csv_line(book.idle, ',')}"
+        yield f"# entities: {csv_line(book.idle, ',')}"
 
 
 def recipe_table(
@@ -108,7 +108,7 @@ def recipe_table(
         if kinds:
             row = (*recipe, kinds.get(recipe, ""))
         if any(map(needs_quotes, row)):
-            yield _csv_line(row, delimiter)
+            yield csv_line(row, delimiter)
         else:
             yield delimiter.join(row) + "\n"
 
@@ -141,8 +141,13 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     yield "]\n}\n"
 
 
-def _csv_line(labels: Iterable[str], delimiter: str) -> str:
-    """Return a row, with quotes only where they are needed: around all of its cells."""
+def csv_line(labels: Iterable[str], delimiter: str) -> str:
+    """Return a row, with quotes only where they are needed: around all of its cells.
+
+    Args:
+        labels: the cells.
+        delimiter: one character between them.
+    """
     cells = list(labels)
     if not any(_needs_quotes(cell, delimiter) for cell in cells):
         return delimiter.join(cells) + "\n"

@@ -21,6 +21,7 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, quoted
+from wordcraft_kg.graphs.audit import degrees, reachability
 from wordcraft_kg.graphs.book_files.containers import read_bytes
 from wordcraft_kg.graphs.book_files.entries import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.reader import (
@@ -580,29 +581,27 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
 
 def _statistics(graph: RecipeGraph) -> BookStatistics:
     """Return the statistics of a graph; half-products of chains and their recipes do not count."""
-    layer = layers(graph)
-    whole = ~graph.is_half_product
-    has_recipe = graph.recipe_counts > 0
-    made = graph.recipe_counts[has_recipe & whole]
+    reached = reachability(graph)
+    counts = degrees(graph)
     results = graph.num_results
-    uses = np.where(whole, graph.use_counts, 0)
-    most_used = int(np.argmax(uses))
     num_recipes = int(np.sum(~graph.makes_half_product))
+    made = graph.recipe_counts[(graph.recipe_counts > 0) & ~graph.is_half_product]
+    (most_used, uses), *_ = counts.most_used
     return BookStatistics(
-        entities=int(np.sum(whole)),
+        entities=int(np.sum(~graph.is_half_product)),
         recipes=num_recipes,
         pairs=int(np.sum(results > 0)),
         base=graph.base,
-        reachable=int(np.sum((layer >= 0) & whole)),
-        max_layer=max(int(layer.max()), 0),
+        reachable=reached.reachable,
+        max_layer=reached.rounds,
         mean_recipes_per_craftable=float(made.mean()),
         share_with_two_recipes=float(np.mean(made >= 2)),
-        terminal=int(np.sum((graph.use_counts == 0) & has_recipe)),
-        self_pairs=graph.num_self_pairs,
+        terminal=counts.terminal,
+        self_pairs=counts.self_pairs,
         pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
         pairs_with_more_results=int(np.sum(results > 3)),
-        most_used=graph.entities[most_used],
-        most_used_share=float(uses[most_used] / num_recipes),
+        most_used=most_used,
+        most_used_share=uses / num_recipes,
     )
 
 

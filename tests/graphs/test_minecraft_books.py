@@ -117,3 +117,25 @@ def test_an_ordinary_book_in_a_folder_called_recipes_is_read(tmp_path):
     path = tmp_path / "book.zip"
     path.write_bytes(zipped({"recipes/book.json": '{"mud": [["water", "earth"]]}'}))
     assert read_book(path).recipes == (("earth", "water", "mud"),)
+
+
+def test_tags_of_the_pack_are_choices_and_no_entities(tmp_path):
+    data = {
+        "data/demo/tags/items/planks.json": {"values": ["#demo:oaks", "demo:birch"]},
+        "data/demo/tags/items/oaks.json": {"values": ["demo:oak", {"id": "demo:dark_oak"}]},
+        "data/demo/tags/items/circle.json": {"values": ["#demo:circle"]},
+        "data/demo/recipes/lamp.json": {
+            "ingredients": [{"tag": "demo:planks"}, "demo:coal"],
+            "result": "demo:lamp",
+        },
+        "data/demo/recipes/door.json": {
+            "ingredients": [{"tag": "minecraft:logs"}, "demo:coal"],
+            "result": "demo:door",
+        },
+    }
+    path = tmp_path / "pack.zip"
+    path.write_bytes(zipped({name: json.dumps(value) for name, value in data.items()}))
+    book = read_book(path)
+    made_of = {label for recipe in book.recipes for label in recipe[:2]}
+    assert made_of == {"demo:coal", "demo:oak", "demo:dark_oak", "demo:birch", "#minecraft:logs"}
+    assert "3 tags of the pack are choices" in book.reading.line()

@@ -297,7 +297,7 @@ REFUSED = {
         },
         "'1' belongs to several things",
     ),
-    "many labels under keys": ({"x": list("abcdef"), "y": list("klmnop")}, "may be columns"),
+    "many labels under keys": ({"x": list("abcdef"), "y": list("klmnop")}, ""),
     "two lists": (
         {"one": listed("parents", "child"), "two": listed("inputs", "output", rows=KITCHEN)},
         "two readings fit",

@@ -19,7 +19,7 @@ from wordcraft_kg.graphs.book_files.cells import (
     without_markup,
 )
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, Fault, LeftOut, Place, Row
-from wordcraft_kg.graphs.book_files.rule import Candidate
+from wordcraft_kg.graphs.book_files.rule import BookReading
 from wordcraft_kg.graphs.chains import is_half_product
 from wordcraft_kg.graphs.label_notes import is_missing
 from wordcraft_kg.graphs.recipes import label_fault, shown
@@ -71,7 +71,7 @@ class Raw(NamedTuple):
 
 
 def fill(
-    candidate: Candidate,
+    candidate: BookReading,
     raws: Iterable[Raw | Entry],
     *,
     is_sole: bool,
@@ -79,7 +79,7 @@ def fill(
     is_given: bool = False,
     is_exact: bool = False,
     tables: Iterable[Names] = (),
-) -> Candidate:
+) -> BookReading:
     """Fill a candidate with the recipes of a file's rows.
 
     Args:
@@ -124,13 +124,11 @@ def fill(
             if isinstance(entries[-1], Row):
                 clean.update(each for each in (*entries[-1].ingredients, entries[-1].result))
     candidate.entries = _named(entries, tables, is_given=is_given)
-    parts = chain.from_iterable(row.ingredients for row in candidate.rows)
     known = set(chain.from_iterable(table.values() for table in tables))
-    # Numbers are no results, unless they are names, or ingredients are numbers as well.
-    if not is_given and all(
-        is_number(row.result) and row.result not in known for row in candidate.rows
-    ):
-        candidate.entries = candidate.entries if all(map(is_number, parts)) else []
+    # Numbers are no results, unless they are names.
+    made = [row.result for row in candidate.rows if row.result not in known]
+    if not is_given and made and len(made) == len(candidate.rows) and all(map(is_number, made)):
+        candidate.entries = []
         del candidate.rows
     return candidate
 
@@ -159,7 +157,7 @@ def _exact(raw: Raw | Entry) -> Iterator[Entry]:
     yield Fault(raw.place, "label", message) if faults else Row(raw.place, parts, made[0], raw.kind)
 
 
-def _entries(candidate: Candidate, raw: Raw, joiner: str | None) -> Iterator[Entry]:
+def _entries(candidate: BookReading, raw: Raw, joiner: str | None) -> Iterator[Entry]:
     where = f"{raw.place}: " if isinstance(raw.place, str) else ""
     parts, message = _ingredients(raw, joiner)
     made: list[str] = []
@@ -172,7 +170,8 @@ def _entries(candidate: Candidate, raw: Raw, joiner: str | None) -> Iterator[Ent
         yield LeftOut(raw.place, WITHOUT)
         return
     if message is None:
-        faults = filter(None, map(_fault, (*parts, *made)))
+        kind = [raw.kind] if raw.kind else []
+        faults = filter(None, map(_fault, (*parts, *made, *kind)))
         message = " Also, ".join(dict.fromkeys(faults))
     if message:
         yield Fault(raw.place, "label", where + message)

@@ -24,7 +24,7 @@ from wordcraft_kg.graphs.book_files.paths import (
     LOOPS,
     MOST_STEPS,
     VALUES,
-    Found,
+    Located,
     Path,
     fitted,
     leaves,
@@ -40,7 +40,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     refusal,
     without_nothing,
 )
-from wordcraft_kg.graphs.book_files.rule import Candidate, choose, result_place
+from wordcraft_kg.graphs.book_files.rule import BookReading, choose, result_place
 from wordcraft_kg.graphs.book_files.words import (
     COUNT,
     ID,
@@ -51,7 +51,7 @@ from wordcraft_kg.graphs.book_files.words import (
     ORDINAL,
     RESULT,
     SUMS,
-    Reading,
+    ColumnRoles,
     is_documented,
     is_id,
     is_name,
@@ -131,12 +131,12 @@ def rows_of_document(
         best = _given(document, columns, labels, reader)
     elif source.is_exact:
         parts = tuple((EACH, f".{name}") for name in ("ingredient_a", "ingredient_b"))
-        best = reader(Reading(parts, ((EACH, ".result"),)))
+        best = reader(ColumnRoles(parts, ((EACH, ".result"),)))
     else:
         ways = list(islice(_readings(labels), _MOST_READINGS))
         found = [reader(way) for way in ways if way.is_documented]
-        guesses: Iterable[Candidate] = (reader(way) for way in ways if not way.is_documented)
-        orders: list[Candidate] = []
+        guesses: Iterable[BookReading] = (reader(way) for way in ways if not way.is_documented)
+        orders: list[BookReading] = []
         has_numbers = all(path[-1][1:].isdecimal() for path in labels)
         if has_numbers or any(way.by_place and way.parts[0][-1:] == ("[0]",) for way in ways):
             guesses = list(guesses)
@@ -161,7 +161,7 @@ def rows_of_document(
     return source
 
 
-def _note_craft(source: FileRows, labels: _Labels, best: Candidate) -> None:
+def _note_craft(source: FileRows, labels: _Labels, best: BookReading) -> None:
     """Take the base of Infinite Craft where labels tell the game; Nothing is no result there."""
     source.entries = best.entries
     texts = set(chain.from_iterable(each for each in labels.values() if type(each[0]) is str))
@@ -177,8 +177,8 @@ def _given(
     document: Document,
     columns: Sequence[str],
     labels: _Labels,
-    reader: Callable[..., Candidate],
-) -> Candidate:
+    reader: Callable[..., BookReading],
+) -> BookReading:
     """Return the reading that the option `columns` gives."""
     value = document.value
     first = value[0] if isinstance(value, list) and value else None
@@ -202,13 +202,13 @@ def _given(
             f"{option}: expected different columns, of the ingredients and, last, of the result."
         )
     for text, steps in zip(columns, paths, strict=True):
-        if not any(True for _ in leaves(Found("", value), steps)):
+        if not any(True for _ in leaves(Located("", value), steps)):
             hint = nearest(text, [path_text(path, document.is_table) for path in labels])
             grammar = "" if document.is_table else f" A path is {GRAMMAR}."
             raise ConfigError(
                 f"`columns` {text!r}: no such column; {_shown_paths(labels)}.{hint}{grammar}"
             )
-    return reader(Reading(tuple(paths[:-1]), (paths[-1],)), is_given=True)
+    return reader(ColumnRoles(tuple(paths[:-1]), (paths[-1],)), is_given=True)
 
 
 def as_records(document: Any) -> Any:
@@ -235,7 +235,10 @@ def as_records(document: Any) -> Any:
     if isinstance(document, list) and document and isinstance(document[0], list):
         head = document[0]
         names = [(EACH, f".{name}") for name in head]
-        if any(reading.is_named and reading.is_documented for reading in readings(names)):
+        is_header = all(isinstance(name, str) for name in head)
+        if is_header and any(
+            reading.is_named and reading.is_documented for reading in readings(names)
+        ):
             rows_below = [row for row in document[1:] if isinstance(row, list)]
             return [dict(zip(head, row, strict=False)) for row in rows_below]
     return document
@@ -363,7 +366,10 @@ def _names(document: Any, labels: _Labels) -> list[Names]:
 
 
 def _shown_paths(labels: _Labels) -> str:
-    shown = [repr(path_text(path)[:40].removeprefix("[].")) for path in labels][:_MOST_PATHS]
+    names = [path_text(path)[:40].removeprefix("[].") for path in labels][:_MOST_PATHS]
+    if all(map(str.isdecimal, names)):
+        names = [str(labels[path][0])[:40] for path in labels][:_MOST_PATHS]  # no header
+    shown = list(map(repr, names))
     more = f" and {len(labels) - _MOST_PATHS:,} more" if len(labels) > _MOST_PATHS else ""
     return f"the file has {', '.join(shown) or 'no labels'}{more}"
 
@@ -371,9 +377,11 @@ def _shown_paths(labels: _Labels) -> str:
 # --- ways to read a document ---------------------------------------------------------------------
 
 
-def _readings(labels: _Labels) -> Iterator[Reading]:
+def _readings(labels: _Labels) -> Iterator[ColumnRoles]:
     """Yield the ways to read a document, the more certain ones first."""
-    by_place = list(chain(_by_keys(labels), _by_place(labels), _by_column(labels)))
+    by_place = list(
+        chain(_by_keys(labels), _by_place(labels), _by_list(labels), _by_column(labels))
+    )
     sure = [reading for reading in by_place if reading.is_documented]
     taken = {path for reading in sure for path in reading.results if path[-1] != KEY}
     for reading in readings(path for path in labels if path not in taken):
@@ -384,11 +392,11 @@ def _readings(labels: _Labels) -> Iterator[Reading]:
         is_pair = not others and labels.lengths.get(part[:-1]) == {2}
         if is_pair and not reading.is_named and named.isdisjoint(INGREDIENT):
             first, second = (*part[:-1], "[0]"), (*part[:-1], "[1]")
-            yield Reading((made, first), (second,), is_documented=False)
+            yield ColumnRoles((made, first), (second,), is_documented=False)
     yield from by_place
 
 
-def _by_keys(labels: _Labels) -> Iterator[Reading]:
+def _by_keys(labels: _Labels) -> Iterator[ColumnRoles]:
     """Yield readings in which keys are ingredients: sums, or two keys around a result."""
     for path in labels:
         keys = [(*path[:at], VALUES, KEY) for at, step in enumerate(path) if step == VALUES]
@@ -404,14 +412,14 @@ def _by_keys(labels: _Labels) -> Iterator[Reading]:
         # Commas in keys may be parts of labels of things that are made of lists.
         sums = _are_sums(labels[inner], has_commas=not has_lists)
         if sums and not _are_sums(labels[path]) and (not named or steps == path[-1:]):
-            yield Reading((inner,), (path,), by_place=True)
+            yield ColumnRoles((inner,), (path,), by_place=True)
         elif len(keys) > 1 and not sums and path[: len(inner) - 1] == inner[:-1]:
             is_pair = len(keys[-1]) - len(keys[-2]) == 1
             is_text = any(isinstance(value, str) for value in labels[path])
             if is_pair and is_text and (not named or words_of(named) & RESULT):
                 outer = keys[-2]
-                yield Reading((outer, inner), (path,), by_place=True)
-                yield Reading((inner, path), (outer,), is_documented=False)
+                yield ColumnRoles((outer, inner), (path,), by_place=True)
+                yield ColumnRoles((inner, path), (outer,), is_documented=False)
         # Partners below a key of a thing: {"water": {"combinations": {"earth": "mud"}}}.
         step = inner[-3] if len(inner) > 2 else ""
         if step.startswith(".") and words_of(step[1:]) & SUMS and not sums and not named:
@@ -419,21 +427,35 @@ def _by_keys(labels: _Labels) -> Iterator[Reading]:
             things = [other for other in labels if other[:-1] == parent and is_name(other[-1][1:])]
             around = [*things, *(key for key in keys[:-1] if key[:-1] == parent)]
             for thing in around[:1]:
-                yield Reading((thing, inner), (path,), by_place=True)
+                yield ColumnRoles((thing, inner), (path,), by_place=True)
 
 
-def _by_column(labels: _Labels) -> Iterator[Reading]:
+def _by_list(labels: _Labels) -> Iterator[ColumnRoles]:
+    """Yield readings of lists of three labels, and of ingredients in a list before the result."""
+    for path in labels:
+        parent = path[:-1]
+        if path[-2:] == (EACH, EACH) and labels.lengths.get(parent) == {3}:
+            a, b, c = ((*parent, f"[{place}]") for place in range(3))
+            yield ColumnRoles((a, b), (c,), by_place=True)
+            yield ColumnRoles((b, c), (a,), is_documented=False)
+            yield ColumnRoles((a, c), (b,), is_documented=False)
+        elif path[-2:] == ("[0]", EACH) and (*path[:-2], "[1]") in labels:
+            yield ColumnRoles((path,), ((*path[:-2], "[1]"),), by_place=True)
+
+
+def _by_column(labels: _Labels) -> Iterator[ColumnRoles]:
     """Yield readings of three columns or keys whose names say nothing, and of two without names."""
     columns = [path for path in labels if path[:1] == (EACH,) and path[1:] == path[-1:]]
+    columns = [path for path in columns if is_plain(path[-1][1:])]
     columns = [path for path in columns if not all(map(is_number, labels[path]))]
     if len(columns) == 3 and not any(map(is_name, (path[-1][1:] for path in columns))):
         a, b, c = columns
         for one, other, made in ((a, b, c), (b, c, a), (a, c, b)):
-            yield Reading((one, other), (made,), is_named=False, is_documented=False)
+            yield ColumnRoles((one, other), (made,), is_named=False, is_documented=False)
     if len(columns) == 2 and all(path[-1][1:].isdecimal() for path in columns):
         sums = [path for path in columns if all("+" in cell for cell in labels[path])]
         if len(sums) == 1:
-            yield Reading(tuple(sums), tuple(path for path in columns if path not in sums))
+            yield ColumnRoles(tuple(sums), tuple(path for path in columns if path not in sums))
 
 
 def _are_sums(keys: Sequence[str], *, has_commas: bool = True) -> bool:
@@ -445,43 +467,39 @@ def _are_sums(keys: Sequence[str], *, has_commas: bool = True) -> bool:
     return bool(plain) and any(all(sign in key for key in plain) for sign in signs)
 
 
-def _by_place(labels: _Labels) -> Iterator[Reading]:
+def _by_place(labels: _Labels) -> Iterator[ColumnRoles]:
     """Yield readings of shapes without keys of their own, in which places tell the roles."""
     for path, values in labels.items():
         has_texts = any(isinstance(value, str) for value in values)
         parent, lengths = path[:-1], labels.lengths.get(path[:-1])
         if path[-3:] == (VALUES, EACH, EACH) and has_texts:
             key = (*path[:-2], KEY)
-            yield Reading((path,), (key,), by_place=True)
+            yield ColumnRoles((path,), (key,), by_place=True)
             if lengths == {2}:
-                reading = Reading((key, (*parent, "[0]")), ((*parent, "[1]"),))
+                reading = ColumnRoles((key, (*parent, "[0]")), ((*parent, "[1]"),))
                 yield reading._replace(is_documented=False)
         elif path[-2:] == (VALUES, EACH) and has_texts and not _are_sums(labels[(*parent, KEY)]):
-            yield Reading((path,), ((*parent, KEY),), by_place=True)
+            # Two labels below a key may be anything about it; sums are recipes.
+            is_sum = _are_sums(values)
+            if is_sum or path[-3:-2] != (VALUES,):
+                yield ColumnRoles((path,), ((*parent, KEY),), is_documented=is_sum, by_place=True)
         elif path[-1:] == (VALUES,) and _are_sums(values) and not _are_sums(labels[(*path, KEY)]):
-            yield Reading((path,), ((*path, KEY),), by_place=True)
-        elif path[-2:] == (EACH, EACH) and lengths == {3}:
-            a, b, c = ((*parent, f"[{place}]") for place in range(3))
-            yield Reading((a, b), (c,), by_place=True)
-            yield Reading((b, c), (a,), is_documented=False)
-            yield Reading((a, c), (b,), is_documented=False)
-        elif path[-2:] == ("[0]", EACH) and (*path[:-2], "[1]") in labels:
-            yield Reading((path,), ((*path[:-2], "[1]"),), by_place=True)
+            yield ColumnRoles((path,), ((*path, KEY),), by_place=True)
     # Numbers of pieces by label: {"torch": {"plank": 2, "stick": 1}}.
     for path in labels.counted:
         if path[-3:] == (VALUES, VALUES, KEY):
-            yield Reading((path,), ((*path[:-2], KEY),), is_named=False, by_place=True)
+            yield ColumnRoles((path,), ((*path[:-2], KEY),), is_named=False, by_place=True)
 
 
 def _candidate(
     document: Document,
     labels: _Labels,
     names: Sequence[Names],
-    reading: Reading,
+    reading: ColumnRoles,
     *,
     is_given: bool = False,
     is_exact: bool = False,
-) -> Candidate:
+) -> BookReading:
     """Return the recipes of a reading."""
     parts, results = reading.parts, reading.results
     used = {*parts, *results}
@@ -489,7 +507,7 @@ def _candidate(
     kind = (*parts[0][:-1], f".{KIND}")
     kinds = [kind] if kind in labels and kind not in used else []
     text = partial(path_text, is_table=document.is_table)
-    candidate = Candidate(
+    candidate = BookReading(
         tuple(map(text, (*parts, *results))),
         [],
         reading.is_documented,
@@ -542,4 +560,5 @@ def _raws_of_records(
         if isinstance(row, dict):
             cells = [row[name] for name in columns if name in row]
             results_of_row = [row[name] for name in made if name in row]
-            yield Raw(place, cells, results_of_row, row[kind[0]] if kind else "")
+            kind_of_row = str(row.get(kind[0]) or "") if kind else ""
+            yield Raw(place, cells, results_of_row, kind_of_row)

@@ -30,7 +30,7 @@ _MOST_SAMPLES = 200
 _MOST_ROWS = 1_000_000  # of lists that are combined with each other
 
 
-class Found(NamedTuple):
+class Located(NamedTuple):
     """A value with its place, and the key at which an object has it."""
 
     place: str
@@ -101,25 +101,25 @@ def _next_samples(samples: Sequence[Any], step: str) -> list[Any]:
     return list(islice((each for each in inner if each not in (None, [], {})), _MOST_SAMPLES))
 
 
-def _step(place: str, value: Any, step: str) -> Iterator[Found]:
+def _step(place: str, value: Any, step: str) -> Iterator[Located]:
     """Yield what a step leads to, with places."""
     if step == EACH:
         if isinstance(value, list):
             for index, each in enumerate(value):
-                yield Found(f"{place}[{index}]", each)
+                yield Located(f"{place}[{index}]", each)
     elif step.startswith("["):
         index = int(step[1:-1])
         if isinstance(value, list) and index < len(value):
-            yield Found(f"{place}{step}", value[index])
+            yield Located(f"{place}{step}", value[index])
     elif step == VALUES:
         if isinstance(value, dict):
             for key, each in value.items():
-                yield Found(f"{place}.{key}".removeprefix("."), each, key)
+                yield Located(f"{place}.{key}".removeprefix("."), each, key)
     elif isinstance(value, dict) and step[1:] in value:
-        yield Found(f"{place}{step}".removeprefix("."), value[step[1:]])
+        yield Located(f"{place}{step}".removeprefix("."), value[step[1:]])
 
 
-def leaves(found: Found, path: Path) -> Iterator[Found]:
+def leaves(found: Located, path: Path) -> Iterator[Located]:
     """Yield all values at the end of a path.
 
     Args:
@@ -129,17 +129,17 @@ def leaves(found: Found, path: Path) -> Iterator[Found]:
     if not path:
         yield found
     elif path[0] == KEY:
-        yield Found(found.place, found.key)
+        yield Located(found.place, found.key)
     else:
         for inner in _step(found.place, found.value, path[0]):
             yield from leaves(inner, path[1:])
 
 
-Columns = dict[int, list[Found]]
+Columns = dict[int, list[Located]]
 """The values of each column in a row."""
 
 
-def _rows(found: Found, paths: dict[int, Path], num_parts: int) -> Iterator[Columns]:
+def _rows(found: Located, paths: dict[int, Path], num_parts: int) -> Iterator[Columns]:
     """Yield the values of columns, whose paths go through the same lists together.
 
     Args:
@@ -188,8 +188,8 @@ def rows_of_paths(
         results: paths of the results.
     """
     columns = dict(enumerate([*parts, *results]))
-    for row in _rows(Found("", document), columns, len(parts)):
+    for row in _rows(Located("", document), columns, len(parts)):
         values = list(chain.from_iterable(row.get(i, []) for i in range(len(parts))))
         made = list(chain.from_iterable(row.get(i, []) for i in range(len(parts), len(columns))))
-        place = (*values, *made, Found("", None))[0].place
+        place = (*values, *made, Located("", None))[0].place
         yield place, [found.value for found in values], [found.value for found in made]

@@ -27,7 +27,6 @@ LEAST_REUSED = 0.05
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
 _LIKE = 0.5  # share of the rows by which two readings are one
-_FEW = 3  # ingredients of recipes under keys that say nothing
 _MOST_READINGS = 4  # in a refusal
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
 _FEWEST_ROWS = 50
@@ -42,7 +41,7 @@ everyday, Little Alchemy 2, 60,000 rows of Infinite Craft); on 20 rows all three
 
 
 @dataclass
-class Candidate:
+class BookReading:
     """One way to read a file.
 
     Attributes:
@@ -127,7 +126,8 @@ class Candidate:
     def is_clean(self) -> bool:
         """Whether each entry can be read, so that the reading may be advised."""
         is_clean = not any(isinstance(entry, Fault) for entry in self.entries)
-        are_numbers = all(is_number(made) for _, made in self.recipes)
+        texts = [label for row in self.rows for label in (row.ingredients[-1], row.result)]
+        are_numbers = 2 * sum(map(is_number, texts)) > len(self.rows)
         is_option = self.num_results == 1 and not self.is_mostly_single
         return bool(self.rows) and is_clean and not are_numbers and is_option
 
@@ -144,7 +144,7 @@ class Candidate:
         sum_of = " + ".join(label[:40] for label in first.ingredients[:8])
         return f"{sum_of} = {first.result[:40]} ({self.command})"
 
-    def is_like(self, other: "Candidate") -> bool:
+    def is_like(self, other: "BookReading") -> bool:
         """Return whether two readings share most of their recipes."""
         smaller = min(len(self.recipes), len(other.recipes))
         return len(self.recipes & other.recipes) >= _LIKE * smaller
@@ -154,7 +154,7 @@ def _folded(cell: str) -> str:
     return _bare(cell).lower()
 
 
-def _num_recipes(best: Candidate) -> Callable[[Candidate], tuple[int, bool]]:
+def _num_recipes(best: BookReading) -> Callable[[BookReading], tuple[int, bool]]:
     """Return a key by which readings are larger, and of equal ones the best in front."""
     return lambda each: (len(each.recipes), each is best)
 
@@ -169,13 +169,13 @@ def _bare(cell: str) -> str:
 
 def choose(
     path: Path,
-    candidates: Sequence[Candidate],
-    guesses: Iterable[Candidate],
+    candidates: Sequence[BookReading],
+    guesses: Iterable[BookReading],
     anchor: str,
     *,
     fold: bool = False,
     allows_single: bool = False,
-) -> Candidate | None:
+) -> BookReading | None:
     """Return the one reading of a file that the rule takes.
 
     Args:
@@ -223,9 +223,6 @@ def choose(
         each for each in rivals if each.is_documented or each.contradictions <= best.contradictions
     ]
     share = shares[id(best)]
-    if best.by_place and not share and max(len(row.ingredients) for row in best.rows) > _FEW:
-        seen = f"the labels of {best.columns[0]} may be columns, or ingredients"
-        raise _several(path, seen, rivals, anchor)
     if best.is_mostly_single and not allows_single:
         seen = (
             f"read as {_shown(best)}, most rows have one ingredient: they may be parts of recipes"
@@ -245,8 +242,8 @@ def choose(
 
 
 def _undocumented(
-    path: Path, candidates: Iterable[Candidate], others: Iterable[Candidate], anchor: str
-) -> Candidate | None:
+    path: Path, candidates: Iterable[BookReading], others: Iterable[BookReading], anchor: str
+) -> BookReading | None:
     """Refuse a file without documented words, with the readings that hang together.
 
     Args:
@@ -274,7 +271,7 @@ def _undocumented(
 
 
 def _loose(
-    path: Path, best: Candidate, share: float, rivals: Sequence[Candidate], anchor: str
+    path: Path, best: BookReading, share: float, rivals: Sequence[BookReading], anchor: str
 ) -> RecipeFileError:
     """Return the error for a book that does not hang together."""
     seen = (
@@ -289,13 +286,15 @@ def _loose(
     return _several(path, seen, rivals, anchor)
 
 
-def _shown(candidate: Candidate) -> str:
+def _shown(candidate: BookReading) -> str:
     columns = candidate.columns
     results = ", ".join(columns[-candidate.num_results :])
     return f"{' + '.join(columns[: -candidate.num_results])} = {results}"
 
 
-def _several(path: Path, seen: str, readings: Sequence[Candidate], anchor: str) -> RecipeFileError:
+def _several(
+    path: Path, seen: str, readings: Sequence[BookReading], anchor: str
+) -> RecipeFileError:
     if not readings:
         remedy = "Name the ingredients and, last, the result with --columns."
         return refusal(path, seen, anchor, remedy)
@@ -304,7 +303,7 @@ def _several(path: Path, seen: str, readings: Sequence[Candidate], anchor: str) 
     return refusal(path, f"{seen}: {shown}", anchor, "Choose with --columns.")
 
 
-def result_place(readings: Sequence[Candidate]) -> int | None:
+def result_place(readings: Sequence[BookReading]) -> int | None:
     """Return which of three readings of the same rows the labels tell; None if they do not.
 
     The right one has the fewest pairs that make several things.

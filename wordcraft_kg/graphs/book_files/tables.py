@@ -9,7 +9,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from functools import cache
 from itertools import chain
 from operator import ne
@@ -378,13 +378,14 @@ def _document(
         names = ["", *names]
     keys = _different(names) if names else [str(number + 1) for number in range(width)]
     document = Document([], is_table=True)
+    known = {name.casefold() for name in names if is_documented(name)}
     for row in rows:
         if not isinstance(row, Line):
             document.others.append(row)
         elif row.number < number_of_header:
             document.others.append(LeftOut(row.number, "above the header"))
         elif row.number > number_of_header:
-            odd = _odd_row(row, names, source.delimiter)
+            odd = _odd_row(row, names, known, source.delimiter)
             if odd is None:
                 cells = [*row.cells, *[""] * (len(keys) - len(row.cells))]
                 document.places.append(row.number)
@@ -408,7 +409,9 @@ def _header(path: Path, body: Sequence[Line], is_named: bool) -> Line | None:
     return heads[0]
 
 
-def _odd_row(row: Line, names: Sequence[str], delimiter: str) -> Fault | LeftOut | None:
+def _odd_row(
+    row: Line, names: Sequence[str], known: Set[str], delimiter: str
+) -> Fault | LeftOut | None:
     """Return why a row below the header is no recipe, or None."""
     number, cells = row.number, _without_blanks(row.cells)
     if names and cells == names:
@@ -418,7 +421,6 @@ def _odd_row(row: Line, names: Sequence[str], delimiter: str) -> Fault | LeftOut
         return (
             LeftOut(number, "headers") if is_framed else Fault(number, "header", message, message)
         )
-    known = {name.casefold() for name in names if is_documented(name)}
     if not known.isdisjoint(map(str.casefold, cells)) and _are_names(cells):
         message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
         return Fault(number, "header", message, "header")

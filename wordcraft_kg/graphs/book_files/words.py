@@ -29,7 +29,7 @@ def words_of(name: str) -> frozenset[str]:
     parted = _BETWEEN_WORDS.sub(" ", name)
     words = re.findall(r"[^\W_]+", parted.lower())
     # East Asian words have no blanks between them.
-    inner = [known for known in _JOINED for word in words if known in word]
+    inner = [] if name.isascii() else [known for known in _JOINED if known in name]
     return frozenset((*words, *inner))
 
 
@@ -99,7 +99,7 @@ IGNORED = words_of(
     "discovery discovered discoverer isnew note notes comment comments description desc tier "
     "level depth category categories group type types weight score probability rarity price value "
     "version game source effect effects chance unit units xp duration station machine tool method "
-    "energy percent percentage rate mod modid wiki instructions steps"
+    "relation predicate energy percent percentage rate mod modid wiki instructions steps"
 )
 _FORWARD = tuple(
     words_of(words)
@@ -117,9 +117,11 @@ _BY = words_of("with from of by using")
 _FIRST = ORDINAL | words_of("first second third fourth left right")
 _SLOT = WEAK | ID | {"name"}
 _NAMES = frozenset(NAME)
+_KNOWN = RESULT | INGREDIENT | CONTAINERS | ID
+_PROPERTIES = COUNT | IGNORED
 
 
-class Reading(NamedTuple):
+class ColumnRoles(NamedTuple):
     """A way to read columns or keys.
 
     Attributes:
@@ -141,7 +143,7 @@ def is_plain(key: str) -> bool:
     """Return whether a key may hold labels: no numbers of pieces, no properties, no uses."""
     words = words_of(key)
     is_forward = any(forward <= words for forward in _FORWARD)
-    return bool(words) and words.isdisjoint(COUNT | IGNORED) and not is_forward
+    return bool(words) and words.isdisjoint(_PROPERTIES) and not is_forward
 
 
 def is_name(key: str) -> bool:
@@ -157,8 +159,7 @@ def is_id(key: str) -> bool:
 
 def is_documented(key: str) -> bool:
     """Return whether a key is a word of recipes or things, so that it is hardly a label."""
-    known = RESULT | INGREDIENT | CONTAINERS | ID
-    return bool(words_of(key) & known) or is_name(key)
+    return not words_of(key).isdisjoint(_KNOWN) or is_name(key)
 
 
 def names_thing(key: str) -> bool:
@@ -233,7 +234,7 @@ def _families(paths: Iterable[Path]) -> list[tuple[Path, ...]]:
     return list(map(tuple, families.values()))
 
 
-def readings(paths: Iterable[Path]) -> Iterator[Reading]:
+def readings(paths: Iterable[Path]) -> Iterator[ColumnRoles]:
     """Yield the ways in which documented words let labels be read, the more certain ones first.
 
     Args:
@@ -257,7 +258,7 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
     # Two columns of other names beside a result are rather its ingredients: a guess.
     unknown = tuple(by_role.get("unknown", ()))
     if not families and len(unknown) in (1, 2):
-        yield from (Reading(unknown, made, is_documented=False) for made in _families(results))
+        yield from (ColumnRoles(unknown, made, is_documented=False) for made in _families(results))
     # Words such as first, or a name, are parts of recipes only where nothing else is.
     for family in families:
         around = _common(family)
@@ -267,26 +268,26 @@ def readings(paths: Iterable[Path]) -> Iterator[Reading]:
             if is_partner:
                 yield from _partners(family, made, things)
             elif around[: len(outer)] == outer:
-                yield Reading(family, made)
+                yield ColumnRoles(family, made)
         if not is_partner or not results:
             near = [thing for thing in things if _is_around(thing, around)]
             # The innermost thing first, and its name before its id and its key.
             near.sort(key=lambda thing: (-len(_around(thing, len(thing))), _rank(thing)))
-            yield from (Reading(family, (thing,), is_named=False) for thing in near)
+            yield from (ColumnRoles(family, (thing,), is_named=False) for thing in near)
             guesses = [guess for guess in unknown if _is_around(guess, around)]
-            yield from (Reading(family, (guess,), False, False) for guess in guesses)
+            yield from (ColumnRoles(family, (guess,), False, False) for guess in guesses)
 
 
 def _partners(
     family: tuple[Path, ...], made: tuple[Path, ...], things: Iterable[Path]
-) -> Iterator[Reading]:
+) -> Iterator[ColumnRoles]:
     """Yield readings of a partner below a thing.
 
     Such as {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}.
     """
     for thing in things:
         if _is_around(thing, made[0]) and thing[:-1] != made[0][:-1]:
-            yield Reading((thing, *family), made)
+            yield ColumnRoles((thing, *family), made)
 
 
 def _is_partner(path: Path) -> bool:

@@ -193,6 +193,7 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
     from wordcraft_kg.evaluation.recipe_scores import because
 
     if not scored:
+        yield "no answer: nothing is left to propose"
         return
     rows = []
     for one, thing in zip(scored, things or map(_thing, scored), strict=True):

@@ -389,10 +389,12 @@ def test_nodes_of_one_name_keep_their_addresses_and_are_two_senses(tmp_path):
     (tmp_path / "t.nt").write_text(
         "<http://a.org/Bread> <http://a.org/is> <http://a.org/Food> .\n"
         "<http://b.org/bread> <http://a.org/is> _:b1 .\n"
+        "<http://a.org/%ff> <http://a.org/%ff> _:b1.\n"
         '<http://b.org/bread> <http://www.w3.org/2004/02/skos/core#prefLabel> "Bread" .\n'
     )
     network = read_triples(tmp_path / "t.nt")
-    assert sorted(network.nodes) == ["Food", "_:b1", "http://a.org/Bread", "http://b.org/bread"]
+    named = ["Food", "_:b1", "http://a.org/Bread", "http://b.org/bread", "\ufffd"]
+    assert sorted(network.nodes) == named
     assert len(network.spellings["bread"]) == 2
 
 
@@ -429,6 +431,7 @@ def test_head_words_are_listed_and_used_only_when_accepted(run, tmp_path, monkey
         ("@prefix x: <urn:x> .\n", "line 1: .*nt"),
         ("<urn:a> <urn:b> <urn:c> <urn:graph> .\n", "line 1: .*statement of N-Triples"),
         ('<urn:a> <urn:label> "\\ud800" .\n', "line 1: .*not UTF-8"),
+        ('<urn:a> <urn:label> "\\q" .\n', "line 1: .*statement of N-Triples"),
         ("flour\tm\xe4kes\tdough\n".encode("latin-1"), "line 1: .*not UTF-8"),
         ("flour\tmakes\tdough\n".encode("utf-16"), "line 1: .*not UTF-8"),
         (

@@ -37,10 +37,13 @@ EXPECTED = (
     "DataFrame.to_csv of pandas write such a table, Graph.serialize(format='nt') of rdflib "
     "N-Triples"
 )
+_ESCAPE = r"""\\[tbnrf"'\\]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8}"""
 _STATEMENT = re.compile(
     r"\s*(?:<([^<>\s]+)>|(_:\S+))"  # subject: an IRI or a blank node
     r"\s+<([^<>\s]+)>"  # predicate
-    r'\s+(?:<([^<>\s]+)>|(_:\S+)|"((?:[^"\\]|\\.)*)"(?:@[\w-]+|\^\^<[^<>\s]*>)?)'  # object
+    r'\s+(?:<([^<>\s]+)>|(_:\S+)|"((?:[^"\\]|'
+    + _ESCAPE
+    + r')*)"(?:@[\w-]+|\^\^<[^<>\s]*>)?)'  # object
     r"\s*\.\s*(?:#.*)?"
 )
 _NAMING = {"label", "prefLabel", "altLabel", "name"}
@@ -183,5 +186,5 @@ def local_name(iri: str) -> str:
         return iri
     separators = "[/#]" if re.search("[/#]", iri) else ":"
     *_, last = re.split(separators, iri.rstrip("/#:"))
-    decoded = unquote(last, errors="strict")
+    decoded = unquote(last)
     return " ".join(decoded.split()) or iri

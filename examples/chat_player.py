@@ -13,8 +13,10 @@ reached directly, all others by the proxy of the environment.
 
 import json
 import sys
+from http.client import HTTPException
 from ipaddress import ip_address
 from typing import Any
+from urllib.error import HTTPError
 from urllib.parse import urlsplit
 from urllib.request import OpenerDirector, ProxyHandler, Request, build_opener
 
@@ -44,14 +46,22 @@ OPENER = make_opener(ADDRESS)
 def answer(messages: list[dict[str, str]]) -> str:
     """Return the model's next answer."""
     body = {"model": MODEL, "messages": messages, "temperature": 0, "max_tokens": 300}
-    request = Request(
-        f"{ADDRESS}/chat/completions",
-        json.dumps(body).encode(),
-        {"Content-Type": "application/json"},
-    )
-    with OPENER.open(request, timeout=55) as response:
-        reply: dict[str, Any] = json.load(response)
-    return str(reply["choices"][0]["message"]["content"])
+    try:
+        request = Request(
+            f"{ADDRESS}/chat/completions",
+            json.dumps(body).encode(),
+            {"Content-Type": "application/json"},
+        )
+        with OPENER.open(request, timeout=55) as response:
+            reply: dict[str, Any] = json.load(response)
+        return str(reply["choices"][0]["message"]["content"])
+    except HTTPError as error:
+        sys.exit(f"{ADDRESS} answers with {error}; expected a chat server with the model {MODEL}.")
+    except (OSError, HTTPException) as error:
+        reason = getattr(error, "reason", error)
+        sys.exit(f"no server at {ADDRESS} ({reason}). Start it, or give another address.")
+    except (LookupError, TypeError, ValueError) as error:
+        sys.exit(f"{ADDRESS} gives no answer of a chat server ({error!r}); expected OpenAI's API.")
 
 
 messages: list[dict[str, str]] = []

@@ -14,7 +14,14 @@ import pytest
 from graph_folders import write_graph
 from quick import contents
 
-from wordcraft_kg.graphs import SplitConfig, library, make_split, open_book, open_graph
+from wordcraft_kg.graphs import (
+    SplitConfig,
+    library,
+    make_split,
+    open_book,
+    open_graph,
+    read_book,
+)
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 
 TABLE = "ingredient_a,ingredient_b,result\n"
@@ -484,8 +491,8 @@ def test_inferred_bases_and_unmakeable_entities_give_warnings(
     assert "base_is_inferred" not in printed(*named)
     assert not caplog.messages
     finding = (
-        "note [base] no base is named, so the base is the 2 entities without a recipe: a, d. Name "
-        "the base:"
+        "note [base] no base is named, so the base is the 2 entities without a recipe. Name "
+        "the base: # base: a,d"
     )
     assert finding in run("check-book", path).out
     assert finding not in run("check-book", path, "--base", "a").out
@@ -842,12 +849,18 @@ def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, h
     assert checked.code == 1
     first, *lines = checked.out.splitlines()
     assert first == (
-        "read as table with delimiter ';', x + y = z; kept 1 of 3 rows "
-        "(1 that repeat a recipe, 1 with an ingredient as the result)"
+        "read as table with delimiter ';', x + y = z; kept 1 of 4 rows "
+        "(1 with a problem, 1 that repeat a recipe, 1 with an ingredient as the result)"
     )
+    assert lines[-4:-1] == [
+        "left out: 1 row with a problem (at 5)",
+        "left out: 1 row that repeat a recipe (at 4)",
+        "left out: 1 row with an ingredient as the result (at 3)",
+    ]
     assert any("line 5: 'mud;fire;brick;?' has 4 cells" in line for line in lines)
     text = (home / "mended.csv").read_text(encoding="utf-8")
-    assert text == TABLE + "earth,water,mud\n"
+    # In the order of the file, also of the ingredients.
+    assert text == TABLE + "water,earth,mud\n"
     assert run("check-book", home / "mended.csv").code == 0
     again = run("check-book", path, *columns, "--fix", home / "mended.csv")
     assert "exists. Choose another --fix, or replace it with --force." in again.err
@@ -859,3 +872,40 @@ def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, h
     assert json.loads(built.out)["reading"]["rows"] == 1
     described = run("describe", home / "graph")
     assert "read as table with delimiter ',', ingredient_a + ingredient_b = result" in described.out
+
+
+def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, book):
+    """JSON has no further columns, so they are named."""
+    rows = (
+        "sea,salt,brine,wet,2\nwater,earth,mud,,1\nearth,water,mud,again,1\n"
+        'air,fire,smoke,"a, b",3\n'
+    )
+    path = book("mine.csv", "ingredient_a,ingredient_b,result,note,rank\n" + rows)
+    out = run("check-book", path, "--fix", home / "mended.csv").out
+    expected = path.read_text(encoding="utf-8").replace("earth,water,mud,again,1\n", "")
+    mended = (home / "mended.csv").read_text(encoding="utf-8")
+    assert mended.replace('"', "") == expected.replace('"', "")
+    assert "left out: 1 row that repeat a recipe (at 4)" in out
+    assert "left out: the columns" not in out
+    assert read_book(home / "mended.csv").recipes == read_book(path).recipes
+    run("check-book", path, "--fix", home / "mended.tsv")
+    assert read_book(home / "mended.tsv").recipes == read_book(path).recipes
+    said = run("check-book", path, "--fix", home / "mended.json").out
+    assert "left out: the columns note, rank" in said
+    assert read_book(home / "mended.json").recipes == read_book(path).recipes
+
+
+def test_the_whole_base_is_shown(run, book):
+    pairs = "".join(f"thing {i},other {i},made {i}\n" for i in range(20))
+    lines = run("check-book", book("many.csv", TABLE + pairs)).out.splitlines()
+    (base,) = [line for line in lines if line.startswith("base ")]
+    assert base.count(",") == 39
+    (finding,) = [line for line in lines if "[base]" in line]
+    assert finding.count("thing") == 20
+
+
+def test_twins_are_told_by_the_meaning_of_their_words(run, book):
+    rows = "milk,culture,yoghurt\nyogurt,berry,breakfast\nplant,sun,flower\nplanet,sun,orbit\n"
+    out = run("check-book", book("twins.csv", TABLE + rows)).out
+    assert "'yogurt' and 'yoghurt' may be one word" in out
+    assert "planet' may be" not in out

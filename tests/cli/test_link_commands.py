@@ -1,6 +1,7 @@
 """The commands of link prediction as a user runs them: training, reports and comparisons."""
 
 import json
+import re
 import shutil
 import signal
 import tomllib
@@ -316,7 +317,15 @@ def test_several_models_are_compared_with_the_first_on_a_page(
     page = tmp_path / "new" / "comparison.html"
     command = ("compare", *(trained / name for name in ("one", "two", "full")), "--out", page)
     text = run(*command).out.splitlines()
-    assert [line.split()[0] for line in text[1:4]] == ["one", "two", "full"]
+    # The best first, on the page, too; the first model of the command is the reference.
+    names = [line.split()[0] for line in text[1:4]]
+    places = [line.split()[2] for line in text[1:4]]
+    assert sorted(names) == ["full", "one", "two"]
+    assert places == sorted(places, reverse=True)
+    assert [name for name, line in zip(names, text[1:4], strict=True) if "reference" in line] == [
+        "one"
+    ]
+    assert re.findall(r'<th scope="row">(\w+)', page.read_text()) == names
     assert "has seen these triples" in text[4]
     assert "widened for 3 pairs of models (Bonferroni)" in text[-2]
     assert text[-1] == f"wrote {page}   open {page}"

@@ -107,12 +107,18 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
         assert row["in_sample"] == (row["known"] == "train")
         evidence = scorer.supporting_recipes(*recipe, limit=3)
         assert [tuple(one.values()) for one in row["because"]] == [
-            (*one.recipe, pytest.approx(one.weight), pytest.approx(one.share)) for one in evidence
+            (*one.recipe, *map(pytest.approx, (one.weight, one.share, one.strength)))
+            for one in evidence
         ]
     lines = run("score", recipes_folder, a, "+", b, "--top", "5").out.splitlines()
     assert lines[0].split() == ["nats", "part", "recipe", "probability"]
     assert sum(" because " in line for line in lines) == 3
-    assert "because: similar train recipes" in lines[-2]
+    (strongest,) = {one["strength"] for one in values["top"][0]["because"] if one["share"] > 0.5}
+    assert strongest == 1
+    first = values["top"][0]["because"][0]
+    made = f"{first['ingredient_a']} + {first['ingredient_b']} -> {first['result']}"
+    assert f"because {made} {first['strength']:.2g}" in lines[2]
+    assert "because: similar train recipes, one part of a score: those with the same" in lines[-2]
     assert any(
         f"train  {a} + {b} -> {result}" in line for line in lines if line.endswith("(in-sample)")
     )

@@ -68,7 +68,6 @@ def test_everything_wrong_is_reported_in_one_run_with_its_lines(check):
     assert problems(found) == [
         ("bom", (1,)),
         ("duplicate", (3, 4)),
-        ("line-ends", (3,)),
         ("spelling", (3, 6)),
         ("comma", (5,)),
         ("unreachable", (5,)),
@@ -248,18 +247,26 @@ def test_a_json_book_reports_its_first_error_or_its_counts(check):
 
 JSON = json.dumps({"entities": ["a", "b, c"], "base": ["a"], "recipes": [["a", "a", "b, c"]]})
 LINE = "# base: a, b\n" + HEADER + "a,b,c\na,b\n"
+
+
+def test_carriage_returns_are_a_note_with_the_lines_of_a_few(check):
+    found = check(HEADER + "a,b,c\r\n" + "d,e,f\ng,h,i\nj,k,l\n")
+    assert ("line-ends", "note", (2,)) in kinds(found)
+    assert ("line-ends", "note", ()) in kinds(check(LINE.replace("\n", "\r\n")))
+
+
 BYTES = {
     "not UTF-8": (
         HEADER.encode() + b"caf\xe9,a,b\na,b\n",
         "book.csv",
         [("encoding", ()), ("row", (3,))],
     ),
-    "CR": (LINE.replace("\n", "\r"), "book.csv", [("line-ends", ()), ("row", (4,))]),
-    "CRLF": (LINE.replace("\n", "\r\n"), "book.csv", [("line-ends", ()), ("row", (4,))]),
+    "CR": (LINE.replace("\n", "\r"), "book.csv", [("row", (4,))]),
+    "CRLF": (LINE.replace("\n", "\r\n"), "book.csv", [("row", (4,))]),
     "JSON": (
         "\ufeff" + JSON.replace(",", ",\r\n", 1),
         "book.json",
-        [("comma", ()), ("line-ends", ()), ("bom", (1,))],
+        [("comma", ()), ("bom", (1,))],
     ),
 }
 
@@ -381,7 +388,7 @@ def test_a_book_with_very_many_findings_is_read_to_its_end(check):
 
 def test_lists_in_findings_quote_labels_with_commas(check):
     found = check(HEADER + 'water,"salt, fine",brine\nbrine,fire,steam\n')
-    assert "without a recipe: fire, 'salt, fine', water. Name" in message(found, "base")
+    assert 'Name the base: # base: "fire","salt, fine","water"' in message(found, "base")
 
 
 def test_findings_list_no_half_products(check):
@@ -400,3 +407,75 @@ def test_a_book_without_any_entity_to_begin_with_says_that_it_has_no_base(tmp_pa
     findings = check_book(circle).findings
     assert [finding.kind for finding in findings] == ["unreachable"]
     assert "no base can be inferred" in findings[0].message
+
+
+MESSY = {
+    "table": (
+        "book.csv",
+        """# an author
+ingredient_a,ingredient_b,result,note
+water,flour,dough,1
+flour,water,dough,2
+ham + cheese,bread,sandwich,3
+bread,bread,bread,4
+bread,bread,bread,5
+,,alone,6
+milk,culture,yogurt,7
+a,b,c,d,e
+""",
+    ),
+    "lines": (
+        "book.txt",
+        "# mine\nwater + flour = dough\nflour + water = dough\nno recipe\na + a = a\n",
+    ),
+    "json": (
+        "book.json",
+        '[{"ingredients": ["a", "b"], "result": "c"}, {"ingredients": [], "result": "d"}]',
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "text"), MESSY.values(), ids=MESSY)
+def test_each_row_is_a_recipe_or_a_loss_with_its_reason_and_its_place(check, name, text):
+    found = check(text, name)
+    left_out = found.reading.left_out
+    assert found.reading.kept == found.figures.recipes == len(found.book.recipes)
+    assert found.reading.rows == found.reading.kept + sum(left_out.values())
+    assert {reason: len(places) for reason, places in found.lost.items()} == left_out
+    if name == "book.csv":
+        assert found.reading.rows == 8
+        assert left_out["with a problem"] == 2
+        assert found.lost["with a problem"] == [5, 10]
+        assert found.lost["with an ingredient as the result"] == [6, 7]
+        assert "ingredient_a,ingredient_b,ingredient_c,result" in message(found, "label")
+
+
+def test_a_sum_that_our_own_table_takes_for_a_label_names_the_third_column(check):
+    found = check(HEADER + "ham + cheese,bread,sandwich\n")
+    assert "ingredient_a,ingredient_b,ingredient_c,result" in message(found, "several")
+
+
+def test_likely_twins_are_notes_and_other_words_are_none(check):
+    rows = [
+        "milk,culture,yoghurt",
+        "yogurt,berry,breakfast",
+        "tomatoe,bread,toast",
+        "seed,sun,tomato",
+    ]
+    rows += ["strawberry,sugar,strawberry jam", "jam,bread,sweet toast", "recieve,call,mail"]
+    rows += ["letter,post,receive", "boat,sea,goat", "oak tree,axe,pine tree", "carrot,pot,carrots"]
+    found = check(HEADER + "\n".join(rows) + "\n")
+    pairs = [text.split(" may be ")[0] for text in messages(found, "twin") if "may be" in text]
+    assert sorted(pairs) == [
+        "'receive' and 'recieve'",
+        "'tomato' and 'tomatoe'",
+        "'yogurt' and 'yoghurt'",
+    ]
+    short = [text for text in messages(found, "twin") if "only used" in text]
+    assert short == [
+        "'jam' is only used, and strawberry jam is made; if they are the same thing, use one name"
+    ]
+    assert next(finding.lines for finding in found.findings if finding.kind == "twin") == (2, 3)
+    # A declared base entity has no recipe, and that is meant.
+    declared = check("# base: jam, bread\n" + HEADER + "\n".join(rows) + "\n")
+    assert not [text for text in messages(declared, "twin") if "only used" in text]

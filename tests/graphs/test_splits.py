@@ -11,7 +11,12 @@ from graph_strategies import configs, splittable_graphs
 from hypothesis import assume, given
 from refusals import refuses
 
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, SplitError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    GraphMismatchError,
+    NotRegisteredError,
+    SplitError,
+)
 from wordcraft_kg.graphs import (
     RELATIONS,
     SPLITS,
@@ -240,7 +245,12 @@ def test_a_split_needs_one_function_the_groups_of_recipes(kitchen, monkeypatch):
     for row in np.flatnonzero(split.is_in("train")):
         letter = kitchen.entities[kitchen.recipes[row, 2]][0]
         assert of_letter.setdefault(letter, folds.of_recipe[row]) == folds.of_recipe[row]
-    assert read_split(json.loads("".join(split.to_json())), kitchen).hash == split.hash
+    content = json.loads("".join(split.to_json()))
+    assert read_split(content, kitchen).hash == split.hash
+    # Another process does not know the split; its folder is whole.
+    monkeypatch.delitem(SPLITS, "by-letter")
+    with pytest.raises(NotRegisteredError, match=r"'by-letter', which is not registered.*SPLITS\["):
+        read_split(content, kitchen)
 
 
 @pytest.mark.parametrize(
@@ -295,7 +305,7 @@ def test_a_split_of_another_graph_is_refused(kitchen):
         ({"test": [["seed", "water", "gold"]]}, "is damaged .*gold"),
         ({"test": [["seed"]]}, "is damaged .*TypeError"),
         ({"train_ratio": 7}, "is damaged .*`train_ratio` 7"),
-        ({"kind": "by-mood"}, "is damaged .*by-mood"),
+        ({"kind": ["by-mood"]}, "is damaged .*by-mood"),
         ({"hash": "0"}, "its content does not match its hash"),
         ({"valid": None}, r"split\.json is damaged \(KeyError: 'valid'\)\. Build the graph again"),
     ],

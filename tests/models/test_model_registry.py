@@ -10,7 +10,7 @@ import torch
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.models.folder import MODELS, open_model
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -108,7 +108,8 @@ def test_the_explorer_shows_it(folder):
 def test_a_model_of_an_unknown_kind_is_refused_with_those_that_are_known(folder, monkeypatch):
     monkeypatch.delitem(MODELS, "train-hubs")
     with pytest.raises(
-        ArtefactError, match=r"a model from train-hubs, an unknown command.*train-recipes"
+        NotRegisteredError,
+        match=r"a model from train-hubs, which is not registered.*train-recipes.*MODELS",
     ):
         open_model(folder)
 

@@ -19,9 +19,10 @@ from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.cli.compare import _agents_text
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
-from wordcraft_kg.evaluation.agents import AgentsView, group_agents, view_agents
+from wordcraft_kg.evaluation.agents import AgentsView, by_success, group_agents, view_agents
 from wordcraft_kg.graphs import SplitConfig, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
@@ -67,6 +68,22 @@ def entry(report):
 @pytest.fixture(scope="module")
 def world(agents):
     return World(agents[0].opened, TASKS.environment("test"))
+
+
+def test_the_table_and_the_text_begin_with_the_best_agent_and_name_the_reference(agents):
+    groups = group_agents(agents)
+    view = view_agents(dict(reversed(groups.items())), distractor_seeds=1, episodes=0)
+    best, other = by_success(view, view.headline)
+    amount = str(view.headline)
+    assert best.success[amount].mean >= other.success[amount].mean
+    first_line, *lines = [line for line in _agents_text(view, "kitchen") if line.startswith("  ")]
+    assert first_line.split()[0] == by_success(view, view.distractors[0])[0].name
+    assert ["reference" in line for line in (first_line, *lines)].count(True) == len(
+        view.distractors
+    )
+    page = render(make_agent_report(view))
+    rows = re.findall(rf'<th scope="row">(\w+)</th><td>{amount}</td>', page)
+    assert rows[:2] == [best.name, other.name]
 
 
 def test_runs_that_differ_in_the_seed_are_one_agent(agents):

@@ -6,10 +6,19 @@ import sys
 
 import pytest
 
-from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.artefacts import read_large_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.locks import locked
+from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import end_run, read_finished_run, read_run, run_name, start_run
+from wordcraft_kg.runs.record import (
+    check_done,
+    end_run,
+    read_finished_run,
+    read_run,
+    run_name,
+    start_run,
+)
 
 
 @pytest.fixture
@@ -83,6 +92,29 @@ def test_a_run_that_is_not_done_is_refused_with_its_status(folder, status):
     end_run(folder, start_run(folder, "train-complex"), status)
     with pytest.raises(ArtefactError, match=rf"{status}, not done.*Repeat the training command"):
         read_finished_run(folder, "a model", "model.bin")
+
+
+def test_a_run_is_still_running_while_its_folder_is_locked_and_else_was_stopped(folder):
+    def refused(says, read):
+        with pytest.raises(ArtefactError, match=says):
+            read()
+
+    def finished():
+        read_finished_run(folder, "a model", "model.bin")
+
+    def weights():
+        read_large_file(folder / "model.bin")
+
+    with locked(folder):
+        refused("still running, and has written nothing.*Wait", finished)
+        run = start_run(folder, "train-complex")
+        refused("still running .train-complex, since .*not done. Wait", finished)
+        refused("still being written", weights)
+        refused("still running, and has no checkpoint", Checkpoints(folder, "epoch", dict).load)
+    refused("stopped, by a kill or a crash, not done. Repeat the training", finished)
+    refused("model.bin is missing; the folder is incomplete", weights)
+    end_run(folder, run, "done", [])
+    check_done(folder, read_run(folder))
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
+from wordcraft_kg.base.locks import is_locked
 
 _OWN_FILES = ("graph.json", "run.json", "report.json", "site.json", "submission.json")
 """Files that mark a folder as written by this package; ``force`` may replace such a folder."""
@@ -99,6 +100,11 @@ def check_file(path: Path, largest: int = LARGE_FILE) -> None:
         ArtefactError: if the file is missing, not a regular file, or too large.
     """
     if not os.path.lexists(path):
+        if is_locked(path.parent):
+            raise ArtefactError(
+                f"{path} is missing: '{path.parent}' is still being written by another process. "
+                "Wait until it is done."
+            )
         raise ArtefactError(
             f"{path} is missing; the folder is incomplete or not of the expected kind."
         )

@@ -97,6 +97,13 @@ class GraphMismatchError(ArtefactError):
     """Two artefacts, such as a model and an environment, belong to different graphs or splits."""
 
 
+class NotRegisteredError(ConfigError, ArtefactError):
+    """A setting or a folder names a part, such as a source or a split, that this process lacks.
+
+    The folder is whole: after the part's package is installed, or its class registered, it opens.
+    """
+
+
 class LeakError(WordCraftKGError, RuntimeError):
     """A train task would be scored by a model trained on the recipes in this task's plan.
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.cli.console import Flag, Output, lines_of, split_labels
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Base, Book, FileOptions, Force
@@ -47,7 +47,8 @@ def check_book(  # noqa: PLR0913 - parameters are the command's options
         limit: findings to show for each kind; the rest are counted. The JSON lists all findings.
         all: show all findings.
         fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
-            without results among their ingredients, in UTF-8.
+            without results among their ingredients, in UTF-8 and the file's order, tables with
+            further columns; what is left out is printed.
     """
     from wordcraft_kg.base.artefacts import check_output_file
     from wordcraft_kg.base.settings import whole
@@ -78,6 +79,18 @@ def _where(finding: "Finding") -> str:
     return f"{noun} {numbers}: "
 
 
+def _left_out(view: "CheckedBook") -> Iterator[str]:
+    """Yield what the mended book lacks: rows by reason with their places, and columns."""
+    assert view.reading is not None
+    for reason, places in view.left_out.items():
+        number = view.reading.left_out[reason]
+        more = ", ..." if number > len(places) > 0 else ""
+        at = f" (at {', '.join(map(str, places))}{more})" if places else ""
+        yield f"left out: {counted(number, 'row')} {reason}{at}"
+    if view.columns_left_out:
+        yield f"left out: the columns {', '.join(view.columns_left_out)}"
+
+
 def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
     if view.reading is not None:
         yield view.reading.line()
@@ -96,9 +109,13 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
 
     figures = as_values(view.figures)
     shown = {name: _shown(name, value) for name, value in figures.items()}
+    # The base is what a user has to see as a whole: a slip in a label makes a base entity.
+    if shown.get("base"):
+        shown["base"] = ", ".join(map(quoted, shown["base"]))
     yield from lines_of(shown)
     if view.fixed is not None:
         yield f"wrote the mended book to {view.fixed}"
+        yield from _left_out(view)
     problems = sum(finding.severity == "problem" for finding in view.findings)
     others = len(view.findings) - problems
     yield f"{counted(problems, 'problem')}, {others:,} to look at"

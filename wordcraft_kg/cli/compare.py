@@ -85,7 +85,8 @@ def compare(
 
     Args:
         runs: agents' run folders, or model folders, for the same graph and split; or folders
-            written with --seeds. The first is the reference.
+            written with --seeds. The first is the reference of the differences; tables are sorted
+            by success or MRR, best first.
         out: report folder for agents (default: reports/<agents' names>), or HTML page for link
             predictors (.html is added to another ending).
     """
@@ -147,14 +148,20 @@ def _compare_agents(
 
 
 def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
-    for amount in map(str, view.distractors):
-        yield f"{view.part} tasks of depth {view.depth}, {counted(int(amount), 'distractor')}"
-        yield from aligned(
-            (f"  {agent.name}", *_success(agent.success.get(amount), view.split.unit))
-            for agent in view.agents
-        )
+    from wordcraft_kg.evaluation.agents import by_success
+
+    reference = view.agents[0].name
+    for amount in view.distractors:
+        yield f"{view.part} tasks of depth {view.depth}, {counted(amount, 'distractor')}"
+        rows = []
+        for agent in by_success(view, amount):
+            cells = list(_success(agent.success.get(str(amount)), view.split.unit))
+            if agent.name == reference and len(view.agents) > 1:
+                cells.append("reference")
+            rows.append((f"  {agent.name}", *cells))
+        yield from aligned(rows)
         for agent in view.agents:
-            if amount not in agent.success:
+            if str(amount) not in agent.success:
                 yield f"  {agent.name} plays with {agent.trained_with} distractors only"
     if view.references:
         amounts = ",".join(map(str, view.distractors))
@@ -214,13 +221,15 @@ def _compare_links(
 
 
 def _links_text(view: "LinkComparison") -> Iterator[str]:
+    from wordcraft_kg.evaluation.link_comparison import by_mrr
+
     sample = (
         ""
         if view.sampled_from is None
         else f"a uniform sample of {view.triples:,} of {view.sampled_from:,} "
     )
     yield f"{view.queries:,} queries for {sample}unseen triples"
-    yield from aligned((model.name, *_mrr(model)) for model in view.models)
+    yield from aligned((model.name, *_mrr(model)) for model in by_mrr(view))
     for model in view.models:
         if model.has_seen_the_test_recipes:
             yield f"note: {model.name} was trained on all recipes: it has seen these triples"
@@ -250,3 +259,5 @@ def _mrr(model: "ComparedModel") -> Iterator[str]:
         low, high = model.difference_ci
         verdict = "excludes 0" if low > 0 or high < 0 else "includes 0: no difference is shown"
         yield f"difference {model.difference:+.3f} {_interval(model.difference_ci, '+')} {verdict}"
+    else:
+        yield "reference"

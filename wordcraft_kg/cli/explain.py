@@ -1,6 +1,6 @@
 """``wordcraft-kg explain``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,10 +60,11 @@ def explain(
     lines: list[str] = []
     for number, episode in enumerate(view.episodes, 1):
         lines += _text(number, episode)
-    output.result(view, [*_legend(view.episodes[0].steps[0]), "", *lines])
+    output.result(view, [*_legend(view.episodes[0].steps[0], lines), "", *lines])
 
 
-def _legend(step: "ExplainedStep") -> Iterator[str]:
+def _legend(step: "ExplainedStep", lines: Sequence[str]) -> Iterator[str]:
+    from wordcraft_kg.evaluation.recipe_scores import BECAUSE
     from wordcraft_kg.models.policies.sources import label_of
 
     labels = [label_of(name) for name in step.slots[0].sources]
@@ -81,7 +82,10 @@ def _legend(step: "ExplainedStep") -> Iterator[str]:
         ("π", "the action's probability"),
         ("V", "the value of the state"),
     ]
-    yield from aligned([*rows, (">", "the action"), ("*", "an ingredient for the goal in a plan")])
+    rows += [(">", "the action"), ("*", "an ingredient for the goal in a plan")]
+    yield from aligned(rows)
+    if any(" because " in line for line in lines):
+        yield f"because: {BECAUSE}"
 
 
 def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:

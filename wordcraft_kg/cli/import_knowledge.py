@@ -4,7 +4,8 @@ from pathlib import Path
 
 from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.console import Output, aligned, command_line
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.cli.console import Output, aligned, command_line, names
 from wordcraft_kg.cli.options import Force, Graph
 
 EXAMPLES = (
@@ -34,15 +35,21 @@ def import_knowledge(
     Args:
         wordnet: folder with WordNet's database files, such as data.noun and index.noun.
         conceptnet: ConceptNet's assertions, plain or .gz; only English words are used.
-        triples: file with head, relation, tail and optionally a weight, separated by tabs; plain or
-            .gz.
+        triples: file of head, relation, tail and optionally a weight, separated by tabs, commas,
+            semicolons or |, perhaps with a header, or of N-Triples; plain or gzipped.
         overrides: file with a label, a tab and a node on each line, as in the output's
-            alignment.tsv; without a node, the label is left out.
+            alignment.tsv; without a node, the label is left out. The output's head-words.tsv
+            accepts nodes of head words, such as tree for pine tree.
         out: knowledge folder to write. Default: knowledge/<graph name>-<wordnet, conceptnet or
             triples>.
     """
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.models.knowledge.importing import Kind, describe, import_knowledge
+    from wordcraft_kg.models.knowledge.importing import (
+        HEAD_WORDS,
+        Kind,
+        describe,
+        import_knowledge,
+    )
 
     sources: dict[Kind, Path | None] = {
         "wordnet": wordnet,
@@ -62,6 +69,13 @@ def import_knowledge(
     check_output(out, force=force)
     view = import_knowledge(opened, kind, path, out, overrides=overrides, force=force)
     text = aligned(describe(view), numbers=True)
-    text.append(f"{view.triples:,} triples, {view.facts:,} facts, tables: {', '.join(view.tables)}")
+    if view.head_words:
+        text.append(
+            f"not used: {counted(len(view.head_words), 'label')} with a node for the head word "
+            f"alone ({names(view.head_words, len(view.head_words))}); "
+            f"accept all or some with --overrides {out / HEAD_WORDS}"
+        )
+    triples_and_facts = f"{counted(view.triples, 'triple')}, {counted(view.facts, 'fact')}"
+    text.append(f"{triples_and_facts}, tables: {', '.join(view.tables)}")
     text.append(f"wrote {out}/   next: {command_line('train-recipes', graph, '--with', out)}")
     output.result(view, text)

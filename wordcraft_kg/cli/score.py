@@ -193,6 +193,7 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
     from wordcraft_kg.evaluation.recipe_scores import because
 
     if not scored:
+        yield "no answer: nothing is left to propose"
         return
     rows = []
     for one, thing in zip(scored, things or map(_thing, scored), strict=True):
@@ -242,10 +243,10 @@ def _chance(row: Any) -> str:
 
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
+    from wordcraft_kg.evaluation.recipe_scores import BECAUSE
+
     if any(getattr(one, "because", ()) for one in scored):
-        yield (
-            "because: similar train recipes; similarity (1 is identical) and share of all evidence."
-        )
+        yield f"because: {BECAUSE}."
     if any(getattr(one, "outside", ()) for one in scored):
         yield (
             "Lines with the name of a source: knowledge from outside the train recipes; in "

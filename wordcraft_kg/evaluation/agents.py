@@ -186,6 +186,21 @@ class AgentsView(Record):
     references: tuple[ReferenceRow, ...] = ()
 
 
+def by_success(view: AgentsView, amount: int) -> list[AgentEntry]:
+    """Return the agents by success, best first; those that cannot play with so many last.
+
+    Args:
+        view: the results.
+        amount: a distractor count.
+    """
+
+    def success(agent: AgentEntry) -> float:
+        played = agent.success.get(str(amount))
+        return -1.0 if played is None else played.mean
+
+    return sorted(view.agents, key=success, reverse=True)
+
+
 Groups = dict[str, list[OpenedAgent]]
 """Training runs by agent name; the runs of an agent differ only in the seed."""
 _Results = dict[int, list[Evaluation]]

@@ -1,14 +1,28 @@
 """List of the known recipe books, and the check of a recipe book."""
 
+from contextlib import suppress
+from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import Unpack
 
+import msgspec
 import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.graphs.book_check import BookCheck, BookStatistics, Finding, check_book, listed
-from wordcraft_kg.graphs.book_files import ReadOptions, write_book
+from wordcraft_kg.graphs.book_check import (
+    LISTED,
+    BookCheck,
+    BookStatistics,
+    Finding,
+    check_book,
+    listed,
+    twin_message,
+)
+from wordcraft_kg.graphs.book_files import ReadOptions, read_book, write_book
+from wordcraft_kg.graphs.book_files.rows import Place
+from wordcraft_kg.graphs.book_files.writing import write_rows
 from wordcraft_kg.graphs.library import (
     FETCHABLE,
     KnownBook,
@@ -20,10 +34,16 @@ from wordcraft_kg.graphs.library import (
 )
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 
 MAX_COUNTED = 8 * 2**20
 """Bytes. A larger book's size is not listed, because counting takes seconds."""
+
+
+_ONE_MEANING = 0.6
+"""Least cosine of two spellings: .78 for yogurt and yoghurt; below .55 for all words of the books
+everyday and little-alchemy-2 that differ in a letter."""
 
 
 class ListedBook(Record):
@@ -70,6 +90,9 @@ class CheckedBook(Record):
         findings: problems first, then notes.
         reading: how the file was read; None if its shape is unknown.
         fixed: the mended book that was written; None if none was asked for.
+        left_out: rows that the mended book lacks, by reason, with the first lines or places; empty
+            without a mended book.
+        columns_left_out: further columns of the file that the mended book lacks.
     """
 
     book: str
@@ -79,6 +102,8 @@ class CheckedBook(Record):
     fixed: str | None
     figures: BookStatistics | dict[str, None]
     findings: tuple[Finding, ...]
+    left_out: dict[str, tuple[Place, ...]] = msgspec.field(default_factory=dict)
+    columns_left_out: tuple[str, ...] = ()
 
 
 def view_books() -> BookList:
@@ -148,13 +173,14 @@ def view_check(
     other = None if against is None else open_book(against)
     check = check_book(path, base or located.base, located.name, **options)
     graph = check.graph
+    kept_columns = False
     if fix is not None:
         if check.book is None:
             raise RecipeFileError(
                 f"{path}: no recipe is readable, so nothing was written to {fix}."
             )
         fix.parent.mkdir(parents=True, exist_ok=True)
-        write_book(check.book, fix)
+        kept_columns = write_mended(check, check.book, fix)
     if graph is not None:
         try:
             check = _with_words(check, graph)
@@ -174,7 +200,58 @@ def view_check(
         None if fix is None else str(fix),
         check.figures or {},
         check.findings,
+        {} if fix is None else _left_out(check),
+        () if kept_columns or fix is None or check.reading is None else check.reading.ignored,
     )
+
+
+def _left_out(check: BookCheck) -> dict[str, tuple[Place, ...]]:
+    """Return the first places of the rows that a check's book lacks, by reason."""
+    assert check.reading is not None
+    reasons = check.reading.left_out
+    return {reason: tuple(check.lost.get(reason, ())[:LISTED]) for reason in reasons}
+
+
+def write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
+    """Write the recipes of a check in the order of the file, with its further columns.
+
+    Args:
+        check: a check with recipes.
+        book: the mended book.
+        path: a .csv, .tsv or .json file.
+
+    Returns:
+        Whether the further columns of the file, if any, were written: JSON has none, and names that
+        our own header cannot stand beside are left out.
+
+    Raises:
+        RecipeFileError: if the ending is another; nothing is written.
+    """
+    kept = set(book.recipes)
+    ordered = [recipe for recipe in check.places if recipe in kept]
+    # Half-products of chains have no row.
+    others = kept.difference(ordered)
+    ordered += sorted(others)
+    reading = check.reading
+    assert reading is not None
+    if path.suffix.lower() not in (".csv", ".tsv") or (others or not check.records):
+        write_book(replace(book, recipes=ordered), path)
+        return not reading.ignored
+    rows = []
+    first = reading.columns[0]
+    for recipe in ordered:
+        cells = check.records.get(check.places[recipe], {})
+        a, b, result = recipe
+        # The order of the file, if its cells are labels as they stand.
+        is_swapped = cells.get(first, "").strip() == b
+        in_order = Recipe(b, a, result) if is_swapped else recipe
+        rows.append((in_order, [cells.get(name, "") for name in reading.ignored]))
+    write_rows(book, path, reading.ignored, rows)
+    with suppress(RecipeFileError):
+        if read_book(path).recipes == book.recipes:
+            return True
+    write_rows(book, path, (), [(recipe, ()) for recipe, _ in rows])
+    return not reading.ignored
 
 
 def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
@@ -193,6 +270,7 @@ def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
     check = check.adding(
         findings, words=len(words), words_with_vector=1 - len(missing) / len(words)
     )
+    check = _without_unlike(check)
     try:
         split = make_split(graph, SplitConfig())
     except SplitError:  # too few recipes to split
@@ -202,3 +280,26 @@ def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
         return check
     share = float(near_synonym_recipes(split, features)[is_counted].mean())
     return check.adding((), near_synonym_share=share, near_synonym_cosine=NEAR_SYNONYM)
+
+
+def _without_unlike(check: BookCheck) -> BookCheck:
+    """Return a check without twins that mean two things by their word vectors: plant and planet."""
+    from wordcraft_kg.models.scorers.features import glove_features
+
+    if not check.twins:
+        return check
+    # The words that differ: Apple Pi and Apple Pie share a word.
+    texts: list[str] = []
+    for label, other in check.twins:
+        words, others = label.split(), other.split()
+        texts.append(" ".join(word for word in words if word not in others) or label)
+        texts.append(" ".join(word for word in others if word not in words) or other)
+    features = glove_features(texts)
+    vectors = features.vectors.reshape(len(check.twins), 2, -1)
+    lengths = np.linalg.norm(vectors, axis=2)
+    cosines = (vectors[:, 0] * vectors[:, 1]).sum(1) / np.maximum(lengths.prod(1), 1e-9)
+    is_known = np.array(features.known).reshape(-1, 2).all(1)
+    is_unlike = is_known & (cosines < _ONE_MEANING)
+    unlike = {twin_message(pair) for pair in compress(check.twins, is_unlike)}
+    findings = tuple(each for each in check.findings if each.message not in unlike)
+    return replace(check, findings=findings)

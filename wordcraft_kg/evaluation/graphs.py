@@ -3,51 +3,26 @@
 from pathlib import Path
 
 from wordcraft_kg.base.errors import GraphError
-from wordcraft_kg.base.records import Count, Hash, Record
-from wordcraft_kg.graphs.audit import Audit, SplitSummary, TripleCounts
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.graphs.audit import Audit, GraphCounts, SplitSummary
 from wordcraft_kg.graphs.planner import Planner, layers
-from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
 
-class BuiltGraph(Record, omit_defaults=True, kw_only=True):
+class BuiltGraph(GraphCounts, omit_defaults=True, kw_only=True):
     """The main counts of a new recipe graph, its triples and its split.
 
     Attributes:
-        reading: how the book's file was read; None without a file.
-        entities: number of entities, without half-products.
-        half_products: number of half-products of chains.
-        recipes: number of recipes, without those that make half-products.
-        pairs: number of different ingredient pairs.
-        base: labels of the base entities.
-        base_is_inferred: whether the base is inferred: entities that no recipe makes.
         reachable: number of entities that can be made from the base, the base included.
         rounds: crafting rounds until no further entity can be made.
-        dropped_self_results: number of dropped recipes that make one of their ingredients; None
-            without a source book.
-        merged_duplicates: number of rows in the book that repeat a recipe; None without a source
-            book.
-        triples: number of triples in each knowledge graph.
         split: size of the split's parts.
-        hash: content hash of the graph.
         out: the graph folder.
     """
 
-    reading: Reading | None = None
-    entities: Count
-    half_products: Count = 0
-    recipes: Count
-    pairs: Count
-    base: tuple[str, ...]
-    base_is_inferred: bool = False
     reachable: Count
     rounds: Count
-    dropped_self_results: Count | None
-    merged_duplicates: Count | None
-    triples: TripleCounts
     split: SplitSummary
-    hash: Hash
     out: str
 
 

@@ -84,6 +84,11 @@ class LinkComparison(Record, omit_defaults=True):
     out: str | None = None
 
 
+def by_mrr(view: LinkComparison) -> list[ComparedModel]:
+    """Return the models of a comparison by MRR, best first."""
+    return sorted(view.models, key=lambda model: model.mrr or 0.0, reverse=True)
+
+
 @dataclass(frozen=True)
 class Contender:
     """A model to compare.

@@ -143,14 +143,12 @@ class RecipeScoring:
         scorer: its recipe scorer; of a cross-fitted one that of all train recipes.
         parts: recipes of each split part; empty without the graph.
         seen: recipes that the scorer was trained on.
-        has_self_results: whether any of these recipes makes one of its ingredients.
     """
 
     model: ScoringModel
     scorer: RecipeScores
     parts: dict[Part, _Recipes]
     seen: _Recipes
-    has_self_results: bool
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
@@ -173,9 +171,7 @@ class RecipeScoring:
         if split is not None:
             of_parts = {part: split.recipes(part) for part in get_args(Part)}
         parts = {part: _Recipes.of(rows, size) for part, rows in of_parts.items()}
-        every = np.concatenate([trained_on, *of_parts.values()])
-        has_self_results = bool((every[:, :2] == every[:, 2:]).any())
-        return cls(model, scorer, parts, _Recipes.of(trained_on, size), has_self_results)
+        return cls(model, scorer, parts, _Recipes.of(trained_on, size))
 
     def rows(self, query: RecipeQuery) -> Ids:
         """Return a query's recipes as ids, shape (n, 3).
@@ -251,7 +247,7 @@ class RecipeScoring:
             rows, scores = self._proposed(scorer, query, top)
         else:
             rows = self.rows(query)
-        if not self.has_self_results:
+        if not self.model.proposes_self_results:
             is_other = (rows[:, :2] != rows[:, 2:]).all(axis=1)
             rows = rows[is_other]
             scores = None if scores is None else scores[torch.from_numpy(is_other)]
@@ -417,12 +413,18 @@ def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
 
 
 def because(witnesses: Sequence[Witness]) -> str:
-    """Format supporting recipes, as ``river + wood -> driftwood 0.41 (80 %)``.
+    """Format supporting recipes with their strengths, as ``river + wood -> driftwood 0.41``."""
+    supporting = main_support(witnesses)
+    return ", ".join(f"{witness.recipe} {strength(witness)}" for witness in supporting)
 
-    The number is the similarity of the recipe, the percentage its share of the evidence.
-    """
-    parts = []
-    for witness in main_support(witnesses):
-        weight = "< 0.01" if witness.weight < 0.01 else format(witness.weight, ".2g")
-        parts.append(f"{witness.recipe} {weight} ({100 * witness.share:.0f} %)")
-    return ", ".join(parts)
+
+def strength(witness: Witness) -> str:
+    """Format the evidence of a supporting recipe, relative to the strongest."""
+    return "< 0.01" if witness.strength < 0.01 else format(witness.strength, ".2g")
+
+
+BECAUSE = (
+    "similar train recipes, one part of a score: those with the same result first, each by its "
+    "strength (1: the strongest)"
+)
+"""What a list of supporting recipes covers, and its order."""

@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.chains import is_half_product, mark_half_products
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import PARTS, Split
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
@@ -193,6 +193,11 @@ class ScoringModel:
         outside = OutsideEvidenceFinder.open(folder, model.opened)
         return cls(model.scorer, model.opened.split, model.kg, outside=outside)
 
+    @property
+    def proposes_self_results(self) -> bool:
+        """Whether an entity may be proposed for itself: if the graph has such a recipe."""
+        return self.split is not None and self.split.graph.has_self_results
+
     def known(self, triples: Ids) -> list[Known | None]:
         """Return the split part of each triple, ids of shape (T, 3), see :data:`Known`.
 
@@ -243,6 +248,9 @@ class ScoringModel:
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
         # Half-products of chains are no things of the game, and no answers.
         order = order[~mark_half_products(self.scorer.entities)[order]]
+        if query.relation == RELATIONS[COMPONENT_OF] and not self.proposes_self_results:
+            (given,) = (label for label in (query.head, query.tail) if label is not None)
+            order = order[order != int(self.scorer.entity_ids(given))]
         # Without a filter the first ones are the answer, and parts of all others need no look-up.
         if not new_only:
             order = order[:top]

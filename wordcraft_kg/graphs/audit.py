@@ -213,8 +213,8 @@ class Leakage(Record):
     mirror_in_train: Count
 
 
-class Audit(Record, omit_defaults=True, kw_only=True):
-    """Statistics for a recipe graph and a split.
+class GraphCounts(Record, omit_defaults=True, kw_only=True):
+    """The main counts of a recipe graph.
 
     Attributes:
         dropped_self_results: rows of the source book that were left out, because their result is
@@ -231,12 +231,6 @@ class Audit(Record, omit_defaults=True, kw_only=True):
             given.
         hash: SHA-256 of entities, base and recipes.
         triples: triples of all recipes.
-        ambiguity: pairs with several results.
-        reachability: entities that can be made from the base.
-        degrees: recipes and uses of entities.
-        labels: labels that are probably typos.
-        split: settings and sizes of the split.
-        leakage: test triples that training triples contain or mirror, by relation.
     """
 
     dropped_self_results: Count | None = None
@@ -250,6 +244,20 @@ class Audit(Record, omit_defaults=True, kw_only=True):
     base_is_inferred: bool = False
     hash: Hash
     triples: TripleCounts
+
+
+class Audit(GraphCounts, omit_defaults=True, kw_only=True):
+    """Statistics for a recipe graph and a split.
+
+    Attributes:
+        ambiguity: pairs with several results.
+        reachability: entities that can be made from the base.
+        degrees: recipes and uses of entities.
+        labels: labels that are probably typos.
+        split: settings and sizes of the split.
+        leakage: test triples that training triples contain or mirror, by relation.
+    """
+
     ambiguity: Ambiguity
     reachability: Reachability
     degrees: Degrees
@@ -289,8 +297,8 @@ def audit(
         hash=graph.hash,
         triples=TripleCounts(combines_with, component_of, len(graph.triples)),
         ambiguity=_ambiguity(graph),
-        reachability=_reachability(graph),
-        degrees=_degrees(graph),
+        reachability=reachability(graph),
+        degrees=degrees(graph),
         labels=AlikeLabels(len(alike), tuple(alike[:SHOWN])),
         split=split_summary(split),
         leakage=leakage(split),
@@ -395,7 +403,8 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
     )
 
 
-def _reachability(graph: RecipeGraph) -> Reachability:
+def reachability(graph: RecipeGraph) -> Reachability:
+    """Count the entities that can be made from the base, by rounds."""
     whole = ~graph.is_half_product
     layer = layers(graph)
     unreachable = np.flatnonzero((layer < 0) & whole)
@@ -410,7 +419,8 @@ def _reachability(graph: RecipeGraph) -> Reachability:
     )
 
 
-def _degrees(graph: RecipeGraph) -> Degrees:
+def degrees(graph: RecipeGraph) -> Degrees:
+    """Count how often entities are made and used; half-products of chains do not count."""
     whole = ~graph.is_half_product
     # Arrays keep an entry for each entity, so that a place stays an id; half-products count 0.
     uses = np.where(whole, graph.use_counts, 0)

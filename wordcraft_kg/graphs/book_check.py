@@ -5,8 +5,9 @@
 
 import io
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal, Unpack
@@ -20,8 +21,12 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, quoted
+from wordcraft_kg.graphs.audit import degrees, reachability
 from wordcraft_kg.graphs.book_files.containers import read_bytes
+from wordcraft_kg.graphs.book_files.entries import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.reader import (
+    REPEATED,
+    SELF_RESULT,
     BookOptions,
     BookRows,
     ReadOptions,
@@ -30,6 +35,7 @@ from wordcraft_kg.graphs.book_files.reader import (
     unknown_base,
 )
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
+from wordcraft_kg.graphs.book_files.writing import csv_line
 from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.label_notes import (
     HTML_ENTITY,
@@ -42,7 +48,10 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
+from wordcraft_kg.graphs.twins import alike_by_a_letter, used_and_made
 
+FAULTY = "with a problem"
+"""Reason of rows that are no recipe because of a fault."""
 LISTED = 15  # lines or names in a finding, at most
 MAX_DUPLICATES = 1_000
 """Repeated recipes with a finding of their own; the others share one."""
@@ -124,6 +133,11 @@ class BookCheck:
         graph: graph of the readable recipes; None without any.
         book: the readable recipes, without repetitions and self results; None without any.
         reading: how the file was read; None if its shape is unknown.
+        places: first place of each recipe of the file, in the file's order.
+        lost: places of the rows that are no recipe of ``book``, by reason; a reason without places
+            has only its number in ``reading``.
+        records: cells of a table's rows by the names of its columns, by line.
+        twins: pairs of labels that may be one word, in two spellings.
     """
 
     findings: tuple[Finding, ...]
@@ -131,6 +145,10 @@ class BookCheck:
     graph: RecipeGraph | None
     book: RecipeBook | None = None
     reading: Reading | None = None
+    places: Mapping[Recipe, Place] = field(default_factory=dict)
+    lost: Mapping[str, Sequence[Place]] = field(default_factory=dict)
+    records: Mapping[Place, Mapping[str, str]] = field(default_factory=dict)
+    twins: Sequence[tuple[str, str]] = ()
 
     @property
     def passed(self) -> bool:
@@ -163,8 +181,7 @@ def check_book(
     The file is read to its end, whatever it holds, by the code of
     :func:`~wordcraft_kg.graphs.book_files.read_book`. Equal findings are one finding with all lines.
 
-    Problems are: an encoding other than UTF-8, a byte order mark, line ends other than LF, labels
-    with commas, bad rows, recipes listed twice or made from themselves, labels in two spellings,
+    Problems are: an encoding other than UTF-8, a byte order mark, labels with commas, bad rows, recipes listed twice or made from themselves, labels in two spellings,
     unused base entities, entities out of reach from the base, and cycles of entities that need each
     other. Notes are: an inferred base, invisible characters, HTML entities, singular and plural
     forms of a word, entities in only one recipe, rows that are no recipe, and listed entities
@@ -194,12 +211,7 @@ def check_book(
     findings = _of_bytes(rows)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
-    for reason, number in rows.left_out.items():
-        lines = _numbers(rows.places_left_out.get(reason, ()))
-        message = f"{counted(number, 'row')} {reason}"
-        # In a table or lines such a row is a slip; in JSON it is a thing without a recipe.
-        is_slip = reason == WITHOUT and bool(lines)
-        findings.append(_problem("row", message, lines) if is_slip else _note("left-out", message))
+    findings += _of_left_out(rows)
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     findings += [_note("marks", message) for message in note_of_marks(book.entities)]
     if makes_nothing(book.recipes):
@@ -218,21 +230,28 @@ def check_book(
             findings.append(_problem("base", message))
     graph = RecipeGraph.from_book(book, known_base)
     line_of = _first_lines(lines_of)
-    if graph.base_is_inferred and graph.base:
-        entities = counted(len(graph.base), "entity", "entities")
-        message = (
-            f"no base is named, so the base is the {entities} without a recipe: "
-            f"{listed(graph.base)}. Name the base: # base: a, b"
-        )
-        findings.append(_note("base", message))
+    findings += _inferred_base(graph)
     findings += _characters(graph, line_of)
     findings += _spellings(graph, line_of)
     findings += _idle(graph, wanted)
     findings += _unreachable(graph, line_of, lines_of)
     findings += _plurals(graph, line_of)
     findings += _lonely(graph, line_of)
+    twins = list(alike_by_a_letter(graph.entities))
+    findings += [_note("twin", twin_message(pair), _at(pair, line_of)) for pair in twins]
+    findings += _short_names(graph, wanted, line_of)
     mended = replace(book, base=None if wanted is None else graph.base, reading=reading)
-    return BookCheck(_sorted(findings), _statistics(graph), graph, mended, reading)
+    return BookCheck(
+        findings=_sorted(findings),
+        figures=_statistics(graph),
+        graph=graph,
+        book=mended,
+        reading=reading,
+        places={recipe: places[0] for recipe, places in lines_of.items()},
+        lost=_lost(rows, lines_of),
+        records=rows.source.records,
+        twins=twins,
+    )
 
 
 def _of_bytes(file: BookRows) -> list[Finding]:
@@ -249,10 +268,10 @@ def _of_bytes(file: BookRows) -> list[Finding]:
         lines = list(io.StringIO(file.text, newline=""))
         returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
         subject = counted(len(returns), "line")
-        message = f"{subject} with a carriage return (CRLF or CR); end lines in LF"
+        message = f"{subject} with a carriage return (CRLF or CR), which are read as LF"
         # Where most lines have one, their numbers say nothing.
         are_few = len(returns) < len(lines) // 2
-        findings.append(_problem("line-ends", message, returns if are_few else ()))
+        findings.append(_note("line-ends", message, returns if are_few else ()))
     return findings
 
 
@@ -260,6 +279,8 @@ def _read_rows(
     rows: BookRows, name: str, findings: list[Finding]
 ) -> tuple[dict[Recipe, list[Place]], RecipeBook]:
     """Read all rows; add findings about faults, self results and repetitions.
+
+    Rows with a fault are left out, and counted as such.
 
     Returns:
         The places of each recipe, without half-products of chains, and the book.
@@ -298,7 +319,45 @@ def _read_rows(
                 message = unknown_base(label, known)
                 findings.append(_problem("base", message, _numbers([place])))
     kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
+    faulty = [fault.place for fault in chain(*faults.values()) if fault.kind != "directive"]
+    if faulty:
+        rows.left_out[FAULTY] = len(faulty)
+        rows.places_left_out[FAULTY] = faulty
     return lines_of, replace(book, base=base, kinds=kinds)
+
+
+def _of_left_out(rows: BookRows) -> Iterator[Finding]:
+    """Yield findings about rows that are no recipe; those with a fault have findings already."""
+    for reason, number in rows.left_out.items():
+        lines = _numbers(rows.places_left_out.get(reason, ()))
+        message = f"{counted(number, 'row')} {reason}"
+        # In a table or lines such a row is a slip; in JSON it is a thing without a recipe.
+        is_slip = reason == WITHOUT and bool(lines)
+        if is_slip:
+            yield _problem("row", message, lines)
+        elif reason != FAULTY:
+            yield _note("left-out", message)
+
+
+def _lost(rows: BookRows, lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[str, list[Place]]:
+    """Return the places of all rows that are no recipe of the book, by reason."""
+    lost = defaultdict[str, list[Place]](list, rows.places_left_out)
+    for recipe, places in lines_of.items():
+        if recipe.is_self_result:
+            lost[SELF_RESULT] += places
+        else:
+            lost[REPEATED] += places[1:]
+    return {reason: places for reason, places in lost.items() if places}
+
+
+def _inferred_base(graph: RecipeGraph) -> Iterator[Finding]:
+    if graph.base_is_inferred and graph.base:
+        entities = counted(len(graph.base), "entity", "entities")
+        message = (
+            f"no base is named, so the base is the {entities} without a recipe. Name the base: "
+            f"# base: {csv_line(graph.base, ',').strip()}"
+        )
+        yield _note("base", message)
 
 
 def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
@@ -374,6 +433,9 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
         if "&" in label and HTML_ENTITY.search(label):
             message = f"'{label}' holds an HTML entity; write the character itself"
             yield _note("html", message, _at([label], line_of))
+        if " + " in label:
+            message = f"'{label}' is one entity here. {OWN_COLUMNS}"
+            yield _note("several", message, _at([label], line_of))
         if "," in label:
             message = f"the label '{label}' contains a comma, at which other tools may split it"
             yield _problem("comma", message, _at([label], line_of))
@@ -488,6 +550,26 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
                 yield _note("plural", message, _at((label, plural), line_of))
 
 
+def twin_message(pair: tuple[str, str]) -> str:
+    """Return the message on two labels that differ in a letter."""
+    label, other = pair
+    return f"'{label}' and '{other}' may be one word; if they are, use one spelling"
+
+
+def _short_names(
+    graph: RecipeGraph, base: tuple[str, ...] | None, line_of: Mapping[str, int]
+) -> Iterator[Finding]:
+    """Yield notes on things that are only used, although others of this name are made."""
+    for label, made in used_and_made(graph):
+        if base is None or label not in base:
+            verb = "is" if len(made) == 1 else "are"
+            message = (
+                f"'{label}' is only used, and {listed(made)} {verb} made; if they are the same "
+                "thing, use one name"
+            )
+            yield _note("twin", message, _at((label, *made), line_of))
+
+
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     num_recipes = graph.recipe_counts + graph.use_counts
     lonely = graph.labels(np.flatnonzero(num_recipes == 1))
@@ -499,29 +581,27 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
 
 def _statistics(graph: RecipeGraph) -> BookStatistics:
     """Return the statistics of a graph; half-products of chains and their recipes do not count."""
-    layer = layers(graph)
-    whole = ~graph.is_half_product
-    has_recipe = graph.recipe_counts > 0
-    made = graph.recipe_counts[has_recipe & whole]
+    reached = reachability(graph)
+    counts = degrees(graph)
     results = graph.num_results
-    uses = np.where(whole, graph.use_counts, 0)
-    most_used = int(np.argmax(uses))
     num_recipes = int(np.sum(~graph.makes_half_product))
+    made = graph.recipe_counts[(graph.recipe_counts > 0) & ~graph.is_half_product]
+    (most_used, uses), *_ = counts.most_used
     return BookStatistics(
-        entities=int(np.sum(whole)),
+        entities=int(np.sum(~graph.is_half_product)),
         recipes=num_recipes,
         pairs=int(np.sum(results > 0)),
         base=graph.base,
-        reachable=int(np.sum((layer >= 0) & whole)),
-        max_layer=max(int(layer.max()), 0),
+        reachable=reached.reachable,
+        max_layer=reached.rounds,
         mean_recipes_per_craftable=float(made.mean()),
         share_with_two_recipes=float(np.mean(made >= 2)),
-        terminal=int(np.sum((graph.use_counts == 0) & has_recipe)),
-        self_pairs=graph.num_self_pairs,
+        terminal=counts.terminal,
+        self_pairs=counts.self_pairs,
         pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
         pairs_with_more_results=int(np.sum(results > 3)),
-        most_used=graph.entities[most_used],
-        most_used_share=float(uses[most_used] / num_recipes),
+        most_used=most_used,
+        most_used_share=uses / num_recipes,
     )
 
 

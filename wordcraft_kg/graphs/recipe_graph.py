@@ -201,6 +201,12 @@ class RecipeGraph:
         return len(self.pair_starts) - 1
 
     @property
+    def has_self_results(self) -> bool:
+        """Whether a recipe makes one of its ingredients; books drop such recipes by default."""
+        is_self_result = self.recipes[:, :2] == self.recipes[:, 2:]
+        return bool(is_self_result.any())
+
+    @property
     def num_self_pairs(self) -> int:
         """Number of entities that combine with themselves."""
         # The first recipe of each pair: a pair with two results counts once.

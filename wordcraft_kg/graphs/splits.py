@@ -18,7 +18,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    NotRegisteredError,
+    SplitError,
+)
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of, require, whole
 from wordcraft_kg.base.wording import counted
@@ -442,6 +448,14 @@ def read_split(
                 f"{graph.hash[:12]} ({graph.num_entities} entities). Build the graph again with "
                 "`wordcraft-kg build-graph`."
             )
+        kind = content["kind"]
+        if isinstance(kind, str) and kind not in SPLITS:
+            raise NotRegisteredError(
+                f"{where} is a split '{kind}', which is not registered; expected one of "
+                f"{', '.join(SPLITS)}. Register it in the program that opens the folder, by "
+                f"SPLITS['{kind}'] = SplitKind(groups, about) of wordcraft_kg.graphs.splits; "
+                "commands know the splits of this list alone."
+            )
         config = SplitConfig(**{field.name: content[field.name] for field in fields(SplitConfig)})
         # A recipe in no part keeps -1, so that the hash differs.
         parts = np.full(graph.num_recipes, -1, dtype=np.int8)
@@ -456,6 +470,8 @@ def read_split(
                 "Build the graph again."
             )
         return split
+    except NotRegisteredError:
+        raise
     except (KeyError, TypeError, ConfigError) as error:
         raise ArtefactError(
             f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again."

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import NotRegisteredError
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.train_samples import TrainSample, is_subsample
@@ -123,8 +123,9 @@ def _history(files: RunFiles) -> History:
     # Read for its check by hash: a changed file is an error, not a wrong setting.
     files.bytes(CONFIG_FILE)
     if files.run.kind not in MODELS:
-        raise ArtefactError(
-            f"'{files.folder}' is a model from {files.run.kind}, an unknown command; expected "
-            f"{', '.join(MODELS)}. Install the package that provides {files.run.kind}."
+        raise NotRegisteredError(
+            f"'{files.folder}' is a model from {files.run.kind}, which is not registered; expected "
+            f"{', '.join(MODELS)}. Install the package that provides {files.run.kind}, or add it "
+            "to MODELS of wordcraft_kg.models.folder in this program first."
         )
     return MODELS[files.run.kind](files)

@@ -6,7 +6,7 @@ from markupsafe import Markup
 
 from wordcraft_kg.agents.players import advice_on_words
 from wordcraft_kg.evaluation.agent_metrics import NEVER, Slice
-from wordcraft_kg.evaluation.agents import AgentsView
+from wordcraft_kg.evaluation.agents import AgentsView, by_success
 from wordcraft_kg.evaluation.goal_groups import MADE, NOT_MADE
 from wordcraft_kg.reports import agent_pictures, charts
 from wordcraft_kg.reports.pages import Report
@@ -45,6 +45,7 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
         },
         shown={
             "min_seeds": _MIN_SEEDS,
+            "ranked": by_success(view, view.headline),
             "colours": agent_pictures.source_colours(),
             "actions": agent_pictures.ACTIONS,
             "advice": advice_on_words(row.name for row in view.baselines),
@@ -64,16 +65,17 @@ def _place(label: str) -> int:
 def _success(view: AgentsView) -> Markup:
     headline = str(view.headline)
     rows: list[tuple[str, charts.Estimate]] = []
-    for agent in view.agents:
+    for agent in by_success(view, view.headline):
         # An MLP may be unable to play with this number of distractors.
         success = agent.success.get(headline)
         if success:
             low, high = success.widest_ci
             rows.append((agent.name, (success.mean, low, high)))
     reference = None
-    if rows:
+    first = view.agents[0].success.get(headline)
+    if first:
         # The first agent's success is the line that all others are compared with.
-        _, (reference, _, _) = rows[0]
+        reference = first.mean
     for player in view.baselines:
         success_of_player = player.success[headline]
         rows.append((player.name, (success_of_player, None, None)))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from wordcraft_kg.agents.players import FEWEST_USES, advice_on_words, is_words_player
-from wordcraft_kg.evaluation.link_comparison import LinkComparison
+from wordcraft_kg.evaluation.link_comparison import LinkComparison, by_mrr
 from wordcraft_kg.evaluation.links import (
     FEW_TEST_RECIPES,
     LinkView,
@@ -128,11 +128,12 @@ def comparison_page(view: LinkComparison) -> str:
     """Render a comparison of link predictors as an HTML page: MRR, and differences to the first."""
     # The first model has no difference to itself and is drawn at 0, the line of the others.
     differences_of = []
-    for model in view.models:
+    ranked = by_mrr(view)
+    for model in ranked:
         low, high = model.difference_ci or (None, None)
         differences_of.append((model.name, (model.difference or 0.0, low, high)))
     mrr = charts.intervals(
-        [_interval_row(model.name, model) for model in view.models],
+        [_interval_row(model.name, model) for model in ranked],
         f"filtered MRR, 95 % over {view.unit}",
         "MRR of each model with its interval",
     )
@@ -142,4 +143,6 @@ def comparison_page(view: LinkComparison) -> str:
         f"Difference of each model's MRR to that of {view.models[0].name} with its interval",
         reference=0.0,
     )
-    return render_page("link_comparison.html.j2", report=view, mrr=mrr, differences=differences)
+    return render_page(
+        "link_comparison.html.j2", report=view, ranked=ranked, mrr=mrr, differences=differences
+    )

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from wordcraft_kg.base.artefacts import dump_json, read_large_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.locks import is_locked
 from wordcraft_kg.base.records import Record, as_values, read_record
 
 if TYPE_CHECKING:
@@ -165,8 +166,9 @@ class Checkpoints(Generic[P]):
             raise ArtefactError(
                 f"all checkpoints of '{self.run_folder}' are damaged: {damaged[0]} Train again."
             )
+        state = "is still running, and " if is_locked(self.run_folder) else ""
         raise ArtefactError(
-            f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`."
+            f"'{self.run_folder}' {state}has no checkpoint yet. Wait, or train again with `force`."
         )
 
     def drop(self) -> None:

@@ -16,7 +16,7 @@ from msgspec import defstruct
 from msgspec.structs import asdict
 
 from wordcraft_kg.base.artefacts import read_small_file, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError
 from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.records import as_record
 from wordcraft_kg.graphs.library import without_prefixes
@@ -133,6 +133,8 @@ def _taken(
     taken = as_record(given, defstruct(kind.__name__, plain, kw_only=True), path)
     try:
         return kind(**asdict(taken), **nested)
+    except NotRegisteredError as error:
+        raise NotRegisteredError(f"'{path.parent}': {error}") from None
     except ConfigError as error:
         raise ArtefactError(f"{path} is damaged: {error} Train again, or restore a copy.") from None
 

@@ -27,6 +27,8 @@ from wordcraft_kg.base.artefacts import (
     write_atomically,
 )
 from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
+from wordcraft_kg.base.locks import in_use
+from wordcraft_kg.base.locks import locked as locked
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
@@ -277,7 +279,7 @@ def new_run(
         try:
             out.mkdir()
         except FileExistsError:  # another process has just made the folder
-            raise _in_use(out) from None
+            raise in_use(out) from None
         except OSError:  # such as a full disk: the old folder comes back
             _settle(out)
             raise
@@ -373,40 +375,6 @@ def _failing(run: RunFolder[P]) -> Iterator[None]:
 
 
 @contextmanager
-def locked(folder: Path, use: str = "trained") -> Iterator[None]:
-    """Keep other processes from working in a folder during this block.
-
-    The lock is the system's, so it ends at the latest with this process; no file is left behind.
-    Without such locks, as on Windows, the block runs unlocked.
-
-    Args:
-        folder: an existing folder.
-        use: what is done with the folder, for the error of another process.
-
-    Raises:
-        ArtefactError: if another process has locked or just replaced the folder.
-    """
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield
-        return
-    # The folder itself is locked: no lock file has to be removed after a crash.
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise _in_use(folder, use) from None
-        # The lock is on a folder that another process may have replaced in between.
-        if not os.path.exists(folder) or not os.path.samestat(os.fstat(handle), os.stat(folder)):
-            raise _in_use(folder, use)
-        yield
-    finally:
-        os.close(handle)
-
-
-@contextmanager
 def locked_folder(folder: Path, use: str) -> Iterator[None]:
     """Make a folder, and keep other processes from working there, see :func:`locked`.
 
@@ -414,12 +382,6 @@ def locked_folder(folder: Path, use: str) -> Iterator[None]:
     """
     with made_folder(folder), locked(folder, use):
         yield
-
-
-def _in_use(folder: Path, use: str = "trained") -> ArtefactError:
-    return ArtefactError(
-        f"'{folder}' is being {use} by another process; wait, or stop the process."
-    )
 
 
 def _aside(out: Path) -> Path:

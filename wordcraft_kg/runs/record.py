@@ -21,6 +21,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base.artefacts import dump_json, sha256_of, what_is, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.locks import is_locked
 from wordcraft_kg.base.records import Record, as_values, read_record
 from wordcraft_kg.graphs.folder import TrainedOn
 
@@ -228,6 +229,10 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
                 f"'{folder}' holds a run for each of {len(seeds)} seeds; "
                 f"give one run, such as {folder / seeds[0]}."
             )
+        if is_locked(folder):
+            raise ArtefactError(
+                f"'{folder}' is still running, and has written nothing to read yet. Wait."
+            )
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return read_record(folder / RUN_FILE, RunRecord)
 
@@ -248,14 +253,28 @@ def read_finished_run(
         ArtefactError: if there is no such run, or it is not done.
     """
     run = read_run(folder, expected)
-    if run.status != "done":
-        raise ArtefactError(
-            f"'{folder}' is {run.status}, not done. Repeat the training command to resume."
-        )
+    check_done(folder, run)
     # A training of another kind is a finished run, too, but without this file.
     if result not in run.outputs:
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return run
+
+
+def check_done(folder: Path, run: RunRecord) -> None:
+    """Raise an ArtefactError unless a run is done; it says whether to wait or to resume."""
+    if run.status == "done":
+        return
+    # A killed process leaves the status of a running one, but no lock.
+    is_live = is_locked(folder) if run.status == "running" else False
+    if is_live:
+        raise ArtefactError(
+            f"'{folder}' is still running ({run.kind}, since {run.started}), not done. Wait, or "
+            "stop it with Ctrl-C."
+        )
+    state: str = run.status
+    if state == "running":
+        state = "still running or stopped" if is_live is None else "stopped, by a kill or a crash"
+    raise ArtefactError(f"'{folder}' is {state}, not done. Repeat the training command to resume.")
 
 
 def run_folders(path: Path) -> list[Path]:

@@ -195,7 +195,10 @@ def test_new_links_are_the_candidates_before_a_true_answer(neighbours, ranked, e
         for q in everything
     }
     new = list(ranked_queries(ranked.split.graph, ranked.rows(RankFilter(part="new", known="all"))))
-    assert {key_of(query) for query in new} == {key for key in first if key[:3] not in true}
+    # Reading drops recipes that make their ingredient, so no entity is a component of itself.
+    dropped = {key for key in first if key[0] == key[2] and key[1] == "componentOf"}
+    new_keys = {key for key in first if key[:3] not in true}
+    assert {key_of(query) for query in new} == new_keys - dropped
     assert {(query.rank, query.known) for query in new} == {(1.0, "new")}
     for q in new[::40]:
         assert q.score == pytest.approx(

@@ -8,6 +8,7 @@ import pytest
 
 from wordcraft_kg import ComplExConfig, LinksConfig, open_model, train_links
 from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
 from wordcraft_kg.models.scorers.ranking import rank_triples
 
@@ -86,15 +87,22 @@ def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
     assert compared > 20
 
 
-def test_an_entity_in_its_own_slot_is_marked(neighbours):
-    statuses = set()
-    for label in neighbours.graph.entities:
-        entity = neighbours.graph.id_of(label)
-        slot = neighbours.slot(entity, COMPONENT_OF, "tail")
-        found = neighbours.best(slot, with_learned=True, top=1_000, witnesses=0)
-        statuses |= {row.status for row in found.best if row.entity == label}
-        assert "itself" not in {row.status for row in found.best if row.entity != label}
-    assert statuses == {"itself"}
+@pytest.mark.parametrize("has_self_results", [False, True])
+def test_an_entity_in_its_own_slot_is_marked_and_no_component_of_itself(
+    neighbours, monkeypatch, has_self_results
+):
+    """Reading drops recipes that make their ingredient, unless a book is told to keep them."""
+    monkeypatch.setattr(RecipeGraph, "has_self_results", has_self_results)
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        statuses = set()
+        for label in neighbours.graph.entities:
+            entity = neighbours.graph.id_of(label)
+            slot = neighbours.slot(entity, relation, "tail")
+            found = neighbours.best(slot, with_learned=True, top=1_000, witnesses=0)
+            statuses |= {row.status for row in found.best if row.entity == label}
+            assert "itself" not in {row.status for row in found.best if row.entity != label}
+        is_proposed = relation == COMBINES_WITH or has_self_results
+        assert ("itself" in statuses) == is_proposed
 
 
 def test_probabilities_are_the_scorers_and_none_for_learned(kernel, neighbours):

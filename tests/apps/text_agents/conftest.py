@@ -20,7 +20,7 @@ class _Chat(BaseHTTPRequestHandler):
         body = json.dumps(
             {"choices": [{"index": 0, "message": message, "finish_reason": "stop"}]}
         ).encode()
-        self.send_response(200)
+        self.send_response(200 if self.path == "/v1/chat/completions" else 404)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -241,6 +242,30 @@ def test_the_examples_play(games, script, chat_server):
         for task in range(3):
             talk = let_play(player, games.begin(task))
             assert (talk.invalid_actions, talk.game.attempts_left) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("address", "says"),
+    [
+        (
+            lambda server: "http://127.0.0.1:9/v1",
+            r"no server at http://127\.0\.0\.1:9/v1 \(.*refused",
+        ),
+        (lambda server: server.removesuffix("/v1"), "answers with HTTP Error 404"),
+        (lambda server: "nonsense", "nonsense gives no answer of a chat server"),
+    ],
+)
+def test_the_example_says_in_a_line_that_no_chat_server_answers(chat_server, address, says):
+    path = Path(__file__).parents[3] / "examples" / "chat_player.py"
+    done = subprocess.run(
+        [sys.executable, str(path), "small", address(chat_server)],
+        input='{"new": true, "text": "Goal: dough"}\n',
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+    assert re.search(says, done.stderr)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])

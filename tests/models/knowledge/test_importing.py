@@ -8,11 +8,13 @@ import pytest
 
 from wordcraft_kg.base.errors import ConfigError, KnowledgeFileError
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs.export import export_graph
 from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.models.knowledge import surroundings
-from wordcraft_kg.models.knowledge.alignment import align
+from wordcraft_kg.models.knowledge.alignment import Override, align, with_overrides
 from wordcraft_kg.models.knowledge.folder import read_knowledge
 from wordcraft_kg.models.knowledge.importing import import_knowledge
+from wordcraft_kg.models.knowledge.network import plain
 from wordcraft_kg.models.knowledge.paths import hops
 from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
 from wordcraft_kg.models.knowledge.surroundings import Surroundings
@@ -151,6 +153,11 @@ def test_each_method_of_alignment(wordnet):
         network.nodes[node].lstrip("0") if node >= 0 else "" for node in alignment.nodes.tolist()
     ]
     assert names == ["3-n", "4-n", "3-n", "3-n", "3-n", "", "5-n", ""]
+    # The rest of the import leaves head words out, unless the user accepts them.
+    accepted = {"rye bread": Override("wn:00000003-n", True)}
+    chosen = with_overrides(alignment, network, labels, accepted)
+    assert chosen.methods[4:7] == ("head word", "none", "none")
+    assert (chosen.confidences[4], chosen.nodes[6]) == (0.5, -1)
     assert alignment.confidences[[0, 4, 7]].tolist() == [0.95, 0.5, 0]
     assert 0.5 < alignment.confidences[1] < 1  # dough has two senses
 
@@ -317,9 +324,116 @@ def test_conceptnet_keeps_english_words_and_weights(tmp_path):
         read_conceptnet(tmp_path / "bad.csv")
 
 
+TABLE = """flour,makes,dough,2
+"rye, whole",makes,dough,1
+dough,makes,bread,1
+"""
+STATEMENTS = """# flour and dough
+<http://example.org/r/1> <http://www.w3.org/2000/01/rdf-schema#label> "rye, \\u0077hole"@en .
+<http://example.org/flour> <http://example.org/r#makes> <urn:dough> .
+<http://example.org/r/1> <http://example.org/r#makes> <urn:dough> .
+<urn:dough> <http://example.org/r#makes> <http://example.org/food/Bread> . # at last
+<urn:dough> <http://example.org/r#comment> "kneaded" .
+"""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TABLE,
+        TABLE.replace('"rye, whole"', "rye\\, whole").replace(",", "\t").replace("\\\t", ","),
+        "Weight;Object;Predicate;Subject\n1;dough;makes;rye, whole\n1;bread;makes;dough\n"
+        "2;dough;makes;flour\n",
+        "\ufeff" + TABLE.replace(",", " | ").replace("rye | ", "rye,"),
+        '"head"\t"relation"\t"tail"\n"flour"\t"makes"\t"dough"\n"rye, whole"\t"makes"\t"dough"\n'
+        '"dough"\t"makes"\t"bread"\n',
+        STATEMENTS,
+    ],
+)
+@pytest.mark.parametrize("pack", [bytes, gzip.compress])
+def test_triples_are_read_from_tables_of_any_separator_and_from_n_triples(tmp_path, text, pack):
+    path = tmp_path / "t.data"
+    path.write_bytes(pack(text.encode()))
+    network = read_triples(path)
+    names = {text for text, nodes in network.spellings.items() if nodes}
+    edges = {
+        tuple(plain(name) for name in (network.nodes[head], network.relations[r], network.nodes[t]))
+        for head, r, t in network.edges.tolist()
+    }
+    assert names == {"flour", "rye, whole", "dough", "bread"}
+    assert edges == {
+        ("flour", "makes", "dough"),
+        ("rye, whole", "makes", "dough"),
+        ("dough", "makes", "bread"),
+    }
+
+
+def num_edges(triples):
+    heads, _, tails = triples.T
+    return int((heads != tails).sum())
+
+
+@pytest.mark.parametrize("format", ["tsv", "nt"])
+def test_an_export_comes_back_with_a_warning_of_held_out_triples(tmp_path, caplog, format):
+    opened = open_graph("kitchen")
+    for part in ("full", "partial"):
+        export_graph(opened, format, tmp_path / part, part=part)
+        view = import_knowledge(opened, "triples", tmp_path / part, tmp_path / f"{part}-knowledge")
+        # A general graph has no loops.
+        assert view.edges == num_edges(opened.triples(part))
+        assert view.held_out == (num_edges(opened.split.unseen) if part == "full" else 0)
+    assert ["full holds" in record.message for record in caplog.records] == [True]
+
+
+def test_nodes_of_one_name_keep_their_addresses_and_are_two_senses(tmp_path):
+    (tmp_path / "t.nt").write_text(
+        "<http://a.org/Bread> <http://a.org/is> <http://a.org/Food> .\n"
+        "<http://b.org/bread> <http://a.org/is> _:b1 .\n"
+        "<http://a.org/%ff> <http://a.org/%ff> _:b1.\n"
+        '<http://b.org/bread> <http://www.w3.org/2004/02/skos/core#prefLabel> "Bread" .\n'
+    )
+    network = read_triples(tmp_path / "t.nt")
+    named = ["Food", "_:b1", "http://a.org/Bread", "http://b.org/bread", "\ufffd"]
+    assert sorted(network.nodes) == named
+    assert len(network.spellings["bread"]) == 2
+
+
+def test_head_words_are_listed_and_used_only_when_accepted(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "book.csv").write_text(
+        "a,b,result\nfamily,tree,family tree\nsea,water,glass of water\nfamily,pine,pine tree\n"
+    )
+    (tmp_path / "mine.tsv").write_text("tree\thas\twood\nwater\tin\tsea\nglass\tis\tsea\n")
+    outcome = run("import-knowledge", "book.csv", "--triples", "mine.tsv", "--out", "k")
+    assert "family tree: other:tree, glass of water: other:glass, pine tree" in outcome.out
+    assert outcome.code == 0
+    assert "family tree" not in (tmp_path / "k/facts.tsv").read_text()
+    lines = (tmp_path / "k/head-words.tsv").read_text().splitlines()
+    (tmp_path / "right.tsv").write_text("\n".join(line for line in lines if "family" not in line))
+    accepted = ("--out", "k", "--force", "--overrides", "right.tsv", "--json")
+    view = json.loads(run("import-knowledge", "book.csv", "--triples", "mine.tsv", *accepted).out)
+    assert view["head_words"] == ["family tree: other:tree"]
+    facts = (tmp_path / "k/facts.tsv").read_text()
+    assert "pine tree\thas\twood\n" in facts
+    assert "family tree" not in facts
+    assert "pine tree\tother:tree\thead word\t0.500" in (tmp_path / "k/alignment.tsv").read_text()
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("from,kind,to\nflour,makes,dough\ndough,makes,bread\n", "it may be a header"),
+        ("flour,dough,makes\ndough,bread,makes\nbread,toast,makes\n", "2 of 3 relations"),
+        ("head,relation,tail,source\nflour,makes,dough,me\n", "line 1: .*no others"),
+        ("tail,relation,head\nflour,makes,dough,1\n", "line 2: .*expected 3 columns"),
+        ("flour makes dough\n", "line 1: 'flour makes dough'; expected head.*separated by tabs"),
+        ('{"head": "flour"}\n', "line 1: .*N-Triples"),
+        ("@prefix x: <urn:x> .\n", "line 1: .*nt"),
+        ("<urn:a> <urn:b> <urn:c> <urn:graph> .\n", "line 1: .*statement of N-Triples"),
+        ('<urn:a> <urn:label> "\\ud800" .\n', "line 1: .*not UTF-8"),
+        ('<urn:a> <urn:label> "\\q" .\n', "line 1: .*statement of N-Triples"),
+        ("flour\tm\xe4kes\tdough\n".encode("latin-1"), "line 1: .*not UTF-8"),
+        ("flour\tmakes\tdough\n".encode("utf-16"), "line 1: .*not UTF-8"),
         (
             "flour\tmakes\tdough\nflour\tmakes\n",
             "line 2: 'flour\tmakes'; expected head, relation, tail",
@@ -331,7 +445,7 @@ def test_conceptnet_keeps_english_words_and_weights(tmp_path):
     ],
 )
 def test_damaged_or_useless_triples_are_refused(opened, tmp_path, text, message):
-    (tmp_path / "t.tsv").write_text(text)
+    (tmp_path / "t.tsv").write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(KnowledgeFileError, match=message):
         import_knowledge(opened, "triples", tmp_path / "t.tsv", tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -13,7 +13,7 @@ from small_scorers import BareScorer, normal
 from small_scorers import states as states_of
 
 from wordcraft_kg import PolicyConfig, make_sources
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
 from wordcraft_kg.models.policies.attention import (
     FOLD_LIMIT,
     AttentionPolicy,
@@ -480,7 +480,7 @@ REFUSED = {
     ("setting", "value"), [(name, value) for name, values in REFUSED.items() for value in values]
 )
 def test_a_setting_that_cannot_be_is_refused_by_its_name(setting, value):
-    with refuses(setting):
+    with refuses(setting, NotRegisteredError if setting == "use" else ConfigError):
         PolicyConfig(**{setting: value})
 
 

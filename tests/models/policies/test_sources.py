@@ -16,7 +16,7 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.explanation import explain_episodes
 from wordcraft_kg.agents.training import train_agent
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
@@ -362,7 +362,7 @@ def third(request, monkeypatch, tmp_path):
     installed_sources.cache_clear()
 
 
-def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path):
+def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path, monkeypatch):
     opened = open_graph("kitchen")
     config = AgentConfig(
         "kitchen",
@@ -388,6 +388,13 @@ def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path)
     (other,) = explain_episodes(agent.policy, train.variant(part="test"), episodes=1)
     assert all(abs(slot.sources["third"]) <= 1 for slot in other.steps[0].slots)
     assert find_term("third").name == label_of("third").words == "third"
+    # Another process does not know the source; its folder is whole.
+    LABELS.pop("third", None)
+    monkeypatch.undo()
+    installed_sources.cache_clear()
+    for open_it in (load_policy, open_agent):
+        with pytest.raises(NotRegisteredError, match=r"'third' is not registered.*register_source"):
+            open_it(trained.folder)
 
 
 @pytest.mark.parametrize("name", ["alpha", "u", "w", "combines", "plan"])

@@ -163,5 +163,9 @@ def test_a_known_recipe_is_its_own_evidence(scorer, cross_fitted, kitchen):
     assert found
     assert {one.recipe for one in found} <= known - {Recipe(a, b, result)}
     assert all(0 < one.weight <= 1 and 0 < one.share <= 1 for one in found)
+    # Shares and strengths tell the same, beside all evidence or beside the strongest.
+    assert max(one.strength for one in found) == 1
+    ratios = [one.share / one.strength for one in found]
+    assert ratios == pytest.approx([ratios[0]] * len(ratios))
     with pytest.raises(UnknownEntityError, match="waater"):
         scorer.supporting_recipes("waater", b, result)

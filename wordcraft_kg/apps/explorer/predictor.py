@@ -19,7 +19,7 @@ from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Part, Split
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, Relation, is_in
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
@@ -337,6 +337,9 @@ class LinkPredictor:
         """
         order = np.argsort(-slot.scores, kind="stable")
         order = order[~slot.half_product[order]]
+        if slot.relation == COMPONENT_OF and not self.graph.has_self_results:
+            # Books drop recipes that make their ingredient.
+            order = order[order != slot.entity]
         listed = order if with_learned else order[~slot.learned[order]]
         positions = np.zeros(len(slot.scores), dtype=np.int64)
         positions[listed] = np.arange(1, len(listed) + 1)

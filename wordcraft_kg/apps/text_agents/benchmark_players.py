@@ -375,11 +375,11 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     from wordcraft_kg.agents.evaluation import PolicyPlayer
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.scorers.folder import WEIGHTS
+    from wordcraft_kg.runs.record import check_done
 
     agent = open_agent(argument)
     _check_split(argument, agent.opened.split.hash, track)
-    if _POLICY not in agent.run.outputs:
-        raise ConfigError(f"'{argument}' is unfinished; expected a finished run of train-agent.")
+    check_done(Path(argument), agent.run)
     weights = {_POLICY: agent.run.outputs[_POLICY]}
     # Even an agent without a knowledge graph has met the train recipes: its tasks are made of them.
     kg = "full" if agent.run.kg == "full" else "partial"

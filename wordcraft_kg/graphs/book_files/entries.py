@@ -30,6 +30,11 @@ Names = dict[str, str | None]
 """Names by id; None for an id of several names."""
 _MOST_WITHOUT_GRID = 3  # ingredients; more may be the slots of a crafting grid
 _OWN_NAMES = "ingredient_a,ingredient_b,result"
+OWN_COLUMNS = (
+    "Write each ingredient in a column of its own, as in ingredient_a,ingredient_b,ingredient_c,"
+    "result, which `ingredients` chain reads, and one recipe in each row."
+)
+"""Remedy for a cell with several things."""
 
 
 @dataclass
@@ -231,8 +236,8 @@ def _fault(label: str) -> str | None:
         )
     if " + " in label and not is_half_product(label):
         return (
-            f"{label[:80]!r} may be several things or one. Write one recipe in each row; if it "
-            f"is a label, write a table with the columns {_OWN_NAMES}."
+            f"{label[:80]!r} may be several things or one. {OWN_COLUMNS} As one label, it needs a "
+            f"table with the columns {_OWN_NAMES} alone."
         )
     return formula_fault(label) or label_fault(seen)
 

@@ -46,7 +46,9 @@ INGREDIENTS = ("two", "chain")
 _JSON_ENDINGS = (".json", ".jsonl", ".ndjson", ".ic")
 _TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]?", re.IGNORECASE)
 """A row of totals at the end of a table, which is no recipe of one ingredient."""
-_SELF_RESULT = "with an ingredient as the result"
+SELF_RESULT = "with an ingredient as the result"
+REPEATED = "that repeat a recipe"
+"""Reasons of rows that no book keeps."""
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 
 
@@ -245,8 +247,10 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     by_name = not all(column.strip().isdecimal() for column in options.columns or ["1"])
     usual = ENDINGS.get(ending, ",")
     try:
-        source, document = read_table(path, text, delimiter, usual=usual, is_named=by_name)
-        return find(document, source)
+        table, document = read_table(path, text, delimiter, usual=usual, is_named=by_name)
+        source = find(document, table)
+        source.records = dict(zip(document.places, document.value, strict=True))
+        return source
     except RecipeFileError:
         foreign = foreign_format(text)
         if foreign is None:
@@ -344,6 +348,8 @@ class BookRows:
                 self.rows += 1
                 yield from self._row(entry)
             elif isinstance(entry, Fault):
+                # A directive is no row, and what it declares is no recipe.
+                self.rows += int(entry.kind != "directive")
                 yield entry
             else:
                 self.rows += 1
@@ -450,7 +456,7 @@ class BookRows:
         """Return a chain without the half-products of earlier rows, which are no repetition."""
         if result in ingredients:
             # As a whole, like a pair that makes one of its ingredients; never as part of a chain.
-            return LeftOut(place, _SELF_RESULT)
+            return LeftOut(place, SELF_RESULT)
         marked = next((label for label in (*ingredients, result) if " + " in label), None)
         if marked is not None and len(ingredients) > 2:
             message = f"the label {marked[:80]!r} looks like a half-product; rename its ' + '."
@@ -476,8 +482,8 @@ class BookRows:
         """
         source = self.source
         left_out = Counter(self.left_out)
-        left_out["that repeat a recipe"] += merged
-        left_out[_SELF_RESULT] += self_results
+        left_out[REPEATED] += merged
+        left_out[SELF_RESULT] += self_results
         reasons = {reason: number for reason, number in left_out.items() if number}
         notes = [*source.notes, *notes_about(labels)]
         trimmed = source.trimmed

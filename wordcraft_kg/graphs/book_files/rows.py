@@ -98,6 +98,7 @@ class FileRows:
         counts_dropped: ingredients whose number of pieces was dropped.
         several_outputs: entries with several results.
         notes: remarks for the announcement.
+        records: cells of a table's rows by the names of the columns, by line.
     """
 
     shape: str
@@ -117,6 +118,7 @@ class FileRows:
     counts_dropped: int = 0
     several_outputs: int = 0
     notes: list[str] = field(default_factory=list)
+    records: dict[Place, dict[str, str]] = field(default_factory=dict)
 
 
 def refusal(path: Path | str, seen: str, anchor: str, remedy: str = "") -> RecipeFileError:

@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import chain
 from pathlib import Path
@@ -46,13 +46,40 @@ def write_book(book: RecipeBook, path: Path) -> None:
         )
 
 
+def write_rows(
+    book: RecipeBook,
+    path: Path,
+    columns: Sequence[str],
+    rows: Iterable[tuple[Recipe, Sequence[str]]],
+) -> None:
+    """Write a book as a table whose rows have an order and further cells.
+
+    Args:
+        book: the book, for its base, idle entities and kinds.
+        path: a .csv or .tsv file. A link is followed.
+        columns: names of the further columns.
+        rows: each recipe with its further cells; ingredients stand in the recipe's order.
+
+    Raises:
+        OutputExistsError: if the path is a device, a pipe or a socket, or leads nowhere.
+        OSError: if the file cannot be written.
+    """
+    delimiter = "," if path.suffix.lower() == ".csv" else "\t"
+    names = (*CSV_HEADER, KIND) if book.kinds else CSV_HEADER
+    lines = [csv_line((*names, *columns), delimiter)]
+    for recipe, cells in rows:
+        kind = (book.kinds.get(Recipe.of(*recipe), ""),) if book.kinds else ()
+        lines.append(csv_line((*recipe, *kind, *cells), delimiter))
+    write_atomically(output_target(path), chain(_directives(book), lines))
+
+
 def _directives(book: RecipeBook) -> Iterator[str]:
     """Yield comments that declare the base, also an empty one, and entities without a recipe."""
     # Between commas also above a table with tabs, as the reader of comments expects.
     if book.base is not None:
-        yield f"# base: {_csv_line(book.base, ',')}"
+        yield f"# base: {csv_line(book.base, ',')}"
     if book.idle:
-        yield f"# entities: {_csv_line(book.idle, ',')}"
+        yield f"# entities: {csv_line(book.idle, ',')}"
 
 
 def recipe_table(
@@ -81,7 +108,7 @@ def recipe_table(
         if kinds:
             row = (*recipe, kinds.get(recipe, ""))
         if any(map(needs_quotes, row)):
-            yield _csv_line(row, delimiter)
+            yield csv_line(row, delimiter)
         else:
             yield delimiter.join(row) + "\n"
 
@@ -114,8 +141,13 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     yield "]\n}\n"
 
 
-def _csv_line(labels: Iterable[str], delimiter: str) -> str:
-    """Return a row, with quotes only where they are needed: around all of its cells."""
+def csv_line(labels: Iterable[str], delimiter: str) -> str:
+    """Return a row, with quotes only where they are needed: around all of its cells.
+
+    Args:
+        labels: the cells.
+        delimiter: one character between them.
+    """
     cells = list(labels)
     if not any(_needs_quotes(cell, delimiter) for cell in cells):
         return delimiter.join(cells) + "\n"

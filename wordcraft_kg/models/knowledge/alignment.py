@@ -1,6 +1,7 @@
 """Align a recipe graph's labels with the nodes of a graph from outside the book.
 
-A label's first method with a node counts: exact spelling, base form (lemma), head word. Among
+A label's first method with a node counts: exact spelling, base form (lemma), head word. A head
+word is a proposal that the user has to accept: a family tree is no tree, and has no wood. Among
 several nodes (senses), texts decide: a sense's text is its definition with the names and
 definitions of its direct neighbours, and the context is the mean text of the entities that share a
 train recipe::
@@ -19,6 +20,7 @@ Source: Banerjee and Pedersen 2003, "Extended gloss overlaps", for the texts; th
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +31,9 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.network import Network, plain
 
-METHODS = {"exact": 1.0, "lemma": 0.95, "head word": 0.5}
+HEAD_WORD = "head word"
+"""The method that the user has to ask for."""
+METHODS = {"exact": 1.0, "lemma": 0.95, HEAD_WORD: 0.5}
 """Confidence that a method finds the right word, before a sense is chosen."""
 _CONTEXT = 25.0
 """Weight of the cosine between a sense's text and the context."""
@@ -41,6 +45,18 @@ _HEAD = re.compile(r"(.+?) (?:of|in|with|from) .+")
 """The head of a phrase comes before its preposition: glass of water."""
 _SHORTEST = 4
 """Fewest letters of both words in a closed compound, such as treehouse."""
+
+
+class Override(NamedTuple):
+    """The node of a label, by the user.
+
+    Attributes:
+        node: its name, with or without the network's prefix; empty to leave the label out.
+        is_head_word: whether this accepts the proposal of a head word, with its confidence.
+    """
+
+    node: str
+    is_head_word: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +101,7 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
     # Two labels seldom mean the same: pirate is not the pirate ship, if both are entities.
     taken = set()
     for method, senses in zip(methods, senses_of, strict=True):
-        if method != "head word" and len(senses) == 1:
+        if method != HEAD_WORD and len(senses) == 1:
             taken.add(senses[0])
     nodes = np.full(len(entities), -1)
     confidences = np.zeros(len(entities))
@@ -103,7 +119,7 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
         owner, sense = np.array(rows).T
         log_prior = np.log(priors)
         if network.glosses:
-            is_whole = [method != "head word" for method in methods]
+            is_whole = [method != HEAD_WORD for method in methods]
             neighbours = _neighbours(recipes, is_whole)
             chances = _sense_chances(network, owner, sense, log_prior, neighbours)
         else:
@@ -122,19 +138,19 @@ def with_overrides(
     alignment: Alignment,
     network: Network,
     entities: Sequence[str],
-    overrides: Mapping[str, str],
+    overrides: Mapping[str, Override],
 ) -> Alignment:
-    """Replace the nodes of some labels by nodes that the user names.
+    """Replace the nodes of some labels by nodes that the user names; leave out other head words.
 
     Args:
         alignment: the automatic alignment.
         network: the graph from outside the book.
         entities: labels in id order.
-        overrides: names of nodes by label, with or without the network's prefix; an empty name
-            leaves a label out.
+        overrides: nodes by label.
 
     Returns:
-        A new alignment, in which a named node has confidence 1.
+        A new alignment, in which a named node has confidence 1, and an accepted head word the
+        confidence of its method.
 
     Raises:
         KnowledgeFileError: for an unknown label or node.
@@ -142,11 +158,16 @@ def with_overrides(
     nodes = alignment.nodes.copy()
     confidences = alignment.confidences.copy()
     methods = list(alignment.methods)
+    for entity, method in enumerate(alignment.methods):
+        if method == HEAD_WORD:
+            nodes[entity] = -1
+            confidences[entity] = 0.0
+            methods[entity] = "none"
     numbers = {}
     # A general graph has millions of nodes: no table of them without need.
     if overrides:
         numbers = {name: node for node, name in enumerate(network.nodes)}
-    for label, name in overrides.items():
+    for label, (name, is_head_word) in overrides.items():
         if label not in entities:
             raise KnowledgeFileError(
                 f"`overrides` names '{label}', which is not a label of the "
@@ -162,6 +183,10 @@ def with_overrides(
             )
         entity = entities.index(label)
         nodes[entity] = node
+        if is_head_word and node == alignment.nodes[entity]:
+            confidences[entity] = alignment.confidences[entity]
+            methods[entity] = alignment.methods[entity]
+            continue
         confidences[entity] = 1.0 if name else 0.0
         methods[entity] = "override" if name else "left out"
     return Alignment(nodes, tuple(methods), confidences)
@@ -187,7 +212,7 @@ def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str
     forms: dict[str, Iterable[str]] = {
         "exact": [text],
         "lemma": [*base_forms, joined.get(short, ""), short],
-        "head word": _heads(text, network),
+        HEAD_WORD: _heads(text, network),
     }
     for method, texts in forms.items():
         for form in texts:

@@ -1,5 +1,6 @@
 """Import a general graph, such as WordNet, as a knowledge folder for a recipe graph."""
 
+import logging
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +15,14 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.knowledge.alignment import Alignment, align, with_overrides
+from wordcraft_kg.graphs.triples import RELATIONS, is_in
+from wordcraft_kg.models.knowledge.alignment import (
+    HEAD_WORD,
+    Alignment,
+    Override,
+    align,
+    with_overrides,
+)
 from wordcraft_kg.models.knowledge.folder import (
     FACTS,
     TRIPLES,
@@ -24,8 +32,9 @@ from wordcraft_kg.models.knowledge.folder import (
 )
 from wordcraft_kg.models.knowledge.network import Network
 from wordcraft_kg.models.knowledge.paths import hops, make_tables, with_descriptions
-from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
+from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
 from wordcraft_kg.models.knowledge.surroundings import Reach, Surroundings, reach_of
+from wordcraft_kg.models.knowledge.triple_lines import HEADER
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 from wordcraft_kg.models.scorers.config import check_table
 
@@ -36,6 +45,8 @@ READERS = {"wordnet": read_wordnet, "conceptnet": read_conceptnet, "triples": re
 """Readers of graphs, by kind."""
 ALIGNMENT = "alignment.tsv"
 """File with the node of each label, in the form in which overrides are read."""
+HEAD_WORDS = "head-words.tsv"
+"""File with the labels whose head word alone has a node, in the same form."""
 _COLUMNS = ("label", "node", "method", "confidence", "meaning")
 _LICENCES = {
     "wordnet": "WordNet 3.0 is copyright 2006 by Princeton University; its licence must accompany "
@@ -67,6 +78,10 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
         source: display name of the imported graph.
         entities: number of labels in the recipe graph.
         aligned: number of labels with a node.
+        head_words: labels whose head word alone has a node, with this node, as
+            ``label: node``; they are not aligned.
+        held_out: number of triples of held-out recipes in the file; above 0, scores that learn
+            from it know test recipes.
         coverage: labels by method, most first.
         nodes: number of nodes in the imported graph.
         edges: number of edges in the imported graph, with those from definitions.
@@ -80,6 +95,8 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
     source: str
     entities: Count
     aligned: Count
+    head_words: tuple[str, ...]
+    held_out: Count
     coverage: tuple[Coverage, ...]
     nodes: Count
     edges: Count
@@ -126,11 +143,18 @@ def import_knowledge(
         aligned = align(network, entities, recipes)
         # What a person says goes before what was found.
         alignment = with_overrides(aligned, network, entities, chosen)
+        proposals = [
+            row
+            for entity, row in enumerate(_alignment_rows(network, aligned, entities))
+            if row[2] == HEAD_WORD and alignment.methods[entity] == "none"
+        ]
+        head_words = tuple(f"{label}: {node}" for label, node, *_ in proposals)
         if (alignment.nodes < 0).all():
+            near = f" Head words alone match, as {head_words[0]}." if head_words else ""
             raise KnowledgeFileError(
                 f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as "
-                f"'{entities[0]}', is in {network.source}. Expected a graph with English names, "
-                "or `overrides`."
+                f"'{entities[0]}', is in {network.source}.{near} Expected a graph with English "
+                "names, or `overrides`."
             )
         if network.glosses:
             network = with_descriptions(network, alignment, entities)
@@ -140,6 +164,13 @@ def import_knowledge(
         surroundings = Surroundings(network, alignment, entities)
         triples = list(surroundings.triples())
         facts = list(surroundings.facts())
+    held_out = _num_held_out(network, alignment, opened)
+    if held_out:
+        logging.getLogger(__name__).warning(
+            "%s holds %s triples of held-out recipes of '%s', so success on test tasks would say "
+            "nothing. Export the train recipes alone: `wordcraft-kg export --part partial`.",
+            *(path, f"{held_out:,}", opened.graph.name),
+        )
     record = KnowledgeRecord(
         source=network.source,
         entities=entities,
@@ -156,6 +187,8 @@ def import_knowledge(
         source=network.source,
         entities=len(entities),
         aligned=int((alignment.nodes >= 0).sum()),
+        head_words=head_words,
+        held_out=held_out,
         coverage=coverage_of(alignment),
         nodes=len(network.nodes),
         edges=len(network.edges),
@@ -168,6 +201,7 @@ def import_knowledge(
         TRIPLES: _table(HEADER, triples),
         FACTS: _table(("entity", "relation", "entity or class"), facts),
         ALIGNMENT: _table(_COLUMNS, _alignment_rows(network, alignment, entities)),
+        HEAD_WORDS: _table(_COLUMNS, proposals),
         "README.md": _card(view, opened, kind),
     }
     inputs = {
@@ -181,8 +215,21 @@ def import_knowledge(
     return view
 
 
-def read_overrides(path: Path) -> dict[str, str]:
-    """Read nodes by label from lines as in ``alignment.tsv``; further columns are ignored.
+def _num_held_out(network: Network, alignment: Alignment, opened: OpenedGraph) -> int:
+    """Return the number of triples of held-out recipes among the edges of a network."""
+    if not set(RELATIONS) <= set(network.relations):
+        return 0
+    places = np.array([network.relations.index(name) for name in RELATIONS])
+    head, relation, tail = opened.split.unseen.T
+    edges = np.column_stack([alignment.nodes[head], places[relation], alignment.nodes[tail]])
+    is_aligned = (edges >= 0).all(1)
+    return int(is_in(edges[is_aligned], network.edges, len(network.nodes)).sum())
+
+
+def read_overrides(path: Path) -> dict[str, Override]:
+    """Read nodes by label from lines as in ``alignment.tsv`` or ``head-words.tsv``.
+
+    A third column ``head word`` accepts the proposal of a head word; others are ignored.
 
     Raises:
         KnowledgeFileError: if the file cannot be read, or has a wrong line, which the error names.
@@ -191,7 +238,7 @@ def read_overrides(path: Path) -> dict[str, str]:
         raise KnowledgeFileError(
             f"{path} is not a file; expected lines with a label, a tab and a node."
         )
-    collected: dict[str, str] = {}
+    collected: dict[str, Override] = {}
     try:
         lines = read_small_file(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
@@ -206,7 +253,8 @@ def read_overrides(path: Path) -> dict[str, str]:
             raise KnowledgeFileError(
                 f"{path}, line {number}: '{label}' {what}; expected a label, a tab and a node."
             )
-        collected[label] = columns[0].strip()
+        node, *further = columns
+        collected[label] = Override(node.strip(), further[:1] == [HEAD_WORD])
     return collected
 
 

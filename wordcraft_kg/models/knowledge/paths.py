@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from wordcraft_kg.models.knowledge.alignment import Alignment, sense_texts
+from wordcraft_kg.models.knowledge.alignment import HEAD_WORD, Alignment, sense_texts
 from wordcraft_kg.models.knowledge.folder import TableInfo
 from wordcraft_kg.models.knowledge.network import Network, plain
 
@@ -77,7 +77,7 @@ def _phrases(
             continue
         names = list(network.lemmas[node])
         # The label of an entity that only shares a head word means another thing.
-        if alignment.methods[entity] != "head word":
+        if alignment.methods[entity] != HEAD_WORD:
             names.append(entities[entity])
         for name in names:
             words = plain(name).split()

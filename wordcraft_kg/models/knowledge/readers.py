@@ -1,10 +1,13 @@
-"""Read ConceptNet assertions, and triples in a tab-separated file, line by line; plain or .gz.
+"""Read ConceptNet assertions, and files of triples, line by line; plain or gzipped.
 
 Memory holds nodes and edges, about 150 bytes for a new node and 30 for an edge, never the lines.
 """
 
+import csv
 from array import array
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +17,15 @@ import numpy as np
 from wordcraft_kg.base.archives import read_lines
 from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
+from wordcraft_kg.models.knowledge.triple_lines import (
+    EXPECTED,
+    HEAVIEST,
+    Name,
+    Parser,
+    Table,
+    local_name,
+    parser_of,
+)
 
 _USELESS = {
     b"/r/ExternalURL",
@@ -25,16 +37,12 @@ _USELESS = {
 _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
 """Relations whose edges are stored in one direction, so that two assertions are not two edges."""
 _ENGLISH = b"/c/en/"
-_HEAVIEST = 1e30
-"""Weights are below: sums must fit into 32-bit numbers."""
-HEADER = ["head", "relation", "tail"]
-"""Optional header of a file of triples."""
 
 
 class _Assertion(msgspec.Struct):
     """The last column of an assertion, JSON with many more keys, which are skipped."""
 
-    weight: Annotated[float, msgspec.Meta(lt=_HEAVIEST)]
+    weight: Annotated[float, msgspec.Meta(lt=HEAVIEST)]
 
 
 def read_conceptnet(path: Path) -> Network:
@@ -75,34 +83,52 @@ def read_conceptnet(path: Path) -> Network:
 
 
 def read_triples(path: Path) -> Network:
-    """Read tab-separated triples, perhaps with weights and a header.
+    """Read a table of triples, perhaps with weights and a header, or N-Triples.
 
     Raises:
-        KnowledgeFileError: if the file cannot be read, has no triple, or has a wrong line (the
-            error names the line).
+        KnowledgeFileError: if the file cannot be read, has no triple, has a wrong line (the error
+            names the line), or has columns in another order.
     """
     collected = _Collected(path)
+    names = defaultdict[str, list[str]](list)
+    parse: Parser | None = None
     for number, line in _lines(path):
-        columns = line.rstrip(b"\r\n").split(b"\t")
-        if number == 1:
-            names = [column.decode(errors="replace") for column in columns[:3]]
-            if list(map(str.lower, names)) == HEADER:
-                continue
         try:
-            weight = float(columns[3]) if len(columns) == 4 else 1.0
-        except ValueError:
-            # Refused below, with the line.
-            weight = 0.0
-        is_triple = len(columns) in (3, 4) and all(columns)
-        if not is_triple or not 0 < weight < _HEAVIEST:
+            text = line.decode().strip("\r\n")
+            parse = parse or parser_of(text)
+            parsed = parse(text)
+        except UnicodeError:
+            raise _fault(path, number, f"the line is not UTF-8; {EXPECTED}") from None
+        except (ValueError, csv.Error) as error:
             shown = line[:80].decode(errors="replace").strip()
-            problem = f"'{shown}'; expected head, relation, tail and perhaps a positive weight"
-            raise _fault(path, number, problem)
-        head, relation, tail, *_ = columns
-        collected.add(head, relation, tail, weight)
+            raise _fault(path, number, f"'{shown}'; {error}") from None
+        if isinstance(parsed, Name):
+            names[parsed.node].append(parsed.text)
+        elif parsed is not None:
+            collected.add(parsed.head, parsed.relation, parsed.tail, parsed.weight)
+    if isinstance(parse, Table) and not parse.header:
+        collected.check_columns()
     # The name of the file, without .tsv and .gz, is the source's.
     source, _, _ = path.name.partition(".")
-    return collected.network(source or "triples", "other")
+    network = collected.network(source or "triples", "other")
+    return network if isinstance(parse, Table) else _named(network, names)
+
+
+def _named(network: Network, names: Mapping[str, Sequence[str]]) -> Network:
+    """Name nodes of RDF by their labels, or the last parts of their IRIs.
+
+    Nodes of one name keep their IRIs; each is a sense of the name.
+    """
+    names_of = [names.get(iri) or [local_name(iri)] for iri in network.nodes]
+    counts = Counter(network.nodes)
+    counts.update(spelled[0] for spelled in names_of)
+    nodes = []
+    spellings = defaultdict[str, list[int]](list)
+    for node, (iri, spelled) in enumerate(zip(network.nodes, names_of, strict=True)):
+        nodes.append(spelled[0] if counts[spelled[0]] == 1 else iri)
+        for text in dict.fromkeys(map(plain, spelled)):
+            spellings[text].append(node)
+    return replace(network, nodes=nodes, spellings=spellings)
 
 
 class _Collected:
@@ -134,6 +160,31 @@ class _Collected:
         self.ids.append(relation_id)
         self.ids.append(tail_id)
         self.weights.append(weight)
+
+    def check_columns(self) -> None:
+        """Check that a file without a header has head, relation and tail in this order.
+
+        Raises:
+            KnowledgeFileError: if the first triple may be a header, or if relations are also
+                nodes, as in a recipe book.
+        """
+        remedy = "Put the line 'head', 'relation', 'tail' above the columns, in their order."
+        ids = np.frombuffer(self.ids, np.int32).reshape(-1, 3)
+        numbers_of_nodes = np.bincount(ids[:, ::2].ravel(), minlength=2)
+        is_apart = (ids[:, 1] == 0).sum() == 1 and (numbers_of_nodes[:2] == 1).all()
+        # In a file without any repeated relation, every line looks like a header.
+        if len(ids) > len(self.relations) and is_apart:
+            raise KnowledgeFileError(
+                f"{self.path}: no other line has a name of the first line, so it may be a header; "
+                f"expected triples, perhaps below head, relation, tail. {remedy}"
+            )
+        both = [name for name in self.relations if name in self.nodes]
+        if 2 * len(both) > len(self.relations):
+            raise KnowledgeFileError(
+                f"{self.path}: {len(both):,} of {len(self.relations):,} relations, such as "
+                f"'{both[0].decode()}', are also heads or tails; expected head, relation, tail in "
+                f"this order. {remedy} A recipe book is for `train-recipes --with`."
+            )
 
     def network(self, source: str, prefix: str) -> Network:
         """Return the edges as a network; w, the sum of an edge's weights, becomes log(1 + w).
@@ -182,7 +233,7 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield lines that are not blank, numbered from 1, from a plain or gzipped file."""
     if not path.is_file():
         raise KnowledgeFileError(
-            f"{path} is not a file; expected a tab-separated file, plain or .gz."
+            f"{path} is not a file; expected a file of triples or assertions, plain or gzipped."
         )
     for number, line in read_lines(path, KnowledgeFileError):
         if not line.isspace():

@@ -7,16 +7,16 @@ the help text of each option.
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
 from wordcraft_kg.base.settings import (
     MAX_DIM,
     nearest,
     one_of,
-    refuse,
     require,
     whole,
 )
 from wordcraft_kg.models.policies.sources import (
+    REGISTER,
     SPELLED,
     short_name,
     source_names,
@@ -194,10 +194,8 @@ class PolicyConfig:
         unknown = [source for source in names if source not in known]
         if unknown:
             hint = nearest(unknown[0], (*SPELLED, *known))
-            raise refuse(
-                "use",
-                self.use,
-                f"names among {with_letters(known)}, comma-separated",
-                hint,
+            raise NotRegisteredError(
+                f"`use` {self.use!r}: expected names among {with_letters(known)}, "
+                f"comma-separated; the source '{unknown[0]}' is not registered.{hint} {REGISTER}"
             )
         return tuple(source for source in known if source in names)

@@ -21,7 +21,7 @@ from wordcraft_kg.base.artefacts import (
     with_a_name,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, reason
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError, reason
 from wordcraft_kg.base.feature_spec import LEARNED
 from wordcraft_kg.base.records import Count, Record, as_values, read_record
 from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors, with_prefix
@@ -251,6 +251,8 @@ def read_policy(
         share_lists(policy.sources.values())
         policy.entities = entities
         policy.graph_hash = description.graph
+    except NotRegisteredError as error:
+        raise NotRegisteredError(f"'{folder}': {error}") from None
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ArtefactError(
             f"{folder / 'policy.json'} and the weights do not make a policy ({reason(error)}). "

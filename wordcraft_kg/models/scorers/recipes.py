@@ -37,6 +37,7 @@ class Witness(Record):
         result: label of the result.
         weight: similarity of the recipes, 1 for equality, as in ``Support``.
         share: share of the evidence among all supporting recipes, as in ``Support``.
+        strength: evidence relative to the strongest supporting recipe, which has 1.
     """
 
     ingredient_a: str
@@ -44,12 +45,13 @@ class Witness(Record):
     result: str
     weight: Share
     share: Share
+    strength: Share
 
     @classmethod
     def of(cls, supporting: Support, entities: Sequence[str]) -> "Witness":
         """Return ``supporting`` with labels in place of ids; ``entities`` are in id order."""
         a, b, result = (entities[entity] for entity in supporting.recipe)
-        return cls(a, b, result, supporting.weight, supporting.share)
+        return cls(a, b, result, supporting.weight, supporting.share, supporting.strength)
 
     @property
     def recipe(self) -> Recipe:

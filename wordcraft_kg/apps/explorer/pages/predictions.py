@@ -23,7 +23,14 @@ from wordcraft_kg.evaluation.scores import Known
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in, triple_keys
+from wordcraft_kg.graphs.triples import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    RELATIONS,
+    Relation,
+    is_in,
+    triple_keys,
+)
 from wordcraft_kg.models.scorers.config import MAX_QUERIES, has_table
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
@@ -308,6 +315,10 @@ def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
     )
     # Where the answer itself has the highest score, the link is in the book.
     is_other = (new[["head", "tail"]] != ranks[["head", "tail"]]).any(axis=1)
+    is_self_result = (new["relation"] == COMPONENT_OF) & (new["head"] == new["tail"])
+    if not predictor.graph.has_self_results:
+        # Books drop recipes that make their ingredient.
+        is_other &= ~is_self_result
     new = new[is_other]
     new = new.drop_duplicates(["head", "relation", "tail", "side"])
     # A copy, because arrays of pandas may be read-only, which torch warns about.

@@ -104,6 +104,12 @@ short ones, so that results from before the longer names stay valid. A dictionar
 field of the label, because the label of p lies in a module that imports torch."""
 
 
+REGISTER = (
+    "Install the package that provides the source, or call register_source in this program first."
+)
+"""Remedy for an unknown source."""
+
+
 @cache
 def installed_sources() -> dict[str, EntryPoint]:
     """Return the sources of installed packages by name, as entry points that are not loaded yet."""

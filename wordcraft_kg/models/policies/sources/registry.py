@@ -4,13 +4,14 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TypeVar
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import (
     ALPHA,
     BUILT_IN,
     LABELS,
+    REGISTER,
     SPELLED,
     installed_sources,
     short_name,
@@ -65,10 +66,9 @@ def source_class(name: str) -> type[Source]:
     if name not in _CLASSES:
         point = installed_sources().get(name)
         if point is None:
-            raise ConfigError(
-                f"unknown source '{name}'; expected a name among "
-                f"{with_letters(source_names())}. "
-                "Install the package that provides this source, or register the class."
+            raise NotRegisteredError(
+                f"the source '{name}' is not registered; expected a name among "
+                f"{with_letters(source_names())}. {REGISTER}"
             )
         # Loading imports the other package, so only now, and not for `--help`.
         register_source(point.load())

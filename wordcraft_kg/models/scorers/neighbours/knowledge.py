@@ -55,12 +55,13 @@ class Support(NamedTuple):
 
     The weight is the recipe similarity, 1 for equality: the product of entity similarities for both
     ingredients (in the better order) and the result. ``share`` is relative to the sum over all
-    supporting recipes.
+    supporting recipes, ``strength`` to the strongest of them.
     """
 
     recipe: tuple[int, int, int]
     weight: float
     share: float
+    strength: float
 
 
 class RecipeKnowledge(nn.Module):
@@ -808,6 +809,7 @@ class RecipeKnowledge(nn.Module):
         # Without evidence all shares are 0, not NaN.
         least = torch.finfo(evidence.dtype).tiny
         shares = evidence / evidence.sum().clamp(min=least)
+        strengths = evidence / evidence.max().clamp(min=least)
         rows = torch.sort(evidence, descending=True, stable=True).indices.tolist()
         is_other = ((supporting[:, 2] != goal) | (shares < LEAST_SHARE)).tolist()
         # A stable sort, so each part stays in the order of shares.
@@ -816,6 +818,7 @@ class RecipeKnowledge(nn.Module):
         recipes = supporting.tolist()
         plain_weights = weights.tolist()
         plain_shares = shares.tolist()
+        plain_strengths = strengths.tolist()
         size = self.num_entities
         best: list[Support] = []
         for row in rows:
@@ -825,7 +828,8 @@ class RecipeKnowledge(nn.Module):
             has_labels = max(recipes[row]) < size
             if plain_weights[row] > 0 and has_labels:
                 one, other, result = recipes[row]
-                best.append(Support((one, other, result), plain_weights[row], plain_shares[row]))
+                figures = plain_weights[row], plain_shares[row], plain_strengths[row]
+                best.append(Support((one, other, result), *figures))
         return best
 
 

@@ -34,9 +34,11 @@ _WEIGHED_DEPTH = 2
 """Depth at which weights of plans help for certain, see docs/evidence/plan-weights.md."""
 Preset = Literal["recommended", "paper"]
 """Names of the presets of trainer and policy."""
-RECOMMENDED_RATE = 0.003
-"""Learning rate of the recommended preset."""
+RECOMMENDED: Mapping[str, float] = {"learning_rate": 0.003, "memory_cost": 1.0}
+"""Values of the trainer that the recommended preset decides whatever the tasks and sources."""
 PAPER: Mapping[str, Any] = {
+    "policy": "attention",
+    "memory_cost": 0.0,
     "unroll": 2,
     "learning_rate": 0.001,
     "sees_attempts": False,
@@ -142,6 +144,9 @@ class ImpalaConfig:
         momentum: RMSProp momentum.
         entropy_cost: entropy weight; 0.01 in the paper.
         baseline_cost: value loss weight; 0.5 in the paper's released code.
+        memory_cost: weight of the loss on a memory of own successes: whenever a pair that led to a
+            goal is on the goal's table again, its probability is raised (self-imitation); 0 for no
+            memory. Default: 1; 0 in the paper.
         scorer_cost: weight of the divergence from the softmax of w, the policy of the scorer alone,
             which limits attention that remembers train tasks; only with w, and at depth 1, where w
             is the probability of success. Default: 0.3, or 3 with fewer than 1,000 train tasks.
@@ -183,6 +188,7 @@ class ImpalaConfig:
     momentum: float = 0.0
     entropy_cost: float = 0.01
     baseline_cost: float = 0.5
+    memory_cost: float | None = None
     scorer_cost: float | None = None
     clip: float = 40.0
     tables: int | None = None
@@ -211,7 +217,7 @@ class ImpalaConfig:
         for name in ("learning_rate", "rms_epsilon", "clip"):
             expected = f"a number above 0, at most {_LARGE:g}"
             number_in(name, getattr(self, name), SMALLEST, _LARGE, expected)
-        costs = ["entropy_cost", "baseline_cost"]
+        costs = ["entropy_cost", "baseline_cost", "memory_cost"]
         if self.scorer_cost is not None:  # None is decided by the number of tasks
             costs.append("scorer_cost")
         for name in costs:
@@ -232,8 +238,8 @@ class ImpalaConfig:
 
     def _take_values_of_preset(self) -> None:
         """Set what was left open to the preset's value, if it has one."""
-        of_preset = PAPER if self.preset == "paper" else {"learning_rate": RECOMMENDED_RATE}
-        for name in ("learning_rate", "unroll", "tables"):
+        of_preset = PAPER if self.preset == "paper" else RECOMMENDED
+        for name in ("learning_rate", "unroll", "tables", "memory_cost"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, of_preset.get(name))
 
@@ -271,6 +277,12 @@ class ImpalaConfig:
         """The initial learning rate, given or the preset's."""
         assert self.learning_rate is not None  # set by `__post_init__`
         return self.learning_rate
+
+    @property
+    def memory_weight(self) -> float:
+        """The weight of the memory's loss, given or the preset's."""
+        assert self.memory_cost is not None  # set by `__post_init__`
+        return self.memory_cost
 
     @property
     def steps_per_update(self) -> int:
@@ -337,6 +349,7 @@ class AgentConfig(RunConfig):
     commands: ClassVar[tuple[str, ...]] = ("train-agent",)
     unwritten: ClassVar[Mapping[str, Any]] = {
         "preset": "paper",
+        "memory_cost": 0.0,
         "sees_attempts": False,
         "weigh_plans": False,
         "tables": 0,
@@ -353,8 +366,9 @@ class AgentConfig(RunConfig):
             has_pair_scores = bool({"w", "p"} & set(self.policy.sources))
             trainer = replace(trainer, tables=TABLES if has_pair_scores else 0)
         is_recommended = trainer.preset == "recommended"
+        kind = self.policy.policy or ("pairs" if is_recommended else "attention")
         # In a single attempt, the number of attempts left is constant.
-        sees = is_recommended and self.policy.policy == "attention" and self.tasks.episode > 2
+        sees = is_recommended and kind != "mlp" and self.tasks.episode > 2
         has_scorer = self.scorer is not None
         # Measured with u and v in a single attempt; w has a penalty instead, and with p an agent
         # starts as its planner, without attention.
@@ -365,6 +379,7 @@ class AgentConfig(RunConfig):
         weighs = is_recommended and has_scorer and is_tight and "p" in self.policy.sources
         is_residual = is_recommended and has_scorer and is_single and is_pairwise
         policy = self.policy.closed(
+            policy=kind,
             sees_attempts=sees,
             has_scorer=has_scorer,
             mixing="residual" if is_residual else "free",
@@ -375,7 +390,7 @@ class AgentConfig(RunConfig):
         object.__setattr__(self, "policy", policy)
         if has_scorer:
             return
-        default = PolicyConfig().closed(has_scorer=False)
+        default = PolicyConfig(kind).closed(has_scorer=False)
         for name in KNOWLEDGE_SETTINGS:
             if getattr(policy, name) != getattr(default, name):
                 raise ConfigError(f"`{name}` configures the use of a scorer: give a `scorer` too.")
@@ -390,7 +405,8 @@ class AgentConfig(RunConfig):
             return
         values = self.values()
         for name, expected in PAPER.items():
-            if values[name] != expected:
+            # The paper has an mlp, too.
+            if values[name] not in (expected, "mlp"):
                 raise ConfigError(
                     f"`{name}` {values[name]!r} contradicts `preset` paper, where it is "
                     f"{expected!r}. Leave out `{name}`, or leave out `preset` and set each value."

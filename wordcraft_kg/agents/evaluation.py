@@ -61,11 +61,11 @@ class PolicyPlayer:
         batches = [
             states.rows(start, start + ROWS, device) for start in range(0, state.num_envs, ROWS)
         ]
-        logits = []
+        chosen = []
         for batch in batches:
             scores = self.policy.external_scores(batch, self.silent)
-            logits.append(self.policy(batch, weights, scores).logits)
-        slots = torch.cat(logits).argmax(1)
+            chosen.append(self.policy.best_slots(batch, weights, scores))
+        slots = torch.cat(chosen)
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()
 
 

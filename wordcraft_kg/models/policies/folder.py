@@ -29,6 +29,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
+from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
 from wordcraft_kg.models.policies.sources.knowledge import share_lists
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
@@ -119,6 +120,8 @@ def _policy(
 ) -> Policy:
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)
+    if config.policy == "pairs":
+        return PairPolicy(config, vectors, sources)
     return AttentionPolicy(config, vectors, sources)
 
 

@@ -208,9 +208,11 @@ class PairPolicy(Policy):
         states = self._complete(states)
         pairs = self.choose(states, weights, external_scores)
         # The logit of each order of a pair, shape (B, A, A): its probability is half the pair's.
-        square = _square(states.table.shape[1], pairs.logits.device)
-        half = pairs.logits.new_full(square.shape, -math.log(2)).fill_diagonal_(0)
-        ordered = pairs.logits[:, square] + half
+        table = states.table
+        square = _square(table.shape[1], table.device)
+        is_itself = table[:, :, None] == table[:, None]
+        both = pairs.logits[:, square]
+        ordered = both.where(is_itself, both - math.log(2))
         logits = self._by_selection(states, ordered.logsumexp(2), ordered)[:, :slots]
         if pairs.sources is None or pairs.lambdas is None:
             return PolicyOutput(logits, pairs.value)

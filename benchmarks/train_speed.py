@@ -119,13 +119,13 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
 
 def begin(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> State:
     world = World(opened, WordCraftConfig(part="train", num_distractors=distractors))
-    engine = BatchEngine(world, config.batch_size, device=config.device, repeat=episodes_of(config))
+    engine = BatchEngine(world, config.num_envs, device=config.device, repeat=episodes_of(config))
     return engine.reset()
 
 
 def episodes_of(config: ImpalaConfig) -> int:
     """Return the number of different episodes of an environment."""
-    return math.ceil((config.tables or 0) / config.batch_size)
+    return math.ceil((config.tables or 0) / config.num_envs)
 
 
 def rate(
@@ -253,7 +253,7 @@ def main() -> None:
         tables=options.tables,
     )
     print(
-        f"{opened.graph.name}, {options.distractors} distractors, batch {config.batch_size}, "
+        f"{opened.graph.name}, {options.distractors} distractors, batch {config.num_envs}, "
         f"unroll {config.unroll}, lag {config.policy_lag}, {options.threads} "
         f"thread{'s' * (options.threads > 1)} of {os.cpu_count()}"
     )

@@ -363,7 +363,7 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
     logits = torch.tensor([-200.0, 0.0, -200.0, 0.0, -200.0, -torch.inf])
     noise = torch.tensor([0.0, 0.25, 0.5, 0.75, 1 - 2.0**-24])
     monkeypatch.setattr(
-        impala.policy, "forward", lambda *_, **__: PolicyOutput(logits.repeat(len(noise), 1), noise)
+        impala.policy, "choose", lambda *_, **__: PolicyOutput(logits.repeat(len(noise), 1), noise)
     )
     actions, log_probs = impala._choose({}, States(noise, noise, noise), None, noise)
     assert actions.tolist() == [1, 1, 3, 3, 3]

@@ -34,11 +34,16 @@ _WEIGHED_DEPTH = 2
 """Depth at which weights of plans help for certain, see docs/evidence/plan-weights.md."""
 Preset = Literal["recommended", "paper"]
 """Names of the presets of trainer and policy."""
-RECOMMENDED: Mapping[str, float] = {"learning_rate": 0.003, "memory_cost": 1.0}
+RECOMMENDED: Mapping[str, float] = {
+    "batch_size": 512,
+    "learning_rate": 0.008,
+    "memory_cost": 1.0,
+}
 """Values of the trainer that the recommended preset decides whatever the tasks and sources."""
 PAPER: Mapping[str, Any] = {
     "policy": "attention",
     "memory_cost": 0.0,
+    "batch_size": 128,
     "unroll": 2,
     "learning_rate": 0.001,
     "sees_attempts": False,
@@ -131,13 +136,14 @@ class ImpalaConfig:
             setting that is not given.
         steps: environment steps (actions) for training, rounded up to whole updates; 3,000,000 in
             the paper.
-        batch_size: parallel environments, each with one unroll per update; 128 in the paper.
+        batch_size: parallel environments, each with one unroll per update. Default: 512; 128 in the
+            paper.
         unroll: steps per environment and update. Default: an episode's actions (two for each
             attempt); 2 in the paper.
         policy_lag: delay between acting and learning policy, in updates; 0 makes all importance
             ratios 1.
         discount: γ; 0.99 in the paper.
-        learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.003; 0.001
+        learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.008; 0.001
             in the paper.
         rms_decay: RMSProp decay rate for squared gradients; 0.99 in the paper's released code.
         rms_epsilon: RMSProp ε; 0.01 in the paper.
@@ -172,13 +178,13 @@ class ImpalaConfig:
     Example:
         >>> ImpalaConfig(steps=1_000, preset="paper").updates
         4
-        >>> ImpalaConfig(steps=1_000).for_episodes(4).updates
+        >>> ImpalaConfig(steps=3_000).for_episodes(4).updates
         2
     """
 
     preset: Preset = "recommended"
     steps: int = 3_000_000
-    batch_size: int = 128
+    batch_size: int | None = None
     unroll: int | None = None
     policy_lag: int = 0
     discount: float = 0.99
@@ -205,7 +211,7 @@ class ImpalaConfig:
         self._take_values_of_preset()
         for name in ("steps", "log_every", "checkpoint_every"):
             whole(name, getattr(self, name), 1)
-        whole("batch_size", self.batch_size, 1, MAX_SIZE)
+        whole("batch_size", self.num_envs, 1, MAX_SIZE)
         # Left to the tasks and the sources, if they are None.
         for name, least in (("unroll", 1), ("tables", 0)):
             if getattr(self, name) is not None:
@@ -239,7 +245,7 @@ class ImpalaConfig:
     def _take_values_of_preset(self) -> None:
         """Set what was left open to the preset's value, if it has one."""
         of_preset = PAPER if self.preset == "paper" else RECOMMENDED
-        for name in ("learning_rate", "unroll", "tables", "memory_cost"):
+        for name in ("batch_size", "learning_rate", "unroll", "tables", "memory_cost"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, of_preset.get(name))
 
@@ -279,6 +285,12 @@ class ImpalaConfig:
         return self.learning_rate
 
     @property
+    def num_envs(self) -> int:
+        """The number of parallel environments, given or the preset's."""
+        assert self.batch_size is not None  # set by `__post_init__`
+        return self.batch_size
+
+    @property
     def memory_weight(self) -> float:
         """The weight of the memory's loss, given or the preset's."""
         assert self.memory_cost is not None  # set by `__post_init__`
@@ -291,7 +303,7 @@ class ImpalaConfig:
         Raises:
             ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
         """
-        return self.batch_size * self.unroll_steps
+        return self.num_envs * self.unroll_steps
 
     @property
     def updates(self) -> int:
@@ -430,10 +442,10 @@ class AgentConfig(RunConfig):
         default = AgentConfig("").values()
         # Values that follow from others, as they would be if none of them were given.
         preset = ImpalaConfig(preset=self.trainer.preset)
-        is_mlp = self.policy.policy == "mlp"
-        policy = PolicyConfig("mlp") if is_mlp else PolicyConfig(use=self.policy.use)
+        policy = PolicyConfig(self.policy.policy, use=self.policy.use)
         followed = AgentConfig("", self.scorer, self.tasks, policy, preset).values()
         for name in PAPER:
             default[name] = followed[name]
+        default["policy"] = AgentConfig("", trainer=preset).policy.policy
         values = self.values()
         return {name: value for name, value in values.items() if default.get(name) != value}

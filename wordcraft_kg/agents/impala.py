@@ -126,7 +126,7 @@ class Impala:
 
         Args:
             policy: the policy to train, moved to ``config.device``.
-            envs: first state in ``config.batch_size`` environments.
+            envs: first state in ``config.num_envs`` environments.
             config: settings of the trainer.
 
         Raises:
@@ -223,7 +223,7 @@ class Impala:
     def _empty_unroll(self) -> _Unroll:
         """Allocate the tensors of an unroll, which every update overwrites."""
         time = self._time
-        batch = self.config.batch_size
+        batch = self.config.num_envs
         slots = self._slots
         choices = self.policy.num_choices(slots)
         external_scores = None
@@ -489,7 +489,7 @@ class Impala:
             left = Attempts(kept.attempts.left[t])
             same = States(kept.goal[t], kept.selection[t], kept.table[t], attempts=left)
             dropped = None if unroll.noise is None else unroll.noise[t]
-            actions, log_probs = self._act(weights, same, scores, dropped, noise[t])
+            actions, log_probs = self._act(weights, same, scores, noise[t], dropped)
             unroll.actions[t] = actions
             unroll.log_probs[t] = log_probs
             for chosen in self.policy.slots_of(actions, self._slots):
@@ -549,8 +549,8 @@ class Impala:
         weights: Weights,
         states: States,
         external_scores: Tensor | None,
-        dropped: Tensor | None,
         noise: Tensor,
+        dropped: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Sample a choice in each state; return it and its log-probability, shape (B,) each.
 

@@ -41,8 +41,9 @@ class Successes:
         """
         if not len(self.keys):
             return torch.zeros((*table.shape, table.shape[1]), dtype=torch.bool, device=table.device)
-        of_row = (part[:, None, None] for part in (goal, left))
-        wanted = self._keys(*of_row, table[:, :, None], table[:, None])
+        goals = goal[:, None, None]
+        attempts = left[:, None, None]
+        wanted = self._keys(goals, attempts, table[:, :, None], table[:, None])
         places = torch.searchsorted(self.keys, wanted).clamp(max=len(self.keys) - 1)
         return self.keys[places] == wanted
 

@@ -97,7 +97,7 @@ class PolicyConfig:
     value_size: int = 300
     hidden_size: int = 300
     pair_size: int = 128
-    dropout: float = 0.2
+    dropout: float = 0.3
     embedding_size: int = 50
     use: str = "combines,component"
     plan_width: int = 0

@@ -513,15 +513,13 @@ def test_an_unroll_shorter_than_an_episode_is_warned_of(tmp_path, caplog):
     assert warned(preset="paper")
 
 
-def test_a_file_from_before_there_were_presets_is_the_papers_preset(tmp_path):
-    config = AgentConfig("kitchen", None, TaskConfig(2), trainer=ImpalaConfig("paper"))
-    config.write(tmp_path)
+def test_a_run_from_before_training_was_a_function_of_the_train_part_is_refused(tmp_path):
+    AgentConfig("kitchen").write(tmp_path)
+    assert AgentConfig.read(tmp_path) == AgentConfig("kitchen")
     path = tmp_path / "config.toml"
-    lines = path.read_text().splitlines(keepends=True)
-    new = ("preset", "memory_cost", "pair_size", "dropout", "sees_attempts", "weigh_plans")
-    path.write_text("".join(line for line in lines if not line.startswith(new)))
-    assert "preset" not in path.read_text()
-    assert AgentConfig.read(tmp_path) == config
+    path.write_text(path.read_text().replace("pays_held_out = false\n", ""))
+    with pytest.raises(ArtefactError, match=r"told which pairs .* --config .*config.toml --out"):
+        AgentConfig.read(tmp_path)
 
 
 @pytest.mark.parametrize(("steps", "updates"), [(1, 1), (24, 1), (25, 2), (240, 10), (241, 11)])
@@ -547,6 +545,7 @@ def test_a_task_setting_out_of_range_is_an_error_that_names_it(setting, options)
 def test_the_environment_gets_all_settings_of_the_tasks():
     other = {"depth": 2, "max_attempts": 3, "reward": "official", "distractor_weighting": "uniform"}
     other |= {"distractor_policy": "no_shortcut", "task_weighting": "goal", "ambiguity": "last"}
+    other |= {"pays_held_out": True}
     tasks = TaskConfig(distractors=7, **other)
     assert all(
         getattr(tasks, field.name) != getattr(TaskConfig(), field.name)

@@ -1,6 +1,5 @@
 """The batched engine against the readable environment, step for step."""
 
-import itertools
 from itertools import product
 
 import numpy as np
@@ -254,10 +253,7 @@ def drawn_tables(world, tables, at_once=500):
 @pytest.mark.parametrize("part", ["train", "test", "all"])
 @pytest.mark.parametrize("depth", [1, 2])
 def test_tables_hold_the_start_and_distractors_that_may_lie_there(opened_kitchen, part, depth):
-    graph, split = opened_kitchen.graph, opened_kitchen.split
-    held_out = {}
-    for a, b, result in split.recipes("test").tolist():
-        held_out.setdefault(result, []).append((a, b))
+    graph = opened_kitchen.graph
     world = World(opened_kitchen, WordCraftConfig(part=part, depth=depth, num_distractors=7))
     for task, table in drawn_tables(world, 2_000):
         start = {
@@ -273,14 +269,6 @@ def test_tables_hold_the_start_and_distractors_that_may_lie_there(opened_kitchen
         assert start <= set(table)
         distractors = set(table) - start
         assert not distractors & (made | {goal})
-        if part == "train":
-            closure = set(start)
-            for _ in range(depth - 1):
-                pairs = itertools.combinations_with_replacement(sorted(closure), 2)
-                closure |= {result for pair in pairs for result in world.outcomes.get(pair, ())}
-            near = set(table) | closure
-            for a, b in held_out.get(goal, []):
-                assert not ({a, b} <= near and {a, b} & distractors)
 
 
 def pairs_to(goal, have, recipes, attempts):

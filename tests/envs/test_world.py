@@ -43,6 +43,7 @@ CHANGES = [
         {"max_attempts": 2, "ambiguity": "last"},
     ),
     {"max_attempts": 2, "part": "all"},
+    {"pays_held_out": True},
     *({"max_attempts": 2, "part": "all", "distractor_policy": policy} for policy in POLICIES),
 ]
 
@@ -56,7 +57,7 @@ def opened():
 
 
 def content(world):
-    arrays = ("distractor_weights", "guarded_recipes", "makeable")
+    arrays = ("distractor_weights", "usable", "makeable")
     values = {
         name: getattr(world, name) for name in ("num_slots", "max_results", "tasks", "outcomes")
     }
@@ -85,12 +86,12 @@ def test_variants_share_what_does_not_depend_on_their_settings(opened):
         "tasks",
         "outcomes",
         "distractor_weights",
-        "guarded_recipes",
+        "usable",
         "makeable",
     ):
         assert getattr(more, name) is getattr(world, name)
     test = more.variant(part="test")
-    assert test.search is world.search
+    assert test.search is test.variant(part="all").search
     assert test.tasks != world.tasks
     assert test.variant(part="train").tasks is world.tasks
 

@@ -72,8 +72,8 @@ def test_what_is_wrong_with_less_noise_is_wrong_with_more():
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("label_noise", [0.2, 1.0])
-def test_a_wrong_recipe_keeps_its_pair_and_is_in_no_book(kind, label_noise):
-    """A wrong recipe keeps its pair and is part of nothing that the book has."""
+def test_a_wrong_recipe_keeps_its_pair_and_is_no_train_recipe(kind, label_noise):
+    """A wrong recipe keeps its pair and is part of nothing that the train recipes have."""
     split = split_of(kind)
     train_sample = draw_train_sample(split, 0.8, label_noise, seed=1)
     graph, wrong = split.graph, train_sample.among(train_sample.is_wrong)
@@ -83,7 +83,7 @@ def test_a_wrong_recipe_keeps_its_pair_and_is_in_no_book(kind, label_noise):
     triples = recipe_triples(wrong)
     parts = triples[triples[:, 1] == COMPONENT_OF]
     assert len(parts)
-    assert not is_in(parts, graph.triples, graph.num_entities).any()
+    assert not is_in(parts, split.partial, graph.num_entities).any()
     assert len(np.unique(train_sample.recipes, axis=0)) == len(train_sample.recipes)
 
 

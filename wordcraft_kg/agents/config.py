@@ -76,6 +76,8 @@ class TaskConfig:
         task_weighting: sample train tasks by task (uniformly) or by goal (first a goal, then a task
             with this goal).
         ambiguity: all results of a pair, or only the last (as in the paper's released code).
+        pays_held_out: let held-out pairs make their results in training too, as the paper's
+            released code does. Such an agent is paid for test recipes: for comparison only.
 
     Raises:
         ConfigError: for a value out of range.
@@ -93,6 +95,7 @@ class TaskConfig:
     distractor_policy: DistractorPolicy = WordCraftConfig.distractor_policy
     task_weighting: TaskWeighting = WordCraftConfig.task_weighting
     ambiguity: Ambiguity = WordCraftConfig.ambiguity
+    pays_held_out: bool = False
 
     def __post_init__(self) -> None:
         self.environment("train")  # checks all values
@@ -344,7 +347,7 @@ class AgentConfig(RunConfig):
     Attributes:
         graph: graph folder, recipe book's file or built-in book's name.
         commands: names of the commands that write such a run.
-        unwritten: values for files from before there were these settings, which have all others.
+        since: settings that files of runs have since training is a function of the train part.
         scorer: model folder, or None.
         tasks: training and evaluation tasks.
         policy: network and knowledge sources.
@@ -359,12 +362,9 @@ class AgentConfig(RunConfig):
     """
 
     commands: ClassVar[tuple[str, ...]] = ("train-agent",)
-    unwritten: ClassVar[Mapping[str, Any]] = {
-        "preset": "paper",
-        "memory_cost": 0.0,
-        "sees_attempts": False,
-        "weigh_plans": False,
-        "tables": 0,
+    since: ClassVar[Mapping[str, str]] = {
+        "pays_held_out": "on tables that kept held-out pairs of the goal away and so told which "
+        "pairs are held out (docs/explanation/leaks.md).",
     }
 
     scorer: str | None = None

@@ -88,7 +88,7 @@ def fit_plan_weights(
         return weights
     start = BatchEngine(world, len(chosen)).pose(chosen, 0, seed=seed)
     states = states_of(start)
-    results = _train_results(world)
+    results = world.outcomes
     with torch_threads(1):
         for number in steps("weighing plans", range(world.config.depth, 0, -1)):
             states = _with_attempts(states, number)
@@ -104,15 +104,6 @@ def fit_plan_weights(
             if number > 1:
                 states = _after_right_pair(states, leads, results, world.nothing, rng)
     return weights
-
-
-def _train_results(world: World) -> _Results:
-    """Return the results of pairs by train recipes: other recipes must not be learned from."""
-    results: dict[tuple[int, int], list[int]] = {}
-    for one, other, result in world.split.recipes("train").tolist():
-        of_pair = results.setdefault(_pair(one, other), [])
-        of_pair.append(result)
-    return results
 
 
 def _with_attempts(states: States, number: int) -> States:
@@ -162,7 +153,7 @@ def _right_pairs(
     right = set()
     # Each pair once, also of an entity with itself; of sorted ids, the smaller one comes first.
     for pair in combinations_with_replacement(distinct, 2):
-        made = results.get(pair, [])
+        made = results.get(pair, ())
         if goal in made:
             right.add(pair)
             continue

@@ -1,16 +1,17 @@
 """Environments: the readable crafting environment, the batched engine, the open-ended game.
 
 Read ``wordcraft`` first: the rules, one environment at a time. ``batch`` steps many environments at
-once and agrees with ``wordcraft`` step for step; ``draws`` and ``guards`` draw what its episodes
-begin with, on NumPy or torch by ``arrays``. A ``World`` (``world``) holds the recipe graph, the
-split into train, valid and test recipes, the settings (``config``) and the tasks: build one
-``World``, and derive other settings with ``world.variant(part="test")``.
+once and agrees with ``wordcraft`` step for step; ``draws`` draws what its episodes begin with,
+``pairs`` looks results up, on NumPy or torch by ``arrays``. A ``World`` (``world``) holds the
+recipe graph, the split into train, valid and test recipes, the settings (``config``) and the tasks:
+build one ``World``, and derive other settings with ``world.variant(part="test")``. Rewards and
+results of the part ``train`` come from train recipes alone.
 
 ``vector`` shows the engine to Gymnasium, ``open_ended`` is the game without a goal, ``words`` the
 games as text. Observations are ids and masks; ``wrappers`` or the policy add features and scores.
 ``evaluation_tables`` fixes the tables on which all players are compared.
 
-Free to change: how ``batch`` and ``guards`` compute, as long as the engines agree and their speed
+Free to change: how ``batch`` and ``pairs`` compute, as long as the engines agree and their speed
 stays. Not free: what an episode with a given seed, environment and number looks like (``draws``),
 because published results play on those tables; and ``words.PROMPTS``, whose hash is in results.
 """

@@ -21,19 +21,16 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.envs.arrays import Array, Arrays, arrays_of
+from wordcraft_kg.envs.arrays import Array, arrays_of
 from wordcraft_kg.envs.draws import Ahead, Draws
+from wordcraft_kg.envs.pairs import Pairs
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 IN_PROGRESS = 0
 GOAL = 1
 OUT_OF_ATTEMPTS = 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
 """Names of the outcomes of a step; a code is an index into this tuple."""
-
-# Largest number of entities for a square table of all pairs, with 4 bytes a cell: 64 MiB.
-_DENSE_LIMIT = 4_096
 
 
 class Step(NamedTuple):
@@ -182,42 +179,6 @@ class _Made(NamedTuple):
     is_goal: Array
 
 
-class _PairNumbers:
-    """Numbers of pairs by entity ids: a table for a small graph, otherwise a binary search.
-
-    Attributes:
-        no_pair: the number of all pairs without a result, equal to the number of other pairs.
-    """
-
-    def __init__(self, graph: RecipeGraph, arrays: Arrays):
-        self.xp = arrays.xp
-        self.size = graph.num_entities + 1
-        self.no_pair = graph.num_pairs
-        # Recipes are sorted by pair, so the first recipe of each pair gives the pair, a <= b.
-        a, b, _ = graph.recipes[graph.pair_starts[:-1]].T
-        self.is_dense = graph.num_entities <= _DENSE_LIMIT
-        if self.is_dense:
-            # Row and column E, of nothing, keep `no_pair`, so callers need no mask.
-            table = np.full((self.size, self.size), self.no_pair, dtype=np.int32)
-            table[a, b] = np.arange(self.no_pair)
-            table[b, a] = table[a, b]
-            self._table = arrays.array(table.reshape(-1))
-        else:
-            # A sentinel at the end, so that a search for any key ends at a valid index.
-            sentinel = np.iinfo("int64").max
-            self._keys = arrays.array(np.append(a * self.size + b, sentinel))
-
-    def __call__(self, one: Array, other: Array) -> Array:
-        """Return pair numbers, for ids of equal shapes, in any order."""
-        if self.is_dense:
-            return self._table.take(one * self.size + other)
-        lower = self.xp.minimum(one, other)
-        higher = self.xp.maximum(one, other)
-        keys = lower * self.size + higher
-        places = self.xp.searchsorted(self._keys, keys)
-        return self.xp.where(self._keys[places] == keys, places, self.no_pair)
-
-
 class BatchEngine:
     """N crafting environments that step together, as pure functions on a :class:`State`.
 
@@ -231,8 +192,7 @@ class BatchEngine:
         num_slots: size of a table.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
         arrays: array operations by NumPy or torch.
-        pairs: function from two arrays of ids to pair numbers; ``num_pairs`` for pairs without a
-            result.
+        pairs: pair numbers and results; ``num_pairs`` for pairs without a result.
 
     Example:
         >>> engine = BatchEngine(World("kitchen", WordCraftConfig(num_distractors=2)), 4)
@@ -273,13 +233,13 @@ class BatchEngine:
         self.nothing = world.nothing
         self.num_slots = world.num_slots
         self.arrays = arrays_of(device)
-        self.pairs = _PairNumbers(world.graph, self.arrays)
+        keeps_last = self.config.ambiguity == "last"
+        self.pairs = Pairs(world.graph, world.usable, self.arrays, keeps_last=keeps_last)
         self._draws = Draws(world, self.arrays, whole("repeat", repeat, 0))
         array = self.arrays.array
         self._goals = array(world.tasks.goals)
         self._intermediates = array(world.tasks.intermediates)
         self._final_pairs = array(world.tasks.final_pairs)
-        self._results = array(_results(world))
         rewards = self.config.rewards
         # Shaped rewards depend on what is new on the table, so tables are then always written.
         self._is_shaped = bool(
@@ -586,7 +546,7 @@ class BatchEngine:
         if not len(rows):
             return None
         makes = makes[rows]
-        results = self._results[pair[rows]]
+        results = self.pairs.results[pair[rows]]
         is_goal = (results == state.goal[rows][:, None]).any(1) & makes
         return _Made(rows, makes, results, is_goal)
 
@@ -695,19 +655,3 @@ class BatchEngine:
             f"action {int(actions[env])} of environment {env}: the slot is empty; slots 0 to "
             f"{int(state.count[env]) - 1} hold entities."
         )
-
-
-def _results(world: World) -> NDArray[np.int64]:
-    """Return the results of each pair, padded with nothing: shape (num_pairs + 1, r).
-
-    The last row, of pairs without results, is empty.
-    """
-    graph = world.graph
-    starts = graph.pair_starts[:-1]
-    sizes = np.diff(graph.pair_starts)
-    results = np.full((graph.num_pairs + 1, world.max_results), world.nothing)
-    for i in range(world.max_results):
-        rows = starts + (sizes - 1 if world.config.ambiguity == "last" else i)
-        has = sizes > i
-        results[:-1][has, i] = graph.recipes[rows[has], 2]
-    return results

@@ -87,7 +87,9 @@ class WordCraftConfig:
             player :func:`~wordcraft_kg.agents.players.fewest_uses` is better than chance.
         distractor_policy: ``any``; ``no_shortcut``: no distractor opens an additional way to the
             goal; or ``no_train_shortcut``: no distractor opens an additional way by train recipes
-            alone.
+            alone. The same in the part ``train``, whose world has train recipes only.
+        pays_held_out: whether held-out pairs make their results in the part ``train`` too, as in
+            the paper's released code. Training is then paid for test recipes: for comparison only.
         task_weighting: draw a ``task`` uniformly, or first a ``goal`` and then a task with this
             goal.
         ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in
@@ -117,6 +119,7 @@ class WordCraftConfig:
     distractor_policy: DistractorPolicy = "any"
     task_weighting: TaskWeighting = "task"
     ambiguity: Ambiguity = "all"
+    pays_held_out: bool = False
     illegal_action: IllegalAction = "waste"
     num_tasks: int = DRAWN_TASKS
     task_seed: int = 0
@@ -139,6 +142,8 @@ class WordCraftConfig:
             enough = self.max_attempts >= self.depth
             expected = f"{self.depth} or more, which a task of depth {self.depth} takes"
             require(self, "max_attempts", enough, expected)
+        expected = "True or False"
+        require(self, "pays_held_out", isinstance(self.pays_held_out, bool), expected)
         self._whole("num_tasks", 1, MAX_SIZE)
         self._whole("task_seed", 0, None)
         for entry in fields(self):

@@ -13,7 +13,7 @@ import numpy as np
 
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.arrays import Array, Arrays
-from wordcraft_kg.envs.guards import Guards
+from wordcraft_kg.envs.pairs import Pairs
 from wordcraft_kg.envs.world import World
 
 # Episodes drawn at a time, for up to _MANY environments and for more: enough to spread the cost of
@@ -78,7 +78,11 @@ class Draws:
         lots = np.repeat(np.arange(world.nothing, dtype=np.int32), world.distractor_weights)
         self._lots = arrays.array(lots)
         self._task_ends = arrays.array(np.cumsum(tasks.weights(world.config.task_weighting)))
-        self._guards = Guards(world, arrays)
+        self._shortcuts: Pairs | None = None
+        if world.config.distractor_policy != "any":
+            self._shortcuts = Pairs(world.graph, world.shortcut_search.usable, arrays)
+            near = np.concatenate([tasks.starts, world.makeable], axis=1)
+            self._near = arrays.array(near.T)
 
     def env_keys(
         self,
@@ -201,7 +205,7 @@ class Draws:
             drawn = self._pick(keys, tasks, taken, 8 * wanted + 16)
         else:
             drawn = self._drawn_in_rounds(keys, tasks, taken)
-        if config.distractor_policy != "any" and config.attempts > 1:
+        if self._shortcuts is not None and config.attempts > 1:
             self._avoid_shortcuts(keys, tasks, taken, drawn)
         return drawn
 
@@ -215,7 +219,9 @@ class Draws:
         wanted = self.world.config.num_distractors
         # Most tables take the first candidates; the rest are drawn with more care.
         drawn = self._candidates(keys, wanted)
-        again = self._clashes(drawn, tasks, taken).nonzero()[0]
+        again = self._clashes(drawn, taken).nonzero()[0]
+        if self._shortcuts is not None:
+            again = np.arange(len(keys))
         amount = wanted + 4
         while len(again):
             chosen = self._pick(keys[again], tasks[again], taken[:, again], amount)
@@ -232,14 +238,9 @@ class Draws:
         lots = (self._numbers(keys, 1, amount) * len(self._lots)) >> 31
         return self._lots[lots]
 
-    def _clashes(
-        self,
-        candidates: Array,
-        tasks: Array,
-        taken: Array,
-    ) -> Array:
-        """Return which tables cannot take all their candidates as they come, shape (R,), bool."""
-        clash = self._guards.at_risk(candidates, tasks)
+    def _clashes(self, candidates: Array, taken: Array) -> Array:
+        """Return which tables draw an entity twice, or one that is taken; shape (R,), bool."""
+        clash = self.arrays.full((candidates.shape[1],), 0, "bool")
         if len(clash) <= _FEW:
             # All pairs in two comparisons: for few tables, the calls cost more than the numbers.
             clash |= (candidates[:, None] == taken[None, :]).any((0, 1))
@@ -274,18 +275,41 @@ class Draws:
         for i in range(1, amount):
             is_repeated = (candidates[:i] == candidates[i][None, :]).any(0)
             allowed[i] &= ~is_repeated
-        if self._guards:
-            # Few tables can complete a guarded recipe at all; only these are checked candidate by
-            # candidate.
-            rows = arrays.rows(self._guards.at_risk(candidates, tasks))
-            if len(rows):
-                allowed[:, rows] = self._guards.refuse(
-                    candidates[:, rows], allowed[:, rows], tasks[rows]
-                )
+        if self._shortcuts is not None:
+            self._refuse_shortcuts(self._shortcuts, candidates, allowed, tasks)
         # Allowed candidates come first, in the order of their draw; then nothing.
         order = arrays.xp.where(allowed, 0, _LAST_31_BITS)
         ids = arrays.xp.where(allowed, candidates, self.world.nothing)
         return self._in_order(order, ids)[:, :wanted].T
+
+    def _refuse_shortcuts(
+        self,
+        shortcuts: Pairs,
+        candidates: Array,
+        allowed: Array,
+        tasks: Array,
+    ) -> None:
+        """Refuse candidates, in their order, that make the goal in a single attempt.
+
+        They would make it with the start, its products, themselves or candidates taken before.
+
+        Args:
+            shortcuts: pairs of the recipes that no distractor may complete.
+            candidates: shape (K, R).
+            allowed: shape (K, R), bool: candidates that are taken unless refused here; changed in
+                place.
+            tasks: shape (R,).
+        """
+        goals = self._goals[tasks][:, None]
+        near = self._near[:, tasks]
+        ids = self.arrays.cast(candidates, "int64")  # products with pair numbers need 64 bits
+        for i in range(len(ids)):
+            present = self.arrays.xp.concatenate([near, ids[: i + 1]])
+            pair = shortcuts(ids[i], present)
+            makes_goal = (shortcuts.results[pair] == goals).any(-1)
+            # Candidates that were not taken are not on the table.
+            makes_goal[len(near) : -1] &= allowed[:i]
+            allowed[i] &= ~makes_goal.any(0)
 
     def _avoid_shortcuts(
         self,
@@ -296,7 +320,8 @@ class Draws:
     ) -> None:
         """Draw again, one table at a time, while distractors open a longer shortcut.
 
-        Guards know single recipes; a shortcut of several attempts needs a search for each table.
+        Single recipes are refused before; a shortcut of several attempts needs a search for each
+        table.
         """
         world = self.world
         for i in range(len(keys)):

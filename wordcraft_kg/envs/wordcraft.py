@@ -79,8 +79,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     ## Description
     An episode poses a goal, an entity to make, and puts the starting ingredients on the table,
     shuffled among distractors, which no plan needs. An action chooses an entity; two actions make
-    an attempt. All results of the pair join the table (each once), and nothing is used up. All
-    graph recipes apply, for train, valid and test tasks alike.
+    an attempt. All results of the pair join the table (each once), and nothing is used up. In the
+    train part train recipes apply, in all other parts all recipes.
 
     ## Action space
     ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot
@@ -108,10 +108,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     ## Starting state
     A task from the chosen part of the split, and distractors drawn without replacement. Goal,
-    starting ingredients and intermediates of the task's plans are never distractors. In the train
-    part no distractor completes a held-out recipe for the goal with the starting ingredients or
-    their products. ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets
-    the entities in the first slots, by id or label.
+    starting ingredients and intermediates of the task's plans are never distractors.
+    ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets the entities in
+    the first slots, by id or label.
 
     ## Episode end
     *Terminated* when the goal is made or no attempt is left: the budget is observed, so nothing is
@@ -166,11 +165,15 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
         self._task_ends = list(accumulate(self.tasks.weights(self.config.task_weighting).tolist()))
         self._uniform: list[float] = []
-        self._guarded = self._guarded_pairs()
+        self._shortcuts: set[tuple[int, int, int]] = set()
         self._goals: list[int] = self.tasks.goals.tolist()
         self._starts = self._unpadded(self.tasks.starts)
         self._intermediates = self._unpadded(self.tasks.intermediates)
-        self._makeable = self._unpadded(self.world.makeable)
+        self._makeable: list[list[int]] = [[] for _ in self._starts]
+        if self.config.distractor_policy != "any":
+            is_shortcut = self.world.shortcut_search.usable
+            self._shortcuts.update(map(tuple, self.world.graph.recipes[is_shortcut].tolist()))
+            self._makeable = self._unpadded(self.world.makeable)
         self._last_pairs = self._pairs_by_task()
         self.state = EnvState(-1, self._nothing, [], self._nothing, 0, "not_begun")
 
@@ -362,7 +365,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         """Draw distractors by weight, skipping those that are not allowed on this table."""
         goal = self._goals[task]
         start = self._starts[task]
-        guarded = self._guarded.get(goal, [])
         taken = {goal, self._nothing, *start, *self._intermediates[task], *self._never}
         near = {*start, *self._makeable[task]}  # on the table, or to be made
         drawn: list[int] = []
@@ -373,18 +375,16 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             if entity in taken:
                 continue
             taken.add(entity)
-            if _completes(entity, near, guarded):
+            if self._shortcuts and self._is_shortcut(entity, near, goal):
                 continue
             near.add(entity)
             drawn.append(entity)
         return drawn
 
-    def _guarded_pairs(self) -> dict[int, list[tuple[int, int]]]:
-        """Return the pairs of guarded recipes by goal."""
-        pairs: dict[int, list[tuple[int, int]]] = {}
-        for a, b, result in self.world.graph.recipes[self.world.guarded_recipes].tolist():
-            pairs.setdefault(result, []).append((a, b))
-        return pairs
+    def _is_shortcut(self, entity: int, near: set[int], goal: int) -> bool:
+        """Return whether a distractor makes the goal with itself or an entity near it."""
+        pairs = [(min(entity, other), max(entity, other)) for other in (*near, entity)]
+        return any((*pair, goal) in self._shortcuts for pair in pairs)
 
     def _unpadded(self, ids: Ids) -> list[list[int]]:
         """Return padded rows of ids as lists of entities."""
@@ -440,13 +440,3 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             "task": state.task,
         }
         return facts | {"goal": self.world.graph.entities[state.goal]}
-
-
-def _completes(entity: int, near: set[int], pairs: list[tuple[int, int]]) -> bool:
-    """Return whether an entity completes one of some pairs, alone or with an entity near it."""
-    for a, b in pairs:
-        if a == entity and (b == entity or b in near):
-            return True
-        if b == entity and a in near:
-            return True
-    return False

@@ -15,7 +15,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph, outcomes_of
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.task_search import SolutionSearch, make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -49,7 +49,7 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
 
 
 def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
-    """Declare a property of a world that depends only on these settings.
+    """Declare a property of a world that depends only on its recipes and these settings.
 
     It is computed once for all variants with equal values, when first read.
     """
@@ -58,6 +58,7 @@ def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
         def get(world: "World") -> Any:
             key = (
                 make.__name__,
+                world.has_train_recipes_only,
                 *(getattr(world.config, name) for name in settings),
             )
             # Variants share this dictionary, so a value is found whatever the other settings are.
@@ -76,12 +77,17 @@ _TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
 class World:
     """A recipe graph, a split and environment settings, and all that follows from them; immutable.
 
+    The world of the part ``train`` is that of the train recipes alone: tasks, tables and results
+    are the same whatever the held-out recipes make. A held-out pair makes nothing there, or what
+    train recipes make of it, and stands on tables as often as any pair: kept off, it would be told
+    by its absence (docs/explanation/leaks.md). All other parts have all recipes.
+
     Engines, environments, evaluators and reports take a world instead of building one. Variants of
     a world share everything that the changed settings do not affect, such as tasks and look-up
     tables.
 
     Attributes:
-        graph: the recipe graph. All its recipes apply, whatever the part of the tasks.
+        graph: the recipe graph; :attr:`usable` recipes make something.
         split: train, valid and test recipes.
         config: the settings.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
@@ -126,10 +132,10 @@ class World:
         self.config = config
         # Given tasks take the place in which made tasks would be kept.
         if tasks is not None:
-            self._derived[("tasks", *(getattr(config, name) for name in _TASKS))] = tasks
+            settings = (getattr(config, name) for name in _TASKS)
+            self._derived[("tasks", self.has_train_recipes_only, *settings)] = tasks
         self.nothing = self.graph.num_entities
-        num_results = np.diff(self.graph.pair_starts)
-        self.max_results = 1 if config.ambiguity == "last" else int(num_results.max(initial=1))
+        self.max_results = max(map(len, self.outcomes.values()), default=1)
         # A plan of depth d starts with at most d + 1 ingredients.
         num_given = config.depth + 1 + config.num_distractors
         self.num_slots = num_given + self.max_results * config.attempts
@@ -188,10 +194,22 @@ class World:
         # world may be shared, and a copy of a large graph would be slow.
         return self
 
+    @property
+    def has_train_recipes_only(self) -> bool:
+        """Whether held-out pairs make nothing: in training, unless it pays for them."""
+        return self.config.part == "train" and not self.config.pays_held_out
+
+    @_derived_from()
+    def usable(self) -> NDArray[np.bool_]:
+        """The recipes that make something, shape (num_recipes,), bool."""
+        if self.has_train_recipes_only:
+            return self.split.is_in("train")
+        return np.ones(self.graph.num_recipes, dtype=bool)
+
     @_derived_from()
     def search(self) -> SolutionSearch:
-        """The graph's :class:`~wordcraft_kg.graphs.task_search.SolutionSearch`."""
-        return SolutionSearch(self.graph)
+        """The search for plans by :attr:`usable` recipes."""
+        return SolutionSearch(self.graph, self.usable)
 
     @_derived_from("distractor_policy")
     def shortcut_search(self) -> SolutionSearch:
@@ -226,6 +244,8 @@ class World:
     def outcomes(self) -> Mapping[tuple[int, int], tuple[int, ...]]:
         """Results by pair of ids ``(a, b)`` with ``a <= b``, ascending."""
         outcomes = self.graph.outcomes
+        if not self.usable.all():
+            outcomes = outcomes_of(self.graph.recipes[self.usable])
         if self.config.ambiguity == "last":
             return {pair: results[-1:] for pair, results in outcomes.items()}
         return outcomes
@@ -242,33 +262,12 @@ class World:
         weights[self.graph.is_half_product] = 0
         return frozen(weights)
 
-    @_derived_from("distractor_policy", "part")
-    def guarded_recipes(self) -> NDArray[np.bool_]:
-        """A mask of guarded recipes, (num_recipes,): none that makes the goal may be completed.
-
-        With the policy ``no_shortcut`` all recipes are guarded, with ``no_train_shortcut`` the
-        train recipes. In the train part the held-out recipes are always guarded, so that training
-        never shows a test pair with the goal: distractors must not leak the test set.
-        """
-        in_train = self.split.is_in("train")
-        guarded = {
-            "any": np.zeros_like(in_train),
-            "no_shortcut": np.ones_like(in_train),
-            "no_train_shortcut": in_train,
-        }
-        # Test tasks may well meet train recipes; only train tasks must not meet test recipes.
-        by_policy = guarded[self.config.distractor_policy]
-        return by_policy | ~in_train if self.config.part == "train" else by_policy
-
-    @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
+    @_derived_from(*_TASKS, "attempts", "ambiguity")
     def makeable(self) -> Ids:
         """Ids makeable from each task's start in all attempts but the last: (N, W), padded.
 
-        A distractor must not complete a guarded recipe with any of these. Computed only if there
-        are :attr:`guarded_recipes`; otherwise W is 0.
+        With a distractor policy, a distractor must not make the goal with any of these.
         """
-        if not self.guarded_recipes.any():
-            return frozen(padded([[]] * len(self.tasks), self.nothing))
         rows = [self._makeable(start) for start in self.tasks.starts.tolist()]
         return frozen(padded(rows, self.nothing))
 

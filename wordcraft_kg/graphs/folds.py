@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.settings import refuse, whole
 from wordcraft_kg.graphs.arrays import Ids, frozen
-from wordcraft_kg.graphs.splits import Split, groups_of
+from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import recipe_triples
@@ -123,6 +123,8 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
     """
     of_task = np.full(len(tasks), SEVERAL, dtype=np.int64)
     fold_of = of_recipe.tolist()
+    # Counted without held-out recipes, on whose number nothing in training may depend.
+    number = np.cumsum(of_recipe != OUTSIDE)
     for task, plans in enumerate(tasks.plans):
         folds_of_plans = [set(map(fold_of.__getitem__, plan)) for plan in plans]
         if tasks.part == "train" and any(OUTSIDE in folds for folds in folds_of_plans):
@@ -136,7 +138,7 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
         if shared:
             # Deeper plans may leave a choice. It depends on the plan alone, so that a task has the
             # same fold in every set of tasks.
-            of_task[task] = shared[sum(plans[0]) % len(shared)]
+            of_task[task] = shared[number[list(plans[0])].sum() % len(shared)]
     return of_task
 
 
@@ -166,8 +168,7 @@ def make_folds(
     whole("folds", count, 2)
     rows = np.flatnonzero(split.is_in("train"))
     # The split's own groups: then a fold is as new to a model as the test part.
-    group = groups_of(split.graph, split.config.kind)
-    groups, group_of_row = np.unique(group[rows], return_inverse=True)
+    groups, group_of_row = np.unique(split.train_groups, return_inverse=True)
     if len(groups) < 2:
         raise ConfigError(
             f"the {split.config.kind} split keeps all train recipes together, so none can be left "

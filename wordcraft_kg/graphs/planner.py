@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import GraphError
 from wordcraft_kg.base.wording import approximate, counted, quoted
@@ -14,7 +15,11 @@ from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
 
-def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
+def layers(
+    graph: RecipeGraph,
+    start: Iterable[Entity] | None = None,
+    usable: NDArray[np.bool_] | None = None,
+) -> Ids:
     """Return the round in which each entity can first be made.
 
     In a round, every pair of entities known before is combined.
@@ -22,6 +27,7 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
     Args:
         graph: the recipe graph.
         start: entities known at the start, in round 0; None for the graph's base.
+        usable: shape (num_recipes,), True for recipes that make something; None for all.
 
     Returns:
         Shape (num_entities,), int64; -1 for an entity that is never made.
@@ -43,6 +49,8 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
         recipes = np.concatenate(uses)
         is_known = layer >= 0
         is_possible = is_known[a[recipes]] & is_known[b[recipes]]
+        if usable is not None:
+            is_possible &= usable[recipes]
         made = result[recipes[is_possible]]
         frontier = distinct(made[layer[made] < 0])
     return layer

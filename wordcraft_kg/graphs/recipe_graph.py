@@ -363,10 +363,7 @@ class RecipeGraph:
     @cached_property
     def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
         """Result ids by ingredient ids ``(a, b)`` with ``a <= b``, for many fast lookups."""
-        results_of: dict[tuple[int, int], list[int]] = {}
-        for a, b, result in self.recipes.tolist():
-            results_of.setdefault((a, b), []).append(result)
-        return {pair: tuple(results) for pair, results in results_of.items()}
+        return outcomes_of(self.recipes)
 
     def recipes_of(self, result: Entity) -> Ids:
         """Return the row indices of recipes that make ``result``, ascending.
@@ -398,6 +395,14 @@ class RecipeGraph:
     def triples(self) -> Ids:
         """All triples ``(head, relation, tail)`` of the recipes, shape (num_triples, 3), sorted."""
         return frozen(recipe_triples(self.recipes))
+
+
+def outcomes_of(recipes: Ids) -> dict[tuple[int, int], tuple[int, ...]]:
+    """Return result ids by ingredient ids ``(a, b)``, of sorted recipes, shape (n, 3)."""
+    results_of: dict[tuple[int, int], list[int]] = {}
+    for a, b, result in recipes.tolist():
+        results_of.setdefault((a, b), []).append(result)
+    return {pair: tuple(results) for pair, results in results_of.items()}
 
 
 def _member(index: tuple[Ids, Ids], key: int) -> Ids:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from itertools import chain
+from itertools import chain, compress
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
@@ -256,6 +256,19 @@ class Split:
         Recipes of a group are alike, so intervals resample whole groups, see :attr:`unit`.
         """
         return frozen(groups_of(self.graph, self.config.kind))
+
+    @cached_property
+    def train_groups(self) -> Ids:
+        """Each train recipe's group, as in :attr:`groups`, but found without held-out recipes.
+
+        Shape (number of train recipes,).
+        """
+        is_train = self.is_in("train")
+        entities = self.graph.entities
+        graph = RecipeGraph(entities, self.graph.recipes[is_train], self.graph.base_ids)
+        if self.graph.kinds is not None:
+            graph.kinds = tuple(compress(self.graph.kinds, is_train))
+        return frozen(groups_of(graph, self.config.kind))
 
     @property
     def unit(self) -> str:

@@ -48,6 +48,8 @@ class SolutionSearch:
     Attributes:
         graph: the recipe graph.
         rows: all recipes, as lists (ingredient, ingredient, result) of ids.
+        usable: shape (num_recipes,), bool, True for recipes that make something.
+        rows_of: by pair number, the rows of its usable recipes; no other pair is a key.
         recipes_of: by entity id, the usable recipes that make the entity, as (pair number,
             ingredient, ingredient). None of them uses its own result.
     """
@@ -57,19 +59,21 @@ class SolutionSearch:
 
         Args:
             graph: the recipe graph.
-            usable: shape (num_recipes,), True for recipes that a plan may use; None for all.
+            usable: shape (num_recipes,), True for recipes that make something; None for all.
         """
         self.graph = graph
         self.rows: list[list[int]] = graph.recipes.tolist()
-        self._starts: list[int] = graph.pair_starts.tolist()
+        self.rows_of: dict[int, list[int]] = {}
         self.recipes_of: list[list[tuple[int, int, int]]] = []
         for _ in range(graph.num_entities):
             self.recipes_of.append([])
         if usable is None:
             usable = np.ones(graph.num_recipes, dtype=bool)
+        self.usable = usable
         pair_of = graph.pair_of_recipe.tolist()
         for row in np.flatnonzero(usable).tolist():
             a, b, result = self.rows[row]
+            self.rows_of.setdefault(pair_of[row], []).append(row)
             # A recipe that needs its own result is part of no shortest plan.
             if result not in (a, b):
                 self.recipes_of[result].append((pair_of[row], a, b))
@@ -261,19 +265,15 @@ class SolutionSearch:
 
     def _rows_for(self, pair: int, wanted: set[int]) -> Rows:
         """Return the rows of a pair with a wanted result."""
-        return tuple(row for row in self.rows_of(pair) if self.rows[row][2] in wanted)
-
-    def rows_of(self, pair: int) -> range:
-        """Return the rows in ``graph.recipes`` for a pair number."""
-        return range(self._starts[pair], self._starts[pair + 1])
+        return tuple(row for row in self.rows_of[pair] if self.rows[row][2] in wanted)
 
     def ingredients(self, pair: int) -> list[int]:
         """Return the two ingredient ids for a pair number; equal for an entity with itself."""
-        return self.rows[self._starts[pair]][:2]
+        return self.rows[self.rows_of[pair][0]][:2]
 
     def results(self, pair: int) -> set[int]:
-        """Return all result ids for a pair number."""
-        return {self.rows[row][2] for row in self.rows_of(pair)}
+        """Return the result ids of the usable recipes for a pair number."""
+        return {self.rows[row][2] for row in self.rows_of[pair]}
 
 
 @stage("finding tasks")
@@ -293,19 +293,20 @@ def make_tasks(
     The set has all tasks at depth 1 and, for fewer than :data:`MAX_ENUMERATED` plans, at depth 2;
     otherwise it is random, see :class:`_Draw` for the distribution.
 
-    A task belongs to *train* if all its plans use train recipes only, to *test* if each plan uses a
-    test recipe, to *valid* if each plan uses a validation recipe and none a test recipe. Any other
-    task can be solved with and without held-out recipes; it belongs to no part and is counted.
+    *Train* tasks are those of a book of the train recipes alone: depth and plans know nothing of
+    held-out recipes. With all recipes, a task belongs to *test* if each plan uses a test recipe, to
+    *valid* if each plan uses a validation recipe and none a test recipe. Any other task can be
+    solved with and without held-out recipes; it belongs to neither and is counted.
 
     Args:
-        graph: the recipe graph; plans may use all recipes.
+        graph: the recipe graph.
         depth: attempts that a task takes, 1 to :data:`MAX_DEPTH`.
         split: defines the parts; required for any part but ``all``.
         part: ``all``, ``train``, ``valid`` or ``test``.
         weighting: draw a task's last recipe among all recipes (task), or by goal first (goal).
         limit: largest size of a random set.
         seed: random seed of a random set.
-        search: an existing search for the graph, with all recipes; None makes one.
+        search: an existing search for the graph; None makes one by the recipes that the part knows.
 
     Half-products of chains are neither goals nor starting ingredients, only intermediate results.
 
@@ -319,9 +320,14 @@ def make_tasks(
         raise TaskError(f"`part` {part!r} needs a split; give a `split`, or take all tasks.")
     if split is not None and split.graph != graph:
         raise TaskError("the split belongs to another graph.")
-    accept = _Filter(search or SolutionSearch(graph), depth, split, part)
+    if search is None:
+        usable = split.is_in("train") if part == "train" and split is not None else None
+        search = SolutionSearch(graph, usable)
+    accept = _Filter(search, depth, split, part)
     # At depth 2 a plan is a recipe, and a recipe for an ingredient.
-    most_plans = graph.recipe_counts[graph.recipes[:, :2]].sum()
+    recipes = graph.recipes[search.usable]
+    counts = np.bincount(recipes[:, 2], minlength=graph.num_entities)
+    most_plans = counts[recipes[:, :2]].sum()
     are_few = depth == 1 or bool(most_plans <= MAX_ENUMERATED)
     is_complete = depth <= _ENUMERATED_DEPTH and are_few
     if is_complete:
@@ -385,7 +391,6 @@ class _Filter:
         if self.halves and not self.halves.isdisjoint((goal, *start)):
             return ()
         have = frozenset(start)
-        # With all recipes of the book, also held-out ones: a task has one depth for every player.
         ways = self.search.shortest_ways(goal, have, self.depth)
         if any(len(way) < self.depth for way in ways):
             return ()
@@ -438,8 +443,8 @@ def _enumerated(search: SolutionSearch, depth: int) -> Iterator[_Candidate]:
 class _Draw:
     """Draws goals and leaves of plans, backwards.
 
-    The last step is a random recipe (for train tasks, a train recipe; with weighting by goal, a
-    random recipe of a random goal). Then, ``depth - 1`` times, a random leaf with recipes is
+    The last step is a random usable recipe (with weighting by goal, a random recipe of a random
+    goal). Then, ``depth - 1`` times, a random leaf with recipes is
     replaced by a random recipe's ingredients. Draws outside the depth and part, and repeated draws,
     do not count. So task t is drawn first with probability
 
@@ -461,14 +466,10 @@ class _Draw:
         self.depth = accept.depth
         self.weighting = weighting
         self.rng = np.random.default_rng(seed)
-        # A test plan may use a test recipe anywhere, but a train plan ends in a train recipe.
-        only_train = accept.part == "train" and accept.parts is not None
-        train = PARTS.index("train")
         last: dict[int, list[tuple[int, int]]] = {}
-        for row, (a, b, result) in enumerate(accept.search.rows):
-            is_allowed = not only_train or accept.parts[row] == train  # type: ignore[index]
-            is_goal = result not in accept.halves and result not in (a, b)
-            if is_allowed and is_goal:
+        for row in np.flatnonzero(accept.search.usable).tolist():
+            a, b, result = accept.search.rows[row]
+            if result not in accept.halves and result not in (a, b):
                 last.setdefault(result, []).append((a, b))
         # Goals in the order of their first recipe: the order decides what a seed draws.
         self.by_goal = list(last.items())

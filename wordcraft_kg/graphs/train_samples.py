@@ -150,9 +150,9 @@ def draw_train_sample(
     """Sample train recipes, and replace some results by wrong results.
 
     With the same seed, a larger fraction keeps all recipes of a smaller fraction, and more noise
-    keeps all wrong recipes, so that curves over fractions compare nested samples. No recipe in the
-    book gives a wrong recipe's componentOf triples, so the sample reveals nothing about the test
-    part; combinesWith triples stay right.
+    keeps all wrong recipes, so that curves over fractions compare nested samples. No train recipe
+    gives a wrong recipe's componentOf triples; combinesWith triples stay right. A held-out recipe
+    may give one by chance: were such triples avoided, the sample would tell the test part.
 
     Args:
         split: the split.
@@ -206,7 +206,7 @@ def draw_train_sample(
         )
     results = np.full(graph.num_recipes, _OUTSIDE, dtype=np.int64)
     results[train[taken]] = graph.recipes[train[taken], 2]
-    heads, _, tails = graph.triples[graph.triples[:, 1] == COMPONENT_OF].T.tolist()
+    heads, _, tails = split.partial[split.partial[:, 1] == COMPONENT_OF].T.tolist()
     right = set(zip(heads, tails, strict=True))
     for fold in np.unique(folds[wrong]).tolist():
         rows = np.sort(wrong[folds[wrong] == fold])
@@ -228,7 +228,7 @@ def _wrong_results(
     Args:
         recipes: shape (n, 3), the recipes to make wrong.
         pool: shape (m,), results to draw from.
-        right: (ingredient, result) of all recipes in the book.
+        right: (ingredient, result) of all train recipes.
         rng: draws the results.
         label_noise: the setting, for the error.
     """

@@ -41,11 +41,12 @@ from wordcraft_kg.studies.study import (
 )
 from wordcraft_kg.studies.tasks import Kind, Task
 
-VERSIONS: dict[Kind, int] = {"graphs": 1, "scorers": 1, "runs": 1}
+VERSIONS: dict[Kind, int] = {"graphs": 1, "scorers": 1, "runs": 2}
 """Versions of code and default settings that decide the results of graphs, scorers and agents.
 
 A part of every address: raise the number when results change, so that earlier results no longer
-count. A test repeats some trainings and compares their results to the bit.
+count. A test repeats some trainings and compares their results to the bit. Runs 2: training knows
+train recipes alone.
 """
 SCORER_VERSIONS = {RecipeScorerConfig.command: 5}
 """Versions of scorers by command, in place of that in :data:`VERSIONS`.
@@ -54,6 +55,8 @@ SCORER_VERSIONS = {RecipeScorerConfig.command: 5}
 of rankers are rounded in another order, which changes the third digit of success. 5: scores are
 rounded in another order, so that an agent's seed may learn something else.
 """
+NOISE_VERSION = 2
+"""Version of wrong results, where a scorer learns from some: wrong by train recipes alone."""
 BOOK = "everyday"
 _CURVE_POINTS = 20
 """Points in a learning curve; each takes about as long as 10,000 steps."""
@@ -293,6 +296,8 @@ class _Planner:
         described |= self._content(settings.get("features"))
         if command in SCORER_VERSIONS:
             described["version"] = SCORER_VERSIONS[command]
+        if settings.get("label_noise"):
+            described["noise"] = NOISE_VERSION
         title = f"{command}{_values(settings)} on {self.tasks[graph].title}"
         return self._add("scorers", described, title, (graph,), threads, device)
 

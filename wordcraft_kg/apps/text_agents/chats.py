@@ -1,9 +1,8 @@
 """Conversations to fine-tune language models on: games of a player, as messages.
 
 A conversation is what a language model would have said and read, had it played as a scripted player
-or a trained model did. Games of the part train alone are written: whoever learns from them has seen
-no test recipe, because games in which an attempt happened to make something by a held-out recipe
-are left out as well.
+or a trained model did. Games of the part train alone are written: there held-out pairs make
+nothing, so whoever learns from them has seen no test recipe.
 """
 
 import hashlib
@@ -31,7 +30,6 @@ from wordcraft_kg.graphs.arrays import padded
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.library import known_books
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import Split
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
@@ -100,7 +98,6 @@ class ChatCounts:
         played: all games.
         made: games that made the goal.
         left_out: games that were not to be kept.
-        revealing: games left out because an attempt made something by a held-out recipe.
         repeated: games left out because an equal conversation was written before.
         written: written conversations.
         by_depth: written conversations by depth.
@@ -109,7 +106,6 @@ class ChatCounts:
     played: int = 0
     made: int = 0
     left_out: int = 0
-    revealing: int = 0
     repeated: int = 0
     written: int = 0
     by_depth: Counter[int] = field(default_factory=Counter)
@@ -150,7 +146,6 @@ def chat_rows(
                 "tell a language model what the benchmark asks it."
             )
         assert isinstance(play.games, TaskGames)
-        split = play.games.world.split
         # A generator for each depth and number of distractors: others do not change its games.
         key = [settings.seed, play.settings.depth or 0, play.settings.distractors or 0]
         rng = np.random.default_rng(key)
@@ -161,8 +156,6 @@ def chat_rows(
             counts.made += game.is_made
             if not _is_kept(game, settings.kept):
                 counts.left_out += 1
-            elif not _is_of_train(game, split):
-                counts.revealing += 1
             elif (digest := _digest(messages)) in seen:
                 counts.repeated += 1
             else:
@@ -244,19 +237,6 @@ def _is_kept(game: TaskGame, kept: Kept) -> bool:
     if kept == "made":
         return game.is_made and None not in game.pairs
     return game.is_made and len(game.pairs) == game.tasks.depth
-
-
-def _is_of_train(game: TaskGame, split: Split) -> bool:
-    """Return whether all that was made in a game was made by train recipes."""
-    made_by_train = split.is_in("train")
-    graph = game.graph
-    for pair in game.pairs:
-        if pair is not None:
-            one, other = sorted(map(graph.id_of, pair))
-            rows = np.flatnonzero((graph.recipes[:, :2] == (one, other)).all(axis=1))
-            if not made_by_train[rows].all():
-                return False
-    return True
 
 
 def _digest(messages: Any) -> bytes:
@@ -370,8 +350,8 @@ def card_text(
         f"{counted(settings.tables, 'table')} for each task",
         f"conversations: {counts.written:,} ({depths}), all different",
         f"games: {counts.played:,} played, {counts.made:,} made the goal; left out: "
-        f"{counts.left_out:,} not to be kept ({settings.kept}), {counts.revealing:,} that made "
-        f"something by a held-out recipe, {counts.repeated:,} repeated",
+        f"{counts.left_out:,} not to be kept ({settings.kept}), "
+        f"{counts.repeated:,} repeated",
         f"prompts: `{own.prompt_hash}`",
         f"SHA-256 of the file: `{digest}`",
         f"licence: {licence}",

@@ -121,6 +121,7 @@ class TaskGame(Game):
 
     Attributes:
         goal: label of the entity to make.
+        world: graph, tasks and settings.
         tasks: the world's tasks.
         task: index of the game's task.
         distractor_seed: seed of the distractors on the table.
@@ -150,6 +151,7 @@ class TaskGame(Game):
             ConfigError: if there is no such task.
         """
         super().__init__(env.world.graph, "goal")
+        self.world = env.world
         self.tasks = env.tasks
         self.task = task
         self.distractor_seed = distractor_seed

@@ -52,17 +52,20 @@ class Knowledge(ABC):
 def hidden_pairs(game: Game) -> set[int]:
     """Return the pairs (``graph.pair_of_recipe``) that look-ups hide in a game.
 
-    Hidden are all pairs in the task's plans, and every pair for the goal with both ingredients on
-    the starting table or makeable from this table before the last attempt (a crafting round per
-    attempt): no look-up completes a way to the goal. A pair that makes two entities is hidden with
-    both, because to combine it is what solves the task. None are hidden in the open-ended world.
+    Hidden are all pairs in the task's plans, and every pair that makes the goal in this world with
+    both ingredients on the starting table or makeable from this table before the last attempt (a
+    crafting round per attempt): no look-up completes a way to the goal. A pair that makes two
+    entities is hidden with both, because to combine it is what solves the task. None are hidden in
+    the open-ended world.
     """
     if not isinstance(game, TaskGame):
         return set()
     graph = game.graph
+    usable = game.world.usable
     of_goal = graph.recipes_of(game.goal)
+    of_goal = of_goal[usable[of_goal]]
     # Rounds of crafting until an ingredient can be at hand; -1 if it never can. Shape (R, 2).
-    rounds = layers(graph, game.start)[graph.recipes[of_goal, :2]]
+    rounds = layers(graph, game.start, usable)[graph.recipes[of_goal, :2]]
     in_time = ((rounds >= 0) & (rounds < game.attempts)).all(axis=1)
     rows = of_goal[in_time].tolist()
     for plan in game.tasks.plans[game.task]:

@@ -119,7 +119,7 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     if {one, other} & parts:
         return "one_right_part"
     pair = (min(one, other), max(one, other))
-    return "no_right_part" if pair in game.graph.outcomes else "no_recipe"
+    return "no_right_part" if pair in game.world.outcomes else "no_recipe"
 
 
 def groups_of(opened: OpenedGraph, settings: PlayedSettings) -> Ids | None:

@@ -119,8 +119,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         view,
         [
             f"{counted(counts.written, 'conversation')} of {counted(counts.played, 'game')} by "
-            f"{title}; left out: {counts.left_out:,} not to be kept, {counts.revealing:,} with a "
-            f"held-out recipe, {counts.repeated:,} repeated",
+            f"{title}; left out: {counts.left_out:,} not to be kept, {counts.repeated:,} repeated",
             f"wrote {out} and {card_path(out)}",
         ],
     )

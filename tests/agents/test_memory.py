@@ -27,9 +27,7 @@ def trainer(opened, *, depth=1, policy="pairs", updates=50, **config):
     world = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=2))
     unroll = 2 * depth
     config = {"learning_rate": 0.02, "memory_cost": 2.0, **config}
-    config = ImpalaConfig(
-        batch_size=BATCH, unroll=unroll, steps=updates * BATCH * unroll, **config
-    )
+    config = ImpalaConfig(batch_size=BATCH, unroll=unroll, steps=updates * BATCH * unroll, **config)
     engine = BatchEngine(world, BATCH)
     settings = PolicyConfig(policy, pair_size=6, key_size=5, features="one-hot")
     made, _ = make_policy(settings, opened.graph, engine.num_slots)

@@ -125,7 +125,7 @@ def first_end(envs):
         lambda infos: dict(zip(infos, infos.values(), strict=True)),
         lambda infos: {"final_obs": infos.get("final_obs")},
         lambda infos: {"final_obs": infos.pop("final_obs")},
-        lambda infos: pickle.loads(pickle.dumps(infos)),  # noqa: S301 - of this process
+        lambda infos: pickle.loads(pickle.dumps(infos)),
     ],
 )
 def test_last_observations_are_there_however_they_are_read(read):

@@ -40,7 +40,9 @@ class Successes:
             shape (B, A, A), bool, symmetric; False for empty slots, which no pair has.
         """
         if not len(self.keys):
-            return torch.zeros((*table.shape, table.shape[1]), dtype=torch.bool, device=table.device)
+            return torch.zeros(
+                (*table.shape, table.shape[1]), dtype=torch.bool, device=table.device
+            )
         goals = goal[:, None, None]
         attempts = left[:, None, None]
         wanted = self._keys(goals, attempts, table[:, :, None], table[:, None])

@@ -15,7 +15,6 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.attention import (
-    NUM_PHASES,
     Phases,
     SourceWeights,
     phases_of,

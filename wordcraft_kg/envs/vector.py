@@ -50,7 +50,7 @@ class _Infos(dict[str, Any]):
         return dict(self)
 
     def get(self, name: str, default: Any = None) -> Any:
-        return self[name] if name in self else default
+        return self[name] if name in self else default  # noqa: SIM401 - this is `get`
 
     def items(self) -> Any:
         return dict(self).items()

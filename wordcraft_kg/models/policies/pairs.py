@@ -51,11 +51,12 @@ class PairPolicy(Policy):
         β_ij = α_ij + Σ_s λ_s · source_s,ij
         π(i, j) = softmax of β over unordered pairs, i = j included
 
-    The norm makes mean 0 and variance 1 over the units, and the λ are learned numbers. An attempt's first selection has the marginal probability of its
-    slot, where each order of a pair is equally probable, and the second selection the conditional
-    one: together they choose the pair with probability π(i, j). The value is ``v · Σ_ij ρ_ij h_ij``
-    with ρ the softmax of α. With ``config.sees_attempts``, the number of attempts left adds learned
-    terms to a, b, the value and λ.
+    The norm makes mean 0 and variance 1 over the units, and the λ are learned numbers. An attempt's
+    first selection has the marginal probability of its slot, where each order of a pair is equally
+    probable, and the second selection the conditional one: together they choose the pair with
+    probability π(i, j). The value is ``v · Σ_ij ρ_ij h_ij`` with ρ the softmax of α. With
+    ``config.sees_attempts``, the number of attempts left adds learned terms to a, b, the value and
+    λ.
 
     In training, a share ``config.dropout`` of h is dropped, the same units for all pairs of a
     table.
@@ -328,7 +329,7 @@ def _pairs(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
 
 @lru_cache
 def _membership(slots: int, device: torch.device) -> Tensor:
-    """Return how often each slot is in each pair, shape (P, A): 0, 1, or 2 of a slot with itself."""
+    """Return how often each slot is in each pair, shape (P, A): 2 in the pair with itself."""
     with torch.inference_mode(False):
         counts = [nn.functional.one_hot(slot, slots) for slot in _pairs(slots, device)]
         return torch.stack(counts).sum(0).float()

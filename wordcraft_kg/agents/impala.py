@@ -273,7 +273,7 @@ class Impala:
         # An evaluation in between may have bound the policy to other tasks.
         bind_tasks([self.policy], self.envs.world)
         # What depends on parameters only is computed once, for the actor and the learner.
-        weights = self.policy.weights()
+        weights = self.policy.weights(self._generator)
         is_cut = self._collect(self._acting(weights))
         # The next scores depend on the environments alone, so they need not wait for the learner.
         ahead: Future[Tensor | None] | None = None

@@ -53,7 +53,9 @@ def test_a_pairs_logit_is_that_of_the_formula_written_out():
     policy, state = policy_of(knows=True), states()
     scores = policy.external_scores(state)
     output = policy.choose(state, policy.weights(), scores.double())
-    x = torch.nn.functional.normalize(policy.vectors.vectors, dim=1) * LENGTH
+    units = torch.nn.functional.normalize(policy.vectors.vectors, dim=1)
+    x = units * LENGTH
+    of_words, of_itself = 30 * policy.words.step
     u, v = (source.scores.double() for source in policy.sources.values())
     lambda_u, lambda_v = (1 + 30 * policy.lambdas.step).tolist()
     for row, (goal, table) in enumerate(zip(state.goal, state.table, strict=True)):
@@ -70,6 +72,7 @@ def test_a_pairs_logit_is_that_of_the_formula_written_out():
             centred = hidden - hidden.mean()
             hidden = centred / (centred.square().mean() + 1e-5).sqrt()
             alpha = policy.score.weight[0] @ hidden
+            alpha += of_words * units[goal] @ (units[one] + units[other]) + of_itself * (i == j)
             known = lambda_u * (u[one, other] + u[other, one]) / 2
             known += lambda_v * (v[goal, one] + v[goal, other]) / 2
             torch.testing.assert_close(output.logits[row, number], alpha + known)
@@ -103,6 +106,9 @@ def test_contributions_of_sources_add_up_to_the_logits(selection):
 
 def test_a_greedy_player_takes_the_best_pair_and_not_the_most_probable_first_slot():
     policy = policy_of()
+    # Nearly equal pairs: a slot in many good pairs is more probable than one in the best pair.
+    policy.words.step.data.zero_()
+    policy.score.weight.data /= 20
     joint = numbers(policy, states())
     best = [max(joint, key=lambda pair: joint[pair][row].item()) for row in range(9)]
     first = policy.best_slots(states())
@@ -134,8 +140,39 @@ def test_dropped_units_are_the_same_for_all_pairs_and_the_others_make_up_for_the
     expected = policy_of(dropout=0.25)
     expected.score.weight.data[0, 1] = 0
     expected.score.weight.data /= 0.75
+    expected.words.step.data[:] = policy.words.step
     found = policy.choose(state, weights, None, noise).logits
     torch.testing.assert_close(found, expected.choose(state, expected.weights(), None).logits)
+
+
+def test_noise_moves_the_vectors_that_the_maps_see_and_no_cosine():
+    policy = policy_of(vector_noise=0.5)
+    plain, again, other = (
+        policy.weights(None if seed is None else torch.Generator().manual_seed(seed))
+        for seed in (None, 1, 1)
+    )
+    assert torch.equal(again["items"], other["items"])
+    assert not torch.allclose(plain["items"], again["items"])
+    assert torch.equal(plain["units"], again["units"])
+    # Of length .5 where vectors have length 1: a map's inputs differ by about LENGTH / 2.
+    policy.items = torch.nn.Linear(3, 3, bias=False).double()
+    policy.items.weight.data = torch.eye(3).double()
+    moved = policy.weights(torch.Generator().manual_seed(1))["items"] - policy.weights()["items"]
+    assert 0.3 * LENGTH < moved[:-1].norm(dim=1).square().mean().sqrt() < 0.8 * LENGTH
+    silent = policy_of(vector_noise=0)
+    assert torch.equal(silent.weights(torch.Generator())["goals"], silent.weights()["goals"])
+
+
+def test_without_sources_a_policy_begins_near_a_player_of_nearest_words():
+    config = PolicyConfig("pairs", pair_size=HIDDEN)
+    policy = PairPolicy(config, EntityVectors(SIZE, normal(SIZE, 3)))
+    assert policy.words().tolist() == [8, 0]
+    knowing = PairPolicy(
+        PolicyConfig("pairs", pair_size=HIDDEN, mixing="residual"),
+        EntityVectors(SIZE, normal(SIZE, 3)),
+        make_sources(["u", "v"], SCORER),
+    )
+    assert knowing.words().tolist() == [0, 0]
 
 
 def test_the_attempts_left_have_their_own_terms_whatever_the_selection():

@@ -102,7 +102,9 @@ class AttentionPolicy(Policy):
             # Exactly the planner; otherwise the drawn weights add small differences.
             nn.init.zeros_(last.weight)
 
-    def weights(self) -> Weights:  # noqa: D102 - inherited
+    def weights(  # noqa: D102 - inherited
+        self, generator: torch.Generator | None = None
+    ) -> Weights:
         mixture: Weights = {}
         if self.sources and self.config.lambda_form == "residual":
             # Attention comes first among the labels, if it is in use.

@@ -30,6 +30,7 @@ PolicyKind = Literal["pairs", "attention", "mlp"]
 Mixing = Literal["softmax", "free", "residual"]
 _ValueReadout = Literal["softmax", "logits"]
 _MOST_DROPPED = 0.99
+_MOST_NOISE = 100.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class PolicyConfig:
         pair_size: hidden units for a pair.
         dropout: share of a pair's hidden units that training drops, the same in all pairs of a
             table; below 1.
+        vector_noise: length of the noise that training adds to entity vectors of length 1, for
+            pairs; not to one-hot vectors.
         embedding_size: dimensions for learned features; by default as many as GloVe has.
         use: knowledge sources to mix in, comma-separated, by name or by letter: combines or u
             (combinesWith score with the selection), component or v (componentOf score with the
@@ -98,6 +101,7 @@ class PolicyConfig:
     hidden_size: int = 300
     pair_size: int = 128
     dropout: float = 0.3
+    vector_noise: float = 0.7
     embedding_size: int = 50
     use: str = "combines,component"
     plan_width: int = 0
@@ -126,6 +130,7 @@ class PolicyConfig:
                 one_of(name, getattr(self, name), get_args(allowed))
         for name in ("key_size", "value_size", "hidden_size", "pair_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
+        number_in("vector_noise", self.vector_noise, 0, _MOST_NOISE, f"0 to {_MOST_NOISE:g}")
         number_in("dropout", self.dropout, 0, _MOST_DROPPED, "0 or more, below 1")
         whole("plan_width", self.plan_width, 0, MAX_DIM)
         for name in ("allow_missing", "weigh_plans", "kg_only", "in_sample", "sees_attempts"):

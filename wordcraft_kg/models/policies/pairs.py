@@ -36,6 +36,8 @@ LENGTH = 3.0
 Unit vectors of 50 dimensions and first weights of :class:`torch.nn.Linear` would give hidden units
 near 0.
 """
+FIRST_WORDS = 8.0
+"""First weight of word cosines, without sources: the policy begins as a player of nearest words."""
 BLOCK = 128
 """Tables whose pairs are scored together: their hidden units stay in the processor's cache."""
 
@@ -47,19 +49,20 @@ class PairPolicy(Policy):
     entities and a, b of goals, and products element by element::
 
         h_ij = norm(relu(p_i + p_j + q_i q_j + a_g + b_g (r_i + r_j)))
-        α_ij = w · h_ij
+        α_ij = w · h_ij + c (cos(g, i) + cos(g, j)) + e [i = j]
         β_ij = α_ij + Σ_s λ_s · source_s,ij
         π(i, j) = softmax of β over unordered pairs, i = j included
 
-    The norm makes mean 0 and variance 1 over the units, and the λ are learned numbers. An attempt's
-    first selection has the marginal probability of its slot, where each order of a pair is equally
-    probable, and the second selection the conditional one: together they choose the pair with
+    The norm makes mean 0 and variance 1 over the units; c, e and the λ are learned numbers. The
+    first selection of an attempt has the marginal probability of its slot, where each order of a
+    pair is equally probable, and the second the conditional one: together they choose the pair with
     probability π(i, j). The value is ``v · Σ_ij ρ_ij h_ij`` with ρ the softmax of α. With
     ``config.sees_attempts``, the number of attempts left adds learned terms to a, b, the value and
     λ.
 
     In training, a share ``config.dropout`` of h is dropped, the same units for all pairs of a
-    table.
+    table, and noise of length ``config.vector_noise`` is added to the vectors that the maps see,
+    anew in each update: so the network learns what holds for a whole neighbourhood of words.
 
     Permuting the slots permutes the logits and leaves the value as it is, so the policy takes any
     table size.
@@ -92,16 +95,33 @@ class PairPolicy(Policy):
         # Without a bias, which a softmax ignores.
         self.score = nn.Linear(size, 1, bias=False)
         self.value = nn.Linear(size, 1)
+        # Weights of word cosines, and of an item with itself.
+        first = 0.0 if self.sources else FIRST_WORDS
+        self.words = SourceWeights(torch.tensor([first, 0.0]))
         if self.sources:
             # The first label is that of the network's own scores, whose λ is 1.
             self.lambdas = SourceWeights(self.first_lambdas()[1:])
         if config.sees_attempts:
             self.phases = Phases(2 * size, len(self.labels))
 
-    def weights(self) -> Weights:  # noqa: D102 - inherited
-        weights = {
-            "items": self._projected(self.items),
-            "goals": self._projected(self.goals),
+    def weights(  # noqa: D102 - inherited
+        self, generator: torch.Generator | None = None
+    ) -> Weights:
+        weights: Weights = {}
+        # One-hot vectors are never written out.
+        seen = None
+        if not self.vectors.is_one_hot:
+            units = nn.functional.normalize(self.vectors.vectors, dim=1)
+            weights["units"] = nn.functional.pad(units, (0, 0, 0, 1))
+            seen = LENGTH * units
+            if generator is not None and self.config.vector_noise:
+                noise = torch.empty_like(units).normal_(generator=generator)
+                scale = LENGTH * self.config.vector_noise / math.sqrt(self.vectors.dim)
+                seen = seen + scale * noise
+        weights |= {
+            "items": _projected(self.items, seen),
+            "goals": _projected(self.goals, seen),
+            "words": self.words(),
             "readouts": torch.cat([self.score.weight, self.value.weight]),
             "value.bias": self.value.bias,
         }
@@ -111,16 +131,6 @@ class PairPolicy(Policy):
         if self.config.sees_attempts:
             weights |= self.phases.weights()
         return weights
-
-    def _projected(self, layer: nn.Linear) -> Tensor:
-        """Return a linear map of all entity vectors, shape (E + 1, outputs), zeros for E."""
-        vectors = self.vectors.weights().get("vectors")
-        if vectors is None:  # one-hot
-            projected = LENGTH * layer.weight.T + layer.bias
-        else:
-            units = nn.functional.normalize(vectors[:-1], dim=1)
-            projected = layer(LENGTH * units)
-        return nn.functional.pad(projected, (0, 0, 0, 1))
 
     # --- choices: pairs of slots ------------------------------------------------------------------
 
@@ -154,22 +164,37 @@ class PairPolicy(Policy):
         parts = [part.split(BLOCK) for part in (items, goals, readouts, is_filled)]
         blocks = [_of_pairs(*block) for block in zip(*parts, strict=True)]
         alpha = torch.cat([block[0] for block in blocks])
+        alpha = alpha + self._of_words(weights, states.goal, table[:, :used])
         value = torch.cat([block[1] for block in blocks]) + weights["value.bias"]
         # Pairs with slots that are empty in all tables come last.
         missing = self.num_choices(table.shape[1]) - self.num_choices(used)
         alpha = nn.functional.pad(alpha, (0, missing), value=-torch.inf)
         if phases is not None:
             value = value + weights["phases.value"].index_select(0, phases)
+        is_empty = alpha == -torch.inf
         if external_scores is None:
-            return PolicyOutput(alpha, value)
+            # Masked at the end, so that no gradient of -inf reaches a parameter.
+            return PolicyOutput(alpha.masked_fill(is_empty, -torch.inf), value)
         lambdas = weights["lambdas"].expand(len(table), -1)
         if phases is not None:
             lambdas = lambdas + weights["phases.lambdas"].index_select(0, phases)
-        # Empty pairs have α -inf: finite until they are mixed, so that no λ makes a NaN of them.
-        is_empty = alpha == -torch.inf
+        # Empty pairs are finite until they are mixed, so that no λ makes a NaN of them.
         sources = torch.cat([alpha.masked_fill(is_empty, 0)[:, None], external_scores], dim=1)
         mixed = torch.bmm(lambdas[:, None], sources)[:, 0]
         return PolicyOutput(mixed.masked_fill(is_empty, -torch.inf), value, sources, lambdas)
+
+    def _of_words(self, weights: Weights, goal: Tensor, table: Tensor) -> Tensor:
+        """Return the part of α by word cosines, and for an item with itself, shape (B, P)."""
+        if "units" in weights:
+            goals = weights["units"].index_select(0, goal)
+            cosines = (look_up(weights["units"], table) @ goals[:, :, None])[..., 0]
+        else:  # one-hot
+            cosines = (table == goal[:, None]).to(weights["words"].dtype)
+        both = _membership(table.shape[1], table.device).to(cosines.dtype)
+        one, other = _pairs(table.shape[1], table.device)
+        is_itself = table[:, one] == table[:, other]
+        of_words, of_itself = weights["words"]
+        return of_words * (cosines @ both.T) + of_itself * is_itself
 
     def num_choices(self, slots: int) -> int:  # noqa: D102 - inherited
         return slots * (slots + 1) // 2
@@ -269,6 +294,12 @@ class PairPolicy(Policy):
             return states
         further = selection.where(is_missing, self.num_entities)
         return states._replace(table=torch.cat([states.table, further], dim=1))
+
+
+def _projected(layer: nn.Linear, vectors: Tensor | None) -> Tensor:
+    """Return a linear map of all vectors, shape (E + 1, outputs), zeros for E; None for one-hot."""
+    projected = LENGTH * layer.weight.T + layer.bias if vectors is None else layer(vectors)
+    return nn.functional.pad(projected, (0, 0, 0, 1))
 
 
 def _of_pairs(

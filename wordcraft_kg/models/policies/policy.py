@@ -220,8 +220,12 @@ class Policy(nn.Module):
         for source in self.sources.values():
             source.bind(tasks)
 
-    def weights(self) -> Weights:
-        """Return tensors computed from parameters only, which :meth:`forward` calls can share."""
+    def weights(self, generator: torch.Generator | None = None) -> Weights:
+        """Return tensors computed from parameters only, which :meth:`forward` calls can share.
+
+        Args:
+            generator: draws the noise with which a policy may train; None for none.
+        """
         raise NotImplementedError
 
     def forward(

@@ -158,7 +158,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         300,
         128,
         0.3,
-        0.7,
+        0.5,
         50,
         "u,v",
         0,

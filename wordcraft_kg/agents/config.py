@@ -158,7 +158,8 @@ class ImpalaConfig:
             memory. Default: 1; 0 in the paper.
         scorer_cost: weight of the divergence from the softmax of w, the policy of the scorer alone,
             which limits attention that remembers train tasks; only with w, and at depth 1, where w
-            is the probability of success. Default: 0.3, or 3 with fewer than 1,000 train tasks.
+            is the probability of success. Default: 1 (attention: 0.3), or 3 with fewer than
+            1,000 train tasks.
         clip: maximum gradient norm; 40 in the paper's released code.
         tables: number of different first tables, which are played again and again, so that a recipe
             scorer scores them once; 0 for a new table in each episode. Default: 32,768 with w or p,

@@ -165,7 +165,7 @@ class Impala:
         check_memory("policy_lag", config.policy_lag, "that many policies", needed)
         # A choice never needs the slots that are free for the results of the last attempt.
         self._slots = envs.engine.num_slots
-        if policy.steps_per_choice > 1:
+        if policy.num_slots is None:
             self._slots -= envs.world.max_results
         self.successes = Successes(policy.num_entities, self.device)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
@@ -200,8 +200,10 @@ class Impala:
             return 0.0
         if config.scorer_cost is not None:
             return config.scorer_cost
-        # Attention sees each of a few tasks more often, and remembers it.
-        return 3.0 if len(envs.world.tasks) < FEW_TASKS else 0.3
+        # A network sees each of a few tasks more often, and remembers it.
+        if len(envs.world.tasks) < FEW_TASKS:
+            return 3.0
+        return 1.0 if self.policy.config.policy == "pairs" else 0.3
 
     def _flattened(self) -> nn.Parameter:
         """Make all parameters and gradients views of one flat tensor each.

@@ -101,7 +101,7 @@ class PolicyConfig:
     hidden_size: int = 300
     pair_size: int = 128
     dropout: float = 0.3
-    vector_noise: float = 0.7
+    vector_noise: float = 0.5
     embedding_size: int = 50
     use: str = "combines,component"
     plan_width: int = 0

@@ -136,7 +136,7 @@ def write_constants(folder: Path, policy: Policy) -> None:
         "entities": policy.entities,
         "settings": asdict(policy.config),
         "sources": list(policy.sources),
-        "num_slots": policy.num_slots if isinstance(policy, MLPPolicy) else None,
+        "num_slots": policy.num_slots,
         "dim": 0 if policy.vectors.is_one_hot else policy.vectors.dim,
     }
     # Everything that is not a parameter: buffers of vectors and sources.

@@ -14,11 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.models.policies.attention import (
-    Phases,
-    SourceWeights,
-    phases_of,
-)
+from wordcraft_kg.models.policies.attention import SPEED, Phases, SourceWeights, phases_of
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import (
     EntityVectors,
@@ -177,7 +173,8 @@ class PairPolicy(Policy):
             return PolicyOutput(alpha.masked_fill(is_empty, -torch.inf), value)
         lambdas = weights["lambdas"].expand(len(table), -1)
         if phases is not None:
-            lambdas = lambdas + weights["phases.lambdas"].index_select(0, phases)
+            # As fast as the numbers to which they are added.
+            lambdas = lambdas + SPEED * weights["phases.lambdas"].index_select(0, phases)
         # Empty pairs are finite until they are mixed, so that no λ makes a NaN of them.
         sources = torch.cat([alpha.masked_fill(is_empty, 0)[:, None], external_scores], dim=1)
         mixed = torch.bmm(lambdas[:, None], sources)[:, 0]

@@ -148,6 +148,7 @@ class Policy(nn.Module):
 
     Attributes:
         steps_per_choice: environment steps that a choice takes.
+        num_slots: slots of all tables; None for tables of any size.
         noise_size: random numbers that :meth:`choose` needs for each state; 0 for none.
         config: settings.
         num_entities: E, the number of entities.
@@ -160,6 +161,7 @@ class Policy(nn.Module):
     """
 
     steps_per_choice: ClassVar[int] = 1
+    num_slots: int | None = None
     noise_size: int = 0
 
     def __init__(

@@ -422,6 +422,9 @@ def test_the_recommended_preset_follows_the_number_of_attempts(tasks, unroll, se
         knowing = AgentConfig("kitchen", "models/x", tasks, policy)
         assert knowing.policy.mixing == ("residual" if residual else "free")
         assert "mixing" not in knowing.differing()
+    for settings in ({"kg_only": True}, {"mixing": "softmax"}):
+        only = AgentConfig("kitchen", "models/x", tasks, PolicyConfig(**settings))
+        assert only.policy.policy == "attention"
     without = AgentConfig("kitchen", tasks=tasks)
     assert (without.policy.sees_attempts, without.policy.scale) == (sees_attempts, "ranks")
     mlp = AgentConfig("kitchen", tasks=tasks, policy=PolicyConfig("mlp"))

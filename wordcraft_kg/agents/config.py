@@ -379,7 +379,10 @@ class AgentConfig(RunConfig):
             has_pair_scores = bool({"w", "p"} & set(self.policy.sources))
             trainer = replace(trainer, tables=TABLES if has_pair_scores else 0)
         is_recommended = trainer.preset == "recommended"
-        kind = self.policy.policy or ("pairs" if is_recommended else "attention")
+        # Settings that only attention has.
+        has_attention = self.policy.kg_only or self.policy.mixing in ("free", "softmax")
+        is_pairs = is_recommended and not has_attention
+        kind = self.policy.policy or ("pairs" if is_pairs else "attention")
         # In a single attempt, the number of attempts left is constant.
         sees = is_recommended and kind != "mlp" and self.tasks.episode > 2
         has_scorer = self.scorer is not None

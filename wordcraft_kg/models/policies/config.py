@@ -40,8 +40,8 @@ class PolicyConfig:
     Attributes:
         policy: pairs (a network that scores pairs of items for the goal), attention (self-attention
             over the table, as in the paper) or mlp (a hidden layer on the ordered table, the
-            paper's baseline; for a fixed table size). Default: pairs, except in the paper's preset
-            and in programs that make a policy themselves, where it is attention.
+            paper's baseline; for a fixed table size). Default: pairs; attention in the paper's
+            preset, with ``kg_only`` or another mixing, and for ``make_policy``.
         features: entity vectors: glove, minilm, auto, one-hot, random, learned, shuffled:<any but
             learned>, a vector file, or a folder from encode.
         pooling: combines word vectors for labels with several words: mean or max.

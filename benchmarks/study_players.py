@@ -31,6 +31,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.folder import WEIGHTS
 
 TARGET = Path(__file__).parents[1] / "docs" / "study-players.json"
@@ -51,7 +52,7 @@ def main() -> None:
     alone = scorer_players(opened.graph, model.scorer, model.triples)
     players: dict[str, Player] = {
         "random pairs": random_distinct,
-        "nearest words": nearest_words(opened.graph),
+        "nearest words": nearest_words(glove_features(opened.graph.entities).unit_vectors),
     }
     players |= {"recipe scorer alone, u v": alone["u+v, self edges dropped"]}
     players["recipe scorer alone, w"] = alone["w, best pair"]

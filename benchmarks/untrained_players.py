@@ -46,6 +46,7 @@ from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.recipes.fitting import table_examples
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
     features_of_pairs,
@@ -96,7 +97,7 @@ def players_of(
     """Return the players, and the leak-free MRR of their scorers."""
     players = {
         FEWEST_USES: fewest_uses(opened.split),
-        NEAREST_WORDS: nearest_words(opened.graph),
+        NEAREST_WORDS: nearest_words(glove_features(opened.graph.entities).unit_vectors),
     }
     mrr: dict[str, float] = {}
 

@@ -61,7 +61,7 @@ BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
 SCRIPTED = {
     "random, exact (`benchmarks/untrained_players.py`)": ("untrained", "random"),
     "fewest uses in train recipes, whatever the goal": ("untrained", "fewest uses"),
-    "nearest words (GloVe, no graph)": ("pack", "nearest words"),
+    "nearest words (GloVe; on `everyday` MiniLM)": ("pack", "nearest words"),
     "partial KG as 0/1 facts, v": ("pack", "partial KG, v"),
     "partial KG as facts, u + v": ("pack", "partial KG, u+v"),
     "votes of the train recipes, best pair": ("pack", "partial KG, votes"),
@@ -208,7 +208,9 @@ def scripted() -> Iterator[str]:
         for row in _reference(book):
             if row["measure"] == "success" and row["play"].get("depth") == 1:
                 value = row["figures"][str(number)]["value"]
-                rates.setdefault(("pack", row["player"], book, number), value)
+                # The name of the vectors stands in brackets.
+                player = row["player"].partition(" (")[0]
+                rates.setdefault(("pack", player, book, number), value)
     yield "| player | Little Alchemy 2, 8 distractors | Little Alchemy 2, 1 | `everyday`, 8 | `everyday`, 1 |"
     yield "|---|---|---|---|---|"
     for title, source in SCRIPTED.items():

@@ -138,7 +138,9 @@ def table(agents: dict[str, Any], played: dict[int, Any], scorer: str) -> Iterat
     scripted = {}
     for depth, view in played.items():
         for row in view["rows"]:
-            scripted[row["player"], depth] = shown(row["success"], row["low"], row["high"])
+            # Nearest words name their vectors in brackets.
+            player = row["player"].partition(" (")[0]
+            scripted[player, depth] = shown(row["success"], row["low"], row["high"])
 
     def trained(run: str) -> str:
         success = agents[run]["success"][DISTRACTORS[1]]

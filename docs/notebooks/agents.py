@@ -61,7 +61,7 @@ for seed in range(3):
 # %%
 agents = [open_agent(path) for path in sorted(Path("runs").glob("*/*"))]
 scripted = knowledge_players(opened.split)
-players = {name: scripted[name] for name in ("random", "nearest words", "partial KG, votes")}
+players = {name: scripted[name] for name in ("random", "nearest words (minilm)", "partial KG, votes")}
 players["recipe scorer alone"] = knowledge_player(make_sources(["recipe"], load_scorer("models/recipes")))
 players |= {agent.name: agent.policy for agent in agents}
 

@@ -15,6 +15,7 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import (
+    advice_on_words,
     fact_sources,
     fewest_uses,
     knowledge_players,
@@ -25,6 +26,7 @@ from wordcraft_kg.agents.players import (
     random_entity,
     recipe_oracle,
     scorer_players,
+    words_player,
 )
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.base.statistics import task_bootstrap, wilson_interval
@@ -34,7 +36,8 @@ from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.factors import TableScorer
-from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.features import glove_features, make_features
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
 
 def play(opened, players, distractors=(1,), distractor_seeds=5, **settings):
@@ -85,10 +88,38 @@ def test_the_two_nearest_words_are_chosen_without_a_graph_or_training(opened):
             )
         return slots
 
-    nearest = nearest_words(opened.graph)
+    nearest = nearest_words(vectors)
     table = play(opened, {"nearest": both, "random, distinct": random_distinct}, (1, 8))
     assert all(checked)
     assert success(table, "nearest", 8) > success(table, "random, distinct", 8)
+
+
+def test_words_beside_a_scorer_are_its_own_and_otherwise_the_best_built_in(opened):
+    """The row names the vectors, and only GloVe gives advice."""
+    graph = opened.graph
+    glove = glove_features(graph.entities).unit_vectors
+    best = make_features("minilm", graph.entities).unit_vectors
+    others = np.roll(glove, 1, axis=0)
+    state = BatchEngine(World(opened, WordCraftConfig(part="test")), 40).reset(0)
+    for vectors, name, expected in (
+        (None, "minilm", best),
+        (np.zeros((graph.num_entities, 0)), "minilm", best),
+        (best, "minilm", best),
+        (glove, "glove", glove),
+        (others, "the scorer's vectors", others),
+    ):
+        knowledge = None
+        if vectors is not None:
+            rounded = vectors.astype(np.float16)
+            near = np.zeros((graph.num_entities, 0), dtype=np.int32)
+            knowledge = RecipeKnowledge.of_recipes(opened.split.recipes("train"), rounded, near)
+        ((row, player),) = words_player(graph, knowledge).items()
+        assert row == f"nearest words ({name})"
+        assert bool(advice_on_words(["random", row])) == (name == "glove")
+        rounded = expected.astype(np.float16).astype(np.float32)
+        same = nearest_words(expected if knowledge is None else rounded)
+        chosen = [each(state, np.random.default_rng(0)) for each in (player, same)]
+        np.testing.assert_array_equal(*chosen)
 
 
 def test_train_uses_count_recipes_with_an_ingredient_and_weigh_distractors(opened):

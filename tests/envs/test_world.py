@@ -19,6 +19,7 @@ from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.graphs.splits import groups_of
 from wordcraft_kg.graphs.task_search import make_tasks
+from wordcraft_kg.models.scorers.features import glove_features
 
 POLICIES = ("no_shortcut", "no_train_shortcut")
 DRAWN = {"depth": 3, "num_tasks": 20}
@@ -205,11 +206,18 @@ def test_evaluation_by_goal_resamples_goals():
     graph = open_graph("everyday").graph
     split = make_split(graph, SplitConfig("by-goal"))
     world = World(OpenedGraph(graph, split, "everyday"), WordCraftConfig("test", 1, 8))
-    result = Evaluator(world, distractor_seeds=2)(nearest_words(graph))
+    result = Evaluator(world, distractor_seeds=2)(
+        nearest_words(glove_features(graph.entities).unit_vectors)
+    )
     figures = result.metrics()
     goals = world.tasks.goals
     assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success, goals)
     low, high = task_bootstrap(result.success, None)
     assert figures.ci_high - figures.ci_low > 1.2 * (high - low), "tasks of a goal are alike"
-    (row,) = play_all(world, {"words": nearest_words(graph)}, (8,), distractor_seeds=2)
+    (row,) = play_all(
+        world,
+        {"words": nearest_words(glove_features(graph.entities).unit_vectors)},
+        (8,),
+        distractor_seeds=2,
+    )
     assert row.high - row.low > 1.2 * (high - low)

@@ -104,7 +104,7 @@ def test_players_that_learn_nothing_stand_beside_the_agents(report):
     assert [row.name for row in report.view.baselines] == [
         "random",
         "fewest uses",
-        "nearest words",
+        "nearest words (minilm)",
         "recipe oracle",
     ]
     for row in report.view.baselines:

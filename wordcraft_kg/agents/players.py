@@ -38,8 +38,11 @@ from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import SelfEdges
-from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.features import ENCODE, glove_features, make_features, named
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.planning.source import BestPlan
 
 Player = Callable[[State, np.random.Generator], Ids]
@@ -50,7 +53,7 @@ SlotScores = Callable[[States], Tensor]
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
 """A function that scores recipes ``a + b -> c``, for tensors of ids a, b and c that broadcast."""
 NEAREST_WORDS = "nearest words"
-"""Name of the player :func:`nearest_words`."""
+"""Name of the player :func:`nearest_words`, before the name of its vectors in brackets."""
 FEWEST_USES = "fewest uses"
 """Name of the player :func:`fewest_uses`."""
 BEST_PAIR = "w, best pair"
@@ -170,12 +173,67 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
     return choose
 
 
-def nearest_words(graph: RecipeGraph) -> Player:
-    """Return a player of the two labels nearest to the goal's label by GloVe cosine.
+def words_player(graph: RecipeGraph, knowledge: RecipeKnowledge | None = None) -> dict[str, Player]:
+    """Return the player by nearest words that is fair beside a scorer, by a name with its vectors.
 
-    The player knows no recipe.
+    Args:
+        graph: the recipe graph.
+        knowledge: the recipe scorer beside it, whose word vectors the player has; None, or a scorer
+            without words, for the best vectors that are built in for the labels.
     """
-    vectors = glove_features(graph.entities).unit_vectors
+    name = named("auto", graph.entities)
+    unit = _unit_vectors(name, graph)
+    if knowledge is not None and knowledge.vectors.shape[1]:
+        of_scorer = knowledge.vectors[: graph.num_entities].float().cpu().numpy()
+        if not _are_equal(of_scorer, unit):
+            is_glove = _are_equal(of_scorer, _unit_vectors("glove", graph))
+            name = "glove" if is_glove else "the scorer's vectors"
+        unit = of_scorer
+    return {f"{NEAREST_WORDS} ({name})": nearest_words(unit)}
+
+
+def knowledge_of(scorer: TripleScorer | None) -> RecipeKnowledge | None:
+    """Return the knowledge of a recipe scorer on all train recipes; None for any other scorer."""
+    whole = None if scorer is None else whole_of(scorer)
+    return whole.knowledge if isinstance(whole, RecipeScorer) else None
+
+
+def _unit_vectors(name: str, graph: RecipeGraph) -> NDArray[np.float32]:
+    """Return built-in vectors; without words, such as of a book of made-up words, all are 0."""
+    if name == "glove":
+        return glove_features(graph.entities).unit_vectors
+    return make_features(name, graph.entities).unit_vectors
+
+
+def _are_equal(rounded: NDArray[np.float32], unit: NDArray[np.float32]) -> bool:
+    """Return whether unit vectors, shape (E, D), are these as a scorer stores them."""
+    return rounded.shape == unit.shape and np.array_equal(
+        rounded, unit.astype(np.float16).astype(np.float32)
+    )
+
+
+def is_words_player(name: str) -> bool:
+    """Return whether this is the name of a player by nearest words, with any vectors."""
+    return name.startswith(NEAREST_WORDS)
+
+
+def advice_on_words(names: Iterable[str]) -> list[str]:
+    """Return advice, a sentence, if these players have no words but GloVe's; else nothing."""
+    words = set(filter(is_words_player, names))
+    if words != {f"{NEAREST_WORDS} (glove)"}:
+        return []
+    return [
+        "nearest words: only GloVe was at hand, and a sentence encoder's vectors make more goals: "
+        f"`{ENCODE}`, then `train-recipes --features`"
+    ]
+
+
+def nearest_words(vectors: NDArray[np.float32]) -> Player:
+    """Return a player of the two labels nearest to the goal's label by cosine; it knows no recipe.
+
+    Args:
+        vectors: shape (E, D), unit vectors of the labels.
+    """
     # The last row is for empty slots.
     unit = np.pad(vectors, ((0, 1), (0, 0)))
 
@@ -272,11 +330,15 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
     return score
 
 
-def knowledge_players(split: Split) -> dict[str, Player]:
+def knowledge_players(split: Split, knowledge: RecipeKnowledge | None = None) -> dict[str, Player]:
     """Return scripted players by name.
 
     They are chance, shortcuts without a graph, triples as facts, votes, the players in
     :data:`PLAYERS`, and an oracle, which comes last.
+
+    Args:
+        split: the split.
+        knowledge: the recipe scorer beside them, see :func:`words_player`; None without one.
     """
     graph = split.graph
     some = fact_sources(graph, split.partial)
@@ -290,7 +352,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
         "random": random_entity,
         "random, distinct": random_distinct,
         FEWEST_USES: fewest_uses(split),
-        NEAREST_WORDS: nearest_words(graph),
+        **words_player(graph, knowledge),
         "partial KG, v": knowledge_player([some["v"]]),
         "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
         "partial KG, votes": pair_player(VoteScorer(graph, train).score_recipes),

@@ -46,7 +46,7 @@ def doctor(*, output: Output = Output()) -> int:
     command that installs the extra. Nothing is sent or written.
     """
     # Checks do not raise: one broken part must not hide the state of the others.
-    findings = [*_packages(), *_torch(), *_extras(), *_folders(), *_books()]
+    findings = [*_packages(), *_torch(), *_extras(), *_words(), *_folders(), *_books()]
     passed = all(finding.state != "error" for finding in findings)
     rows = []
     for finding in findings:
@@ -126,6 +126,13 @@ def _extras() -> Iterator[CheckResult]:
             yield CheckResult(f"extra {extra}", "note", _listed(problems), pip_install(extra=extra))
         else:
             yield CheckResult(f"extra {extra}", "ok", "installed")
+
+
+def _words() -> Iterator[CheckResult]:
+    from wordcraft_kg.models.scorers.features import ENCODE
+
+    result = "MiniLM for labels of the built-in books, only GloVe for those of all other books"
+    yield CheckResult("words", "ok", result, f"stronger words of a book, {ENCODE}")
 
 
 def _folders() -> Iterator[CheckResult]:

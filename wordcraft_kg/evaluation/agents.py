@@ -23,6 +23,7 @@ from wordcraft_kg.evaluation.source_gains import SourceGain, source_gains
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import shown_setting
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Task settings that must be equal in all compared agents."""
@@ -31,7 +32,7 @@ _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 # The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
-_SCRIPTED = ("random", players.FEWEST_USES, players.NEAREST_WORDS, "recipe oracle")
+_SCRIPTED = ("random", players.FEWEST_USES, "recipe oracle")
 """Players that need no training, at the same tables as the agents."""
 
 
@@ -381,8 +382,12 @@ def _baselines(
     results = {
         "random": _play(players.random_entity, evaluators),
         players.FEWEST_USES: _play(players.fewest_uses(first.opened.split), evaluators),
-        players.NEAREST_WORDS: _play(players.nearest_words(first.opened.graph), evaluators),
     }
+    # Words as strong as those of each scorer; equal vectors have equal names.
+    words: dict[str, players.Player] = {}
+    for members in groups.values():
+        words |= _words_beside(members[0])
+    results |= {name: _play(player, evaluators) for name, player in words.items()}
     for agent, alone in scorers.values():
         for sources, played in alone.items():
             results[f"scorer of {agent} alone, {sources}"] = played
@@ -394,6 +399,13 @@ def _baselines(
         yield BaselineSuccess(name, success, by_plan)
 
 
+def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
+    """Return the player by nearest words with the vectors of an agent's scorer, by its name."""
+    of_sources = [getattr(each, "knowledge", None) for each in agent.policy.sources.values()]
+    known = [each for each in of_sources if isinstance(each, RecipeKnowledge)]
+    return players.words_player(agent.opened.graph, known[0] if known else None)
+
+
 def _references(
     agent: OpenedAgent, part: TaskPart, played: Sequence[int]
 ) -> tuple[ReferenceRow, ...]:
@@ -402,7 +414,11 @@ def _references(
     if play is None or pack is None:
         return ()
     # Scripted players are measured on the agents' own tables and would stand in the report twice.
-    return tuple(row for row in pack.rows_of(play, played) if row.player not in _SCRIPTED)
+    return tuple(row for row in pack.rows_of(play, played) if not _is_scripted(row.player))
+
+
+def _is_scripted(player: str) -> bool:
+    return player in _SCRIPTED or players.is_words_player(player)
 
 
 def _conditions(

@@ -285,17 +285,18 @@ def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess
     nearest words, which knows no book.
     """
     try:
+        words = players.words_player(links.graph, players.knowledge_of(links.scorer))
         playing = {
             **players.scorer_players(links.graph, links.scorer, links.trained_on),
             "random": players.random_entity,
             players.FEWEST_USES: players.fewest_uses(links.opened.split),
-            players.NEAREST_WORDS: players.nearest_words(links.graph),
+            **words,
             "recipe oracle": players.recipe_oracle,
         }
         world = World(links.opened, WordCraftConfig(part="test"))
         groups = goal_groups(links.graph, world.tasks.goals, links.made_by_other_books)
         rows = players.play_all(world, playing, (1, 8), seed=seed, groups=groups)
-        grouped = (players.BEST_PAIR, players.NEAREST_WORDS)
+        grouped = (players.BEST_PAIR, *words)
         return tuple(row for row in rows if not row.goals or row.player in grouped)
     except WordCraftKGError:
         # Without test tasks, with too few entities for distractors, or with a scorer that fails the

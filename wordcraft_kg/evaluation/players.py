@@ -13,9 +13,11 @@ from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.agents.players import (
     BEST_PAIR,
-    NEAREST_WORDS,
     PLANNER,
     PlayerSuccess,
+    advice_on_words,
+    is_words_player,
+    knowledge_of,
     knowledge_players,
     play_all,
     scorer_alone,
@@ -262,6 +264,10 @@ class Baselines(Record):
     rows: tuple[PlayerSuccess, ...]
     shares: dict[str, Share]
 
+    def notes(self) -> list[str]:
+        """Return advice on the words of the players, if there is any."""
+        return advice_on_words(row.player for row in self.rows)
+
 
 def view_baselines(
     opened: OpenedGraph,
@@ -296,11 +302,11 @@ def view_baselines(
         GraphMismatchError: if the model belongs to another graph.
         LeakError: if a cross-fitted model has seen all recipes of a task's plan.
     """
-    players = knowledge_players(opened.split)
+    players = knowledge_players(opened.split, knowledge_of(model[1].scorer if model else None))
     world = World(opened, config)
     # Only players that may have learned from another book, or know none, tell its goals apart.
     groups: dict[str, NDArray[np.bool_]] = {}
-    grouped = {NEAREST_WORDS}
+    grouped = {name for name in players if is_words_player(name)}
     if model is not None:
         name, trained = model
         # A cross-fitted scorer needs the tasks that it may have been trained on, to answer by the

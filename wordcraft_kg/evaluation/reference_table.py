@@ -7,7 +7,7 @@ from typing import get_args
 import msgspec
 
 from wordcraft_kg.agents.discovery import MARKS
-from wordcraft_kg.agents.players import FEWEST_USES, NEAREST_WORDS
+from wordcraft_kg.agents.players import FEWEST_USES, is_words_player
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import Discovery
@@ -294,7 +294,9 @@ def _merged(
 
 
 def _kind(player: str) -> Kind:
-    kinds: dict[str, Kind] = {NEAREST_WORDS: "words", **dict.fromkeys(_CHANCE, "chance")}
+    kinds: dict[str, Kind] = dict.fromkeys(_CHANCE, "chance")
+    if is_words_player(player):
+        return "words"
     if player.endswith(_ALONE):
         return "scorer"
     return kinds.get(player, "oracle" if player in _ORACLES else "knowledge graph")

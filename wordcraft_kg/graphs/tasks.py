@@ -2,8 +2,9 @@
 
 An *attempt* combines two entities at hand; all results become entities at hand, and nothing is used
 up. A *plan* is a set of attempts that makes the goal. A task at depth n has a plan with n attempts
-whose leaves are exactly the starting ingredients, and no plan with fewer attempts, even one with
-other recipes of the book; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
+whose leaves are exactly the starting ingredients, and no plan with fewer attempts. Plans of train
+tasks are those of the train recipes, plans of all other tasks those of all recipes;
+:mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
 import hashlib
@@ -63,8 +64,9 @@ class TaskSet:
             ``num_entities``.
         plans: each task's shortest plans, as rows in ``graph.recipes``.
         is_complete: whether all tasks are included; otherwise the tasks were drawn at random.
-        mixed: number of tasks in no part, because their plans use recipes from several parts (when
-            drawing: among the tasks met so far).
+        mixed: number of tasks that are neither train, valid nor test tasks by all recipes, because
+            their plans use recipes from several parts (when drawing: among the tasks met so far); 0
+            for train tasks.
     """
 
     graph: RecipeGraph

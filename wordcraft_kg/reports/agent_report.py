@@ -4,6 +4,7 @@ import re
 
 from markupsafe import Markup
 
+from wordcraft_kg.agents.players import advice_on_words
 from wordcraft_kg.evaluation.agent_metrics import NEVER, Slice
 from wordcraft_kg.evaluation.agents import AgentsView
 from wordcraft_kg.evaluation.goal_groups import MADE, NOT_MADE
@@ -46,6 +47,7 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
             "min_seeds": _MIN_SEEDS,
             "colours": agent_pictures.source_colours(),
             "actions": agent_pictures.ACTIONS,
+            "advice": advice_on_words(row.name for row in view.baselines),
         },
     )
 

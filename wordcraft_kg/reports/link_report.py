@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from wordcraft_kg.agents.players import FEWEST_USES, NEAREST_WORDS
+from wordcraft_kg.agents.players import FEWEST_USES, advice_on_words, is_words_player
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
 from wordcraft_kg.evaluation.links import (
     FEW_TEST_RECIPES,
@@ -29,7 +29,6 @@ PLAYERS = {
     "u+v, self edges dropped": "both (u + v), self edges dropped",
     "random": "any slot at random",
     FEWEST_USES: "the two entities with the fewest train uses, whatever the goal",
-    NEAREST_WORDS: "the two entities nearest to the goal by GloVe, no graph",
     "recipe oracle": "recipe oracle",
 }
 
@@ -46,6 +45,7 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
     Returns:
         The report, for :func:`~wordcraft_kg.reports.pages.write_report`.
     """
+    words = [row.player for row in view.kg_play if is_words_player(row.player)]
     return Report(
         view,
         "link_report.html.j2",
@@ -56,7 +56,9 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
         },
         shown={
             "relations": RELATIONS,
-            "players": PLAYERS,
+            "players": PLAYERS | {name: f"the two entities with the {name}" for name in words},
+            "words": words,
+            "advice": advice_on_words(words),
             "few": FEW_TEST_RECIPES,
             "few_test_recipes": has_few_test_recipes(view),
         },

@@ -25,7 +25,7 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
-from wordcraft_kg.agents.players import knowledge_players, scorer_players
+from wordcraft_kg.agents.players import knowledge_players, nearest_words, scorer_players
 from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission, submission_files
 from wordcraft_kg.apps.text_agents.benchmark import (
     FrozenTask,
@@ -72,6 +72,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.features import make_features
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PYTHON = shlex.quote(sys.executable)
@@ -147,16 +148,22 @@ def test_present_prompts_are_standard_and_the_schema_is_the_written_one():
 
 @pytest.mark.parametrize("name", ["craft-8", pytest.param("goal-8", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    "player", ["nearest-words", pytest.param("oracle", marks=pytest.mark.slow)]
+    "player",
+    [
+        "nearest-words",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("words:minilm", "oracle")),
+    ],
 )
 def test_a_scripted_player_has_the_success_of_the_evaluation(submitted, name, player):
     track = open_track(name)
     config = WordCraftConfig("test", track.frozen.depth, track.frozen.distractors)
     lines = [json.loads(line) for line in lines_in(submitted(name, player))]
     world = World(track.opened, config)
-    scripted = knowledge_players(track.opened.split)[
-        {"oracle": "recipe oracle"}.get(player, "nearest words")
-    ]
+    scripted = knowledge_players(track.opened.split)["recipe oracle"]
+    if player != "oracle":
+        labels = track.opened.graph.entities
+        vectors = make_features({"nearest-words": "glove"}.get(player, "minilm"), labels)
+        scripted = nearest_words(vectors.unit_vectors)
     expected = Evaluator(world, distractor_seeds=1)(scripted)
     chosen = chosen_tasks(world, 500)
     for values in ("success", "by_plan"):

@@ -32,7 +32,7 @@ def graphs(request, tmp_path_factory):
 
 def chats(graph, games):
     play = open_play(graph, "train", 2, 3, 3)
-    settings = ChatSettings(kept="all", tasks=games)
+    settings = ChatSettings(kept="all", tasks=games, tables=1 + games // 500)
     return [*chat_rows([play], random_distinct, settings, ChatCounts())]
 
 
@@ -69,10 +69,13 @@ def messages(graph, games):
 
 def sessions(graph, games):
     rng = random.Random(2)
-    session = CraftingSession(GameList({"train": [open_play(graph, "train", 2, 3, 3)]}))
+    play = open_play(graph, "train", 2, 3, 3)
+    tasks = len(play.games.world.tasks)
+    session = CraftingSession(GameList({"train": [play]}))
     told = []
     for index in range(games):
-        seen = session.reset({"split": "train", "index": index})
+        game = {"index": index % tasks, "seed": index // tasks}
+        seen = session.reset({"split": "train", **game})
         told.append(seen)
         while not seen.get("done"):
             pair = pair_of(seen["observation"]["table"], rng)

@@ -203,7 +203,7 @@ def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
         on_tasks, in_world = _SCRIPTED[kind]
         knows = _TRAINED_ON[_USES.get(kind, "none")]
         if kind == "nearest-words":
-            knows += ", glove words"
+            return _words(track, "glove", settings)
         if track.is_open_ended and in_world:
             (player,) = make_discoverers([in_world], track.opened.graph).values()
             return Entrant(on_tasks, discoveries(track, player), knows, _OWN_LICENCE)
@@ -213,6 +213,25 @@ def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
         return Entrant(on_tasks, decisions(track, players[on_tasks]), knows, _OWN_LICENCE)
 
     return enter
+
+
+def _words(track: Track, vectors: str, settings: RunSettings) -> Entrant:
+    """Let the items with the nearest words play, with vectors as for ``--features``."""
+    title, in_world = _SCRIPTED["nearest-words"]
+    knows = f"{_TRAINED_ON['none']}, {vectors} words"
+    if track.is_open_ended:
+        (player,) = make_discoverers([in_world], track.opened.graph).values()
+        return Entrant(title, discoveries(track, player), knows, _OWN_LICENCE)
+    from wordcraft_kg.agents.players import nearest_words  # these load torch
+    from wordcraft_kg.models.scorers.features import glove_features, make_features
+
+    labels = track.opened.graph.entities
+    # Rows on the boards are those of GloVe, by the plain name. Made-up words have no vector there.
+    is_glove = vectors == "glove"
+    features = glove_features(labels) if is_glove else make_features(vectors, labels)
+    chooser = nearest_words(features.unit_vectors)
+    name = title if is_glove else f"{title} ({vectors})"
+    return Entrant(name, decisions(track, chooser), knows, _OWN_LICENCE)
 
 
 def _with_model(
@@ -286,11 +305,14 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
         ConfigError: for an unknown name, or a missing or needless argument.
         GraphMismatchError: for a model or an agent of another graph or split.
     """
-    from wordcraft_kg.agents.players import knowledge_players  # loads torch
+    from wordcraft_kg.agents.players import knowledge_players, words_player  # these load torch
 
     kind, colon, folder = name.partition(":")
     scripted = {each: title for each, (title, _) in _SCRIPTED.items()}
     scripted["planner"] = "partial KG, planner"
+    if not colon and kind == "nearest-words":
+        ((title, player),) = words_player(opened.graph).items()
+        return title, player
     if not colon and kind in scripted:
         return scripted[kind], knowledge_players(opened.split)[scripted[kind]]
     if not folder or kind not in ("agent", "planner", "scorer"):
@@ -471,8 +493,9 @@ KINDS: Registry[Kind] = Registry(
     {
         "random": Kind("chance", "", _scripted("random")),
         "nearest-words": Kind(
-            "the items with the words nearest to the goal", "", _scripted("nearest-words")
+            "the items with the words nearest to the goal, by GloVe", "", _scripted("nearest-words")
         ),
+        "words": Kind("the same by other vectors, such as words:minilm", "VECTORS", _words),
         "votes": Kind("votes of the train recipes on pairs", "", _scripted("votes")),
         "graph": Kind("links of the train recipes, without learning", "", _scripted("graph")),
         "oracle": Kind("knows all recipes", "", _scripted("oracle")),

@@ -153,9 +153,12 @@ class Epochs(TrainingCallback):
         self.so_far = LinkProgress(
             seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=()
         )
-        self._valid = triples[:0]
+        self._valid = self._known = triples[:0]
         if settings.eval_every:
-            self._valid = sampled_for(opened.graph, opened.split.held_out("valid"))
+            split = opened.split
+            self._valid = sampled_for(opened.graph, split.held_out("valid"))
+            # Without test links: the best epoch may be chosen by these ranks.
+            self._known = np.concatenate([split.partial, split.triples_of("valid")])
         self._batches = math.ceil(num_triples / settings.batch_size)
         self._batch = 0
         # Epochs of the main model and of each fold's model.
@@ -247,12 +250,12 @@ class Epochs(TrainingCallback):
         self.so_far = now
 
     def _validate(self) -> float:
-        """Return the filtered MRR of the validation triples."""
+        """Return the MRR of the validation triples, filtered by train and validation triples."""
         self.model.eval()
         graph = self.opened.graph
         tensors = scorer_tensors(self.settings, self.model, self.triples, graph.num_entities)
         scorer = make_scorer(*tensors, graph.entities, graph.hash)
-        ranks = rank_triples(scorer, self._valid, graph.triples)
+        ranks = rank_triples(scorer, self._valid, self._known)
         self.model.train()
         return mean_reciprocal_rank(ranks)
 

@@ -139,7 +139,7 @@ def test_a_study_trains_with_the_papers_preset_unless_it_names_another():
     found = [agent_config(each, "", "") for each in settings]
     assert [each.trainer.preset for each in found] == ["paper", "recommended", "recommended"]
     assert [each.trainer.unroll for each in found] == [2, 2, 4]
-    assert [each.trainer.learning_rate for each in found] == [0.001, 0.008, 0.008]
+    assert [each.trainer.learning_rate for each in found] == [0.001, 0.005, 0.005]
     assert [each.policy.scale for each in found] == ["ranks", "ranks", "none"]
     assert [each.policy.sees_attempts for each in found] == [False, True, True]
 

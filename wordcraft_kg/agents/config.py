@@ -34,12 +34,12 @@ _WEIGHED_DEPTH = 2
 """Depth at which weights of plans help for certain, see docs/evidence/plan-weights.md."""
 Preset = Literal["recommended", "paper"]
 """Names of the presets of trainer and policy."""
-RECOMMENDED: Mapping[str, float] = {
-    "batch_size": 512,
-    "learning_rate": 0.008,
-    "memory_cost": 1.0,
-}
-"""Values of the trainer that the recommended preset decides whatever the tasks and sources."""
+RECOMMENDED: Mapping[str, Any] = {"batch_size": 512, "learning_rate": 0.008}
+"""The recommended preset's values with one attempt."""
+SEVERAL: Mapping[str, Any] = {"batch_size": 128, "learning_rate": 0.005}
+"""Those with several attempts, where an update has more steps of each environment."""
+MEMORY = 1.0
+"""The recommended preset's weight of the memory."""
 PAPER: Mapping[str, Any] = {
     "policy": "attention",
     "memory_cost": 0.0,
@@ -139,15 +139,15 @@ class ImpalaConfig:
             setting that is not given.
         steps: environment steps (actions) for training, rounded up to whole updates; 3,000,000 in
             the paper.
-        batch_size: parallel environments, each with one unroll per update. Default: 512; 128 in the
-            paper.
+        batch_size: parallel environments, each with one unroll per update. Default: 512, or 128
+            with several attempts; 128 in the paper.
         unroll: steps per environment and update. Default: an episode's actions (two for each
             attempt); 2 in the paper.
         policy_lag: delay between acting and learning policy, in updates; 0 makes all importance
             ratios 1.
         discount: γ; 0.99 in the paper.
-        learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.008; 0.001
-            in the paper.
+        learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.008, or
+            0.005 with several attempts; 0.001 in the paper.
         rms_decay: RMSProp decay rate for squared gradients; 0.99 in the paper's released code.
         rms_epsilon: RMSProp ε; 0.01 in the paper.
         momentum: RMSProp momentum.
@@ -182,7 +182,7 @@ class ImpalaConfig:
     Example:
         >>> ImpalaConfig(steps=1_000, preset="paper").updates
         4
-        >>> ImpalaConfig(steps=3_000).for_episodes(4).updates
+        >>> ImpalaConfig(steps=1_000).for_episodes(4).updates
         2
     """
 
@@ -224,9 +224,12 @@ class ImpalaConfig:
         whole("policy_lag", self.policy_lag, 0, MAX_SIZE)
         for name in ("eval_every", "seed"):
             whole(name, getattr(self, name), 0)
-        for name in ("learning_rate", "rms_epsilon", "clip"):
-            expected = f"a number above 0, at most {_LARGE:g}"
-            number_in(name, getattr(self, name), SMALLEST, _LARGE, expected)
+        for name, value in (
+            ("learning_rate", self.first_rate),
+            ("rms_epsilon", self.rms_epsilon),
+            ("clip", self.clip),
+        ):
+            number_in(name, value, SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
         costs = ["entropy_cost", "baseline_cost", "memory_cost"]
         if self.scorer_cost is not None:  # None is decided by the number of tasks
             costs.append("scorer_cost")
@@ -248,20 +251,23 @@ class ImpalaConfig:
 
     def _take_values_of_preset(self) -> None:
         """Set what was left open to the preset's value, if it has one."""
-        of_preset = PAPER if self.preset == "paper" else RECOMMENDED
+        of_preset = PAPER if self.preset == "paper" else {"memory_cost": MEMORY}
         for name in ("batch_size", "learning_rate", "unroll", "tables", "memory_cost"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, of_preset.get(name))
 
     def for_episodes(self, actions: int) -> "ImpalaConfig":
-        """Return the settings with unrolls as long as episodes with so many actions, if open.
+        """Return the settings with values for episodes with so many actions where these were open.
 
-        In a shorter unroll, actions before the last attempt learn from the value alone.
+        In an unroll shorter than an episode, actions before the last attempt learn from the value
+        alone.
 
         Raises:
             ConfigError: if ``unroll`` is open and ``actions`` is out of range.
         """
-        return replace(self, unroll=actions) if self.unroll is None else self
+        values = {"unroll": actions, **(RECOMMENDED if actions <= 2 else SEVERAL)}
+        is_open = {name: value for name, value in values.items() if getattr(self, name) is None}
+        return replace(self, **is_open)
 
     @staticmethod
     def has_scorer_cost(sources: Collection[str], depth: int) -> bool:
@@ -284,15 +290,15 @@ class ImpalaConfig:
 
     @property
     def first_rate(self) -> float:
-        """The initial learning rate, given or the preset's."""
-        assert self.learning_rate is not None  # set by `__post_init__`
-        return self.learning_rate
+        """The initial learning rate; that of one attempt while it is open."""
+        rate: float = RECOMMENDED["learning_rate"]
+        return rate if self.learning_rate is None else self.learning_rate
 
     @property
     def num_envs(self) -> int:
-        """The number of parallel environments, given or the preset's."""
-        assert self.batch_size is not None  # set by `__post_init__`
-        return self.batch_size
+        """The number of parallel environments; that of one attempt while it is open."""
+        size: int = RECOMMENDED["batch_size"]
+        return size if self.batch_size is None else self.batch_size
 
     @property
     def memory_weight(self) -> float:

@@ -96,7 +96,7 @@ def ours(
     settings: ImpalaConfig,
 ) -> None:
     config = replace(settings, seed=seed)
-    learner = Impala(policy, BatchEngine(train, config.batch_size).reset(seed), config)
+    learner = Impala(policy, BatchEngine(train, config.num_envs).reset(seed), config)
     clock.since = time.process_time()
     clock.look(policy, 0)
     for number in range(1, config.updates + 1):

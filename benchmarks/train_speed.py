@@ -7,6 +7,8 @@
                                                      guided by a model instead of counts of neighbours
     python benchmarks/train_speed.py BOOK --scorer MODEL --use u,v,w --tables 32768
                                                      once the tables of a training are scored
+    python benchmarks/train_speed.py BOOK --policy pairs --batch 512
+                                                     the recommended policy, with its memory, instead of the paper's
     python benchmarks/train_speed.py BOOK --cpu-time --json FILE
                                                      steps per CPU second, for a machine with other jobs
 
@@ -52,11 +54,11 @@ def ours(
     config: ImpalaConfig,
     distractors: int,
     scorer: TripleScorer | None,
-    use: str,
+    settings: PolicyConfig,
 ) -> Callable[[], None]:
     state = begin(opened, config, distractors)
     guide = {"scorer": scorer, "observed": opened.split.partial, "tasks": state.engine.world.tasks}
-    policy, _ = make_policy(PolicyConfig(use=use), opened.graph, state.engine.num_slots, **guide)  # type: ignore[arg-type]
+    policy, _ = make_policy(settings, opened.graph, state.engine.num_slots, **guide)  # type: ignore[arg-type]
     return Impala(policy, state, config).update
 
 
@@ -119,13 +121,13 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
 
 def begin(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> State:
     world = World(opened, WordCraftConfig(part="train", num_distractors=distractors))
-    engine = BatchEngine(world, config.batch_size, device=config.device, repeat=episodes_of(config))
+    engine = BatchEngine(world, config.num_envs, device=config.device, repeat=episodes_of(config))
     return engine.reset()
 
 
 def episodes_of(config: ImpalaConfig) -> int:
     """Return the number of different episodes of an environment."""
-    return math.ceil((config.tables or 0) / config.batch_size)
+    return math.ceil((config.tables or 0) / config.num_envs)
 
 
 def rate(
@@ -234,6 +236,8 @@ def main() -> None:
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--scorer", help="a model folder")
+    parser.add_argument("--policy", default="attention", choices=["pairs", "attention"])
+    parser.add_argument("--batch", type=int, default=128)
     parser.add_argument("--use", default="u,v", help="the scorer's scores in the policy")
     parser.add_argument("--tables", type=int, default=0, help="different tables; 0 for all new")
     parser.add_argument("--cpu-time", action="store_true", help="count CPU seconds of the process")
@@ -245,15 +249,19 @@ def main() -> None:
     unit = "steps per CPU second" if options.cpu_time else "steps/s"
     torch.set_num_threads(options.threads)
     opened = open_world_graph(options.book)
+    policy = PolicyConfig(options.policy, use=options.use)
+    memory = 1.0 if options.policy == "pairs" else 0.0
     config = ImpalaConfig(
         "paper",
+        batch_size=options.batch,
+        memory_cost=memory,
         policy_lag=options.lag,
         device=options.device,
         compile=options.compile,
         tables=options.tables,
     )
     print(
-        f"{opened.graph.name}, {options.distractors} distractors, batch {config.batch_size}, "
+        f"{opened.graph.name}, {options.distractors} distractors, batch {config.num_envs}, "
         f"unroll {config.unroll}, lag {config.policy_lag}, {options.threads} "
         f"thread{'s' * (options.threads > 1)} of {os.cpu_count()}"
     )
@@ -266,7 +274,7 @@ def main() -> None:
     for _ in range(options.rounds):
         unguided, guided = (
             rate(
-                ours(opened, config, options.distractors, one, options.use),
+                ours(opened, config, options.distractors, one, policy),
                 config,
                 options.seconds,
                 clock,
@@ -276,9 +284,12 @@ def main() -> None:
         print(
             f"unguided {unguided:8,.0f} {unit}   guided {guided:8,.0f} {unit}", end="", flush=True
         )
-        rates.setdefault("no graph", []).append(unguided)
+        kind = ""
+        if (options.policy, options.batch) != ("attention", 128):
+            kind = f", {options.policy}, batch {options.batch}"
         kept = ", known tables" if options.tables else ""
-        rates.setdefault(options.use + kept, []).append(guided)
+        rates.setdefault("no graph" + kind, []).append(unguided)
+        rates.setdefault(options.use + kept + kind, []).append(guided)
         if options.device == "cpu":
             step = plain(opened, config, options.distractors)
             beside = rate(step, config, options.seconds, clock)

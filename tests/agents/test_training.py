@@ -220,7 +220,7 @@ def test_without_held_out_recipes_only_train_tasks_are_evaluated(config, tmp_pat
 
 def test_settings_that_were_changed_after_the_start_are_refused(config, interrupted):
     path = interrupted() / "policy.json"
-    path.write_text(path.read_text().replace("free", "softmax"))
+    path.write_text(path.read_text().replace("residual", "softmax"))
     for use in (open_agent, lambda folder: train_agent(config, folder)):
         with pytest.raises(ArtefactError, match=r"policy\.json is damaged or was changed"):
             use(path.parent)
@@ -394,9 +394,12 @@ def test_the_preset_paper_has_the_papers_values():
     assert config.policy_lag == 0
     agent = AgentConfig("kitchen", "models/x", TaskConfig(depth=2), trainer=config)
     assert (agent.trainer.unroll, agent.policy.scale) == (2, "ranks")
-    assert agent.policy.mixing == "free"
+    assert (agent.policy.policy, agent.policy.mixing) == ("attention", "free")
     assert agent.policy.sees_attempts is False
+    assert config.memory_cost == 0
     agent.check_preset()
+    # Its simple baseline, too.
+    AgentConfig("kitchen", policy=PolicyConfig("mlp"), trainer=config).check_preset()
 
 
 @pytest.mark.parametrize(
@@ -411,14 +414,18 @@ def test_the_recommended_preset_follows_the_number_of_attempts(tasks, unroll, se
     config = AgentConfig("kitchen", "models/x", tasks)
     assert (config.trainer.preset, config.trainer.unroll) == ("recommended", unroll)
     assert (config.policy.sees_attempts, config.policy.scale) == (sees_attempts, scale)
-    assert config.policy.mixing == ("free" if sees_attempts else "residual")
-    assert not {"scale", "mixing"} & config.differing().keys()
-    for use in ("u,v,w", "p"):
-        knowing = AgentConfig("kitchen", "models/x", tasks, PolicyConfig(use=use))
-        assert knowing.policy.mixing == "free"
+    assert (config.policy.policy, config.policy.mixing) == ("pairs", "residual")
+    assert config.trainer.memory_cost > 0
+    assert not {"policy", "scale", "mixing", "memory_cost"} & config.differing().keys()
+    for use, residual in (("u,v", not sees_attempts), ("u,v,w", False), ("p", False)):
+        policy = PolicyConfig("attention", use=use)
+        knowing = AgentConfig("kitchen", "models/x", tasks, policy)
+        assert knowing.policy.mixing == ("residual" if residual else "free")
         assert "mixing" not in knowing.differing()
+    for settings in ({"kg_only": True}, {"mixing": "softmax"}):
+        only = AgentConfig("kitchen", "models/x", tasks, PolicyConfig(**settings))
+        assert only.policy.policy == "attention"
     without = AgentConfig("kitchen", tasks=tasks)
-    assert without.policy.mixing == "free"
     assert (without.policy.sees_attempts, without.policy.scale) == (sees_attempts, "ranks")
     mlp = AgentConfig("kitchen", tasks=tasks, policy=PolicyConfig("mlp"))
     assert mlp.policy.sees_attempts is False
@@ -443,7 +450,9 @@ def test_tables_recur_where_pairs_are_scored_and_not_in_the_papers_preset():
 def test_a_setting_that_is_given_is_kept_whatever_the_preset():
     for preset in ("recommended", "paper"):
         trainer = ImpalaConfig(preset, unroll=5, learning_rate=0.5, tables=9)
-        policy = PolicyConfig(scale="standardise", sees_attempts=True, mixing="softmax")
+        policy = PolicyConfig(
+            "attention", scale="standardise", sees_attempts=True, mixing="softmax"
+        )
         config = AgentConfig("kitchen", "models/x", TaskConfig(depth=2), policy, trainer)
         assert (config.trainer.unroll, config.trainer.learning_rate) == (5, 0.5)
         assert config.trainer.tables == 9
@@ -457,6 +466,8 @@ def test_a_setting_that_is_given_is_kept_whatever_the_preset():
     [
         ({}, {"unroll": 4}, "unroll"),
         ({}, {"learning_rate": 0.003}, "learning_rate"),
+        ({"policy": "pairs"}, {}, "policy"),
+        ({}, {"memory_cost": 1.0}, "memory_cost"),
         ({"scale": "none"}, {}, "scale"),
         ({"mixing": "residual"}, {}, "mixing"),
         ({"sees_attempts": True}, {}, "sees_attempts"),
@@ -485,7 +496,7 @@ def test_a_preset_or_attempts_that_do_not_exist_are_refused():
         ImpalaConfig("papers")
     with pytest.raises(ConfigError, match="`sees_attempts` 'yes': expected true or false"):
         PolicyConfig(sees_attempts="yes")
-    with pytest.raises(ConfigError, match="`sees_attempts` needs `policy` attention"):
+    with pytest.raises(ConfigError, match="`sees_attempts` needs `policy` pairs or attention"):
         PolicyConfig("mlp", sees_attempts=True)
     with pytest.raises(ConfigError, match="`unroll` depends on the tasks"):
         _ = ImpalaConfig().updates

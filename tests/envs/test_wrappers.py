@@ -1,5 +1,7 @@
 """The vector environment and the wrappers."""
 
+import copy
+import pickle
 import warnings
 
 import gymnasium as gym
@@ -47,7 +49,7 @@ def test_the_vector_environment_stays_within_its_spaces():
         envs = vector()
         assert envs.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
         seen, infos = envs.reset(seed=0)
-        begun, copy = seen, {key: value.copy() for key, value in seen.items()}
+        begun, kept = seen, {key: value.copy() for key, value in seen.items()}
         rng, ended = np.random.default_rng(0), 0
         for _ in range(100):
             assert envs.observation_space.contains(seen)
@@ -62,7 +64,7 @@ def test_the_vector_environment_stays_within_its_spaces():
             ended += int(terminated.sum())
     assert ended > 50
     for key, value in begun.items():
-        np.testing.assert_array_equal(value, copy[key])
+        np.testing.assert_array_equal(value, kept[key])
 
 
 def test_without_autoreset_the_same_episodes_begin():
@@ -108,6 +110,38 @@ def first_end(envs):
         infos = envs.step(np.zeros(3, dtype=np.int64))[4]
         if "final_obs" in infos:
             return infos
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        dict,
+        copy.copy,
+        copy.deepcopy,
+        lambda infos: {**infos},
+        lambda infos: infos | {},
+        lambda infos: infos.copy(),
+        lambda infos: dict(infos.items()),
+        lambda infos: dict(zip(infos, infos.values(), strict=True)),
+        lambda infos: {"final_obs": infos.get("final_obs")},
+        lambda infos: {"final_obs": infos.pop("final_obs")},
+        lambda infos: pickle.loads(pickle.dumps(infos)),
+    ],
+)
+def test_last_observations_are_there_however_they_are_read(read):
+    one, other = vector(3), vector(3)
+    one.reset(seed=4)
+    other.reset(seed=4)
+    expected = first_end(one)["final_obs"]
+    infos = first_end(other)
+    # Later steps change nothing in them.
+    other.step(np.zeros(3, dtype=np.int64))
+    found = read(infos)["final_obs"]
+    assert found.shape == (3,)
+    for place in range(3):
+        assert (found[place] is None) == (expected[place] is None)
+        for name, value in (expected[place] or {}).items():
+            np.testing.assert_array_equal(found[place][name], value)
 
 
 def test_ends_of_episodes_have_gymnasiums_form():

@@ -139,7 +139,7 @@ def test_a_study_trains_with_the_papers_preset_unless_it_names_another():
     found = [agent_config(each, "", "") for each in settings]
     assert [each.trainer.preset for each in found] == ["paper", "recommended", "recommended"]
     assert [each.trainer.unroll for each in found] == [2, 2, 4]
-    assert [each.trainer.learning_rate for each in found] == [0.001, 0.003, 0.003]
+    assert [each.trainer.learning_rate for each in found] == [0.001, 0.005, 0.005]
     assert [each.policy.scale for each in found] == ["ranks", "ranks", "none"]
     assert [each.policy.sees_attempts for each in found] == [False, True, True]
 
@@ -156,6 +156,9 @@ def test_defaults_are_those_that_addresses_stand_for():
         300,
         300,
         300,
+        128,
+        0.3,
+        0.5,
         50,
         "u,v",
         0,
@@ -178,6 +181,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         0.0,
         0.01,
         0.5,
+        0.0,
         0.0,
         40.0,
         0,

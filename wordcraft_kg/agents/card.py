@@ -8,9 +8,16 @@ generalisation.
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.records import AgentSummary
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.policies.config import PolicyKind
 from wordcraft_kg.models.policies.folder import usage
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.record import RunRecord
+
+_KINDS: dict[PolicyKind, str] = {
+    "pairs": "Actor-critic on pairs",
+    "attention": "Self-attention actor-critic",
+    "mlp": "One-layer MLP",
+}
 
 
 def agent_card(
@@ -27,7 +34,7 @@ def agent_card(
         run: record of the run, which says what the scorer was trained on.
         summary: final evaluation.
     """
-    kind = "Self-attention actor-critic" if config.policy.policy == "attention" else "One-layer MLP"
+    kind = _KINDS[config.policy.policy or "attention"]
     rows = "\n".join(
         f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
         f"{result.tasks:,} tasks with {result.distractor_seeds} distractor seeds each"

@@ -34,9 +34,16 @@ _WEIGHED_DEPTH = 2
 """Depth at which weights of plans help for certain, see docs/evidence/plan-weights.md."""
 Preset = Literal["recommended", "paper"]
 """Names of the presets of trainer and policy."""
-RECOMMENDED_RATE = 0.003
-"""Learning rate of the recommended preset."""
+RECOMMENDED: Mapping[str, Any] = {"batch_size": 512, "learning_rate": 0.008}
+"""The recommended preset's values with one attempt."""
+SEVERAL: Mapping[str, Any] = {"batch_size": 128, "learning_rate": 0.005}
+"""Those with several attempts, where an update has more steps of each environment."""
+MEMORY = 1.0
+"""The recommended preset's weight of the memory."""
 PAPER: Mapping[str, Any] = {
+    "policy": "attention",
+    "memory_cost": 0.0,
+    "batch_size": 128,
     "unroll": 2,
     "learning_rate": 0.001,
     "sees_attempts": False,
@@ -132,22 +139,27 @@ class ImpalaConfig:
             setting that is not given.
         steps: environment steps (actions) for training, rounded up to whole updates; 3,000,000 in
             the paper.
-        batch_size: parallel environments, each with one unroll per update; 128 in the paper.
+        batch_size: parallel environments, each with one unroll per update. Default: 512, or 128
+            with several attempts; 128 in the paper.
         unroll: steps per environment and update. Default: an episode's actions (two for each
             attempt); 2 in the paper.
         policy_lag: delay between acting and learning policy, in updates; 0 makes all importance
             ratios 1.
         discount: γ; 0.99 in the paper.
-        learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.003; 0.001
-            in the paper.
+        learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.008, or
+            0.005 with several attempts; 0.001 in the paper.
         rms_decay: RMSProp decay rate for squared gradients; 0.99 in the paper's released code.
         rms_epsilon: RMSProp ε; 0.01 in the paper.
         momentum: RMSProp momentum.
         entropy_cost: entropy weight; 0.01 in the paper.
         baseline_cost: value loss weight; 0.5 in the paper's released code.
+        memory_cost: weight of the loss on a memory of own successes: whenever a pair that led to a
+            goal is on the goal's table again, its probability is raised (self-imitation); 0 for no
+            memory. Default: 1; 0 in the paper.
         scorer_cost: weight of the divergence from the softmax of w, the policy of the scorer alone,
             which limits attention that remembers train tasks; only with w, and at depth 1, where w
-            is the probability of success. Default: 0.3, or 3 with fewer than 1,000 train tasks.
+            is the probability of success. Default: 1 (attention: 0.3), or 3 with fewer than
+            1,000 train tasks.
         clip: maximum gradient norm; 40 in the paper's released code.
         tables: number of different first tables, which are played again and again, so that a recipe
             scorer scores them once; 0 for a new table in each episode. Default: 32,768 with w or p,
@@ -176,7 +188,7 @@ class ImpalaConfig:
 
     preset: Preset = "recommended"
     steps: int = 3_000_000
-    batch_size: int = 128
+    batch_size: int | None = None
     unroll: int | None = None
     policy_lag: int = 0
     discount: float = 0.99
@@ -186,6 +198,7 @@ class ImpalaConfig:
     momentum: float = 0.0
     entropy_cost: float = 0.01
     baseline_cost: float = 0.5
+    memory_cost: float | None = None
     scorer_cost: float | None = None
     clip: float = 40.0
     tables: int | None = None
@@ -202,7 +215,7 @@ class ImpalaConfig:
         self._take_values_of_preset()
         for name in ("steps", "log_every", "checkpoint_every"):
             whole(name, getattr(self, name), 1)
-        whole("batch_size", self.batch_size, 1, MAX_SIZE)
+        whole("batch_size", self.num_envs, 1, MAX_SIZE)
         # Left to the tasks and the sources, if they are None.
         for name, least in (("unroll", 1), ("tables", 0)):
             if getattr(self, name) is not None:
@@ -211,10 +224,13 @@ class ImpalaConfig:
         whole("policy_lag", self.policy_lag, 0, MAX_SIZE)
         for name in ("eval_every", "seed"):
             whole(name, getattr(self, name), 0)
-        for name in ("learning_rate", "rms_epsilon", "clip"):
-            expected = f"a number above 0, at most {_LARGE:g}"
-            number_in(name, getattr(self, name), SMALLEST, _LARGE, expected)
-        costs = ["entropy_cost", "baseline_cost"]
+        for name, value in (
+            ("learning_rate", self.first_rate),
+            ("rms_epsilon", self.rms_epsilon),
+            ("clip", self.clip),
+        ):
+            number_in(name, value, SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
+        costs = ["entropy_cost", "baseline_cost", "memory_cost"]
         if self.scorer_cost is not None:  # None is decided by the number of tasks
             costs.append("scorer_cost")
         for name in costs:
@@ -235,20 +251,23 @@ class ImpalaConfig:
 
     def _take_values_of_preset(self) -> None:
         """Set what was left open to the preset's value, if it has one."""
-        of_preset = PAPER if self.preset == "paper" else {"learning_rate": RECOMMENDED_RATE}
-        for name in ("learning_rate", "unroll", "tables"):
+        of_preset = PAPER if self.preset == "paper" else {"memory_cost": MEMORY}
+        for name in ("batch_size", "learning_rate", "unroll", "tables", "memory_cost"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, of_preset.get(name))
 
     def for_episodes(self, actions: int) -> "ImpalaConfig":
-        """Return the settings with unrolls as long as episodes with so many actions, if open.
+        """Return the settings with values for episodes with so many actions where these were open.
 
-        In a shorter unroll, actions before the last attempt learn from the value alone.
+        In an unroll shorter than an episode, actions before the last attempt learn from the value
+        alone.
 
         Raises:
             ConfigError: if ``unroll`` is open and ``actions`` is out of range.
         """
-        return replace(self, unroll=actions) if self.unroll is None else self
+        values = {"unroll": actions, **(RECOMMENDED if actions <= 2 else SEVERAL)}
+        is_open = {name: value for name, value in values.items() if getattr(self, name) is None}
+        return replace(self, **is_open)
 
     @staticmethod
     def has_scorer_cost(sources: Collection[str], depth: int) -> bool:
@@ -271,9 +290,21 @@ class ImpalaConfig:
 
     @property
     def first_rate(self) -> float:
-        """The initial learning rate, given or the preset's."""
-        assert self.learning_rate is not None  # set by `__post_init__`
-        return self.learning_rate
+        """The initial learning rate; that of one attempt while it is open."""
+        rate: float = RECOMMENDED["learning_rate"]
+        return rate if self.learning_rate is None else self.learning_rate
+
+    @property
+    def num_envs(self) -> int:
+        """The number of parallel environments; that of one attempt while it is open."""
+        size: int = RECOMMENDED["batch_size"]
+        return size if self.batch_size is None else self.batch_size
+
+    @property
+    def memory_weight(self) -> float:
+        """The weight of the memory's loss, given or the preset's."""
+        assert self.memory_cost is not None  # set by `__post_init__`
+        return self.memory_cost
 
     @property
     def steps_per_update(self) -> int:
@@ -282,7 +313,7 @@ class ImpalaConfig:
         Raises:
             ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
         """
-        return self.batch_size * self.unroll_steps
+        return self.num_envs * self.unroll_steps
 
     @property
     def updates(self) -> int:
@@ -354,8 +385,12 @@ class AgentConfig(RunConfig):
             has_pair_scores = bool({"w", "p"} & set(self.policy.sources))
             trainer = replace(trainer, tables=TABLES if has_pair_scores else 0)
         is_recommended = trainer.preset == "recommended"
+        # Settings that only attention has.
+        has_attention = self.policy.kg_only or self.policy.mixing in ("free", "softmax")
+        is_pairs = is_recommended and not has_attention
+        kind = self.policy.policy or ("pairs" if is_pairs else "attention")
         # In a single attempt, the number of attempts left is constant.
-        sees = is_recommended and self.policy.policy == "attention" and self.tasks.episode > 2
+        sees = is_recommended and kind != "mlp" and self.tasks.episode > 2
         has_scorer = self.scorer is not None
         # Measured with u and v in a single attempt; w has a penalty instead, and with p an agent
         # starts as its planner, without attention.
@@ -366,6 +401,7 @@ class AgentConfig(RunConfig):
         weighs = is_recommended and has_scorer and is_tight and "p" in self.policy.sources
         is_residual = is_recommended and has_scorer and is_single and is_pairwise
         policy = self.policy.closed(
+            policy=kind,
             sees_attempts=sees,
             has_scorer=has_scorer,
             mixing="residual" if is_residual else "free",
@@ -376,7 +412,7 @@ class AgentConfig(RunConfig):
         object.__setattr__(self, "policy", policy)
         if has_scorer:
             return
-        default = PolicyConfig().closed(has_scorer=False)
+        default = PolicyConfig(kind).closed(has_scorer=False)
         for name in KNOWLEDGE_SETTINGS:
             if getattr(policy, name) != getattr(default, name):
                 raise ConfigError(f"`{name}` configures the use of a scorer: give a `scorer` too.")
@@ -391,7 +427,8 @@ class AgentConfig(RunConfig):
             return
         values = self.values()
         for name, expected in PAPER.items():
-            if values[name] != expected:
+            # The paper has an mlp, too.
+            if values[name] not in (expected, "mlp"):
                 raise ConfigError(
                     f"`{name}` {values[name]!r} contradicts `preset` paper, where it is "
                     f"{expected!r}. Leave out `{name}`, or leave out `preset` and set each value."
@@ -415,10 +452,10 @@ class AgentConfig(RunConfig):
         default = AgentConfig("").values()
         # Values that follow from others, as they would be if none of them were given.
         preset = ImpalaConfig(preset=self.trainer.preset)
-        is_mlp = self.policy.policy == "mlp"
-        policy = PolicyConfig("mlp") if is_mlp else PolicyConfig(use=self.policy.use)
+        policy = PolicyConfig(self.policy.policy, use=self.policy.use)
         followed = AgentConfig("", self.scorer, self.tasks, policy, preset).values()
         for name in PAPER:
             default[name] = followed[name]
+        default["policy"] = AgentConfig("", trainer=preset).policy.policy
         values = self.values()
         return {name: value for name, value in values.items() if default.get(name) != value}

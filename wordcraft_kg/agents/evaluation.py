@@ -27,7 +27,7 @@ from wordcraft_kg.envs.evaluation_tables import (
 )
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids, padded
-from wordcraft_kg.models.policies.policy import Policy, checked_logits
+from wordcraft_kg.models.policies.policy import Policy
 
 # An odd factor of a 64-bit linear congruential generator: a product with it loses no bits.
 _HASH_FACTOR = 6_364_136_223_846_793_005
@@ -61,11 +61,11 @@ class PolicyPlayer:
         batches = [
             states.rows(start, start + ROWS, device) for start in range(0, state.num_envs, ROWS)
         ]
-        logits = []
+        chosen = []
         for batch in batches:
             scores = self.policy.external_scores(batch, self.silent)
-            logits.append(self.policy(batch, weights, scores).logits)
-        slots = checked_logits(torch.cat(logits)).argmax(1)
+            chosen.append(self.policy.best_slots(batch, weights, scores))
+        slots = torch.cat(chosen)
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()
 
 

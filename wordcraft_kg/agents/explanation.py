@@ -581,8 +581,7 @@ class Explainer:
         # The action is that of the policy in single precision, as in play: in double precision a
         # tie could fall the other way. Only the shown numbers are exact.
         external_scores = policy.external_scores(state)
-        played = self._policy(state, self._weights, external_scores)
-        action = int(played.logits.argmax(1))
+        action = int(self._policy.best_slots(state, self._weights, external_scores))
         exact = None if external_scores is None else external_scores.double()
         return action, self._exact(state, self._exact_weights, exact)
 

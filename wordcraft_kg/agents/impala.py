@@ -5,8 +5,9 @@ uses the weights from k updates ago, like actors in a distributed IMPALA, and V-
 the difference.
 
 Read :meth:`Impala.update` first: an update is an unroll, a loss and an optimiser step. Below, T is
-the number of steps in an unroll, B of environments, A of slots, S of knowledge sources. The order
-of operations is part of the results: tests compare whole trainings bit for bit.
+the number of choices in an unroll, B of environments, A of slots, C of choices in a state, S of
+knowledge sources. A choice is that of a slot, or of a pair of slots, which takes two environment
+steps. The order of operations is part of the results: tests compare whole trainings bit for bit.
 """
 
 import math
@@ -22,9 +23,11 @@ from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.losses import (
     baseline_loss,
     divergence,
+    memory_loss,
     policy_gradient_loss,
 )
 from wordcraft_kg.agents.losses import entropy as summed_entropy
+from wordcraft_kg.agents.memory import Successes, led_to_goals
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
@@ -48,22 +51,28 @@ FEW_TASKS = 1_000
 
 
 class _Unroll(NamedTuple):
-    """T steps in B environments, and the states after the last step.
+    """T choices in B environments, and the states after the last one.
 
     Attributes:
         states: goal, selection and attempts left, shape (T + 1, B), and table, shape (T + 1, B, A).
-        external_scores: shape (T + 1, B, S, A): source scores, cached for the learner; None without
+        external_scores: shape (T + 1, B, S, C): source scores, cached for the learner; None without
             sources.
-        actions: shape (T, B), int64: chosen slots.
+        noise: shape (T + 1, B, H): which hidden units are dropped, the same for actor and learner;
+            None for a policy without noise.
+        remembered: shape (T, B, C), bool: choices that lead to remembered pairs; None without a
+            memory.
+        actions: shape (T, B), int64: choices.
         log_probs: shape (T, B): log-probabilities under the acting policy.
         rewards: shape (T, B).
-        discounts: shape (T, B): γ, or 0 where the episode ended.
+        discounts: shape (T, B): γ for each environment step, or 0 where the episode ended.
         over: shape (T, B), bool: the episode ended.
         won: shape (T, B), bool: the episode reached the goal.
     """
 
     states: States
     external_scores: Tensor | None
+    noise: Tensor | None
+    remembered: Tensor | None
     actions: Tensor
     log_probs: Tensor
     rewards: Tensor
@@ -101,6 +110,7 @@ class Impala:
         envs: current state of the environments.
         update_number: number of finished updates.
         optimizer: RMSProp on all parameters as one tensor.
+        successes: memory of own successes; stays empty without ``config.memory_cost``.
         scores_ahead: whether a further thread scores the next tables while the policy learns.
 
     A trainer is a context manager: its end stops that thread.
@@ -116,15 +126,22 @@ class Impala:
 
         Args:
             policy: the policy to train, moved to ``config.device``.
-            envs: first state in ``config.batch_size`` environments.
+            envs: first state in ``config.num_envs`` environments.
             config: settings of the trainer.
 
         Raises:
-            ConfigError: if ``config.compile`` is set and torch cannot compile here, or if
-                ``config.policy_lag`` policies do not fit into memory.
+            ConfigError: if ``config.compile`` is set and torch cannot compile here, if
+                ``config.policy_lag`` policies do not fit into memory, or if ``config.unroll`` ends
+                within an attempt and the policy chooses pairs.
         """
         tasks = envs.world.config
         config = config.for_episodes(2 * (tasks.max_attempts or tasks.depth))
+        self._time, rest = divmod(config.unroll_steps, policy.steps_per_choice)
+        if rest:
+            raise ConfigError(
+                f"`unroll` {config.unroll}: expected an even number, since `policy` "
+                f"{policy.config.policy} chooses both slots of an attempt together."
+            )
         self.policy = policy
         self.envs = envs
         self.config = config
@@ -146,6 +163,11 @@ class Impala:
         lag = min(config.policy_lag, config.updates)
         needed = 4 * len(self._flat) * lag  # bytes of float32
         check_memory("policy_lag", config.policy_lag, "that many policies", needed)
+        # A choice never needs the slots that are free for the results of the last attempt.
+        self._slots = envs.engine.num_slots
+        if policy.num_slots is None:
+            self._slots -= envs.world.max_results
+        self.successes = Successes(policy.num_entities, self.device)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
@@ -178,8 +200,10 @@ class Impala:
             return 0.0
         if config.scorer_cost is not None:
             return config.scorer_cost
-        # Attention sees each of a few tasks more often, and remembers it.
-        return 3.0 if len(envs.world.tasks) < FEW_TASKS else 0.3
+        # A network sees each of a few tasks more often, and remembers it.
+        if len(envs.world.tasks) < FEW_TASKS:
+            return 3.0
+        return 1.0 if self.policy.config.policy == "pairs" else 0.3
 
     def _flattened(self) -> nn.Parameter:
         """Make all parameters and gradients views of one flat tensor each.
@@ -200,15 +224,22 @@ class Impala:
 
     def _empty_unroll(self) -> _Unroll:
         """Allocate the tensors of an unroll, which every update overwrites."""
-        time = self.config.unroll_steps
-        batch = self.config.batch_size
-        slots = self.envs.engine.num_slots
+        time = self._time
+        batch = self.config.num_envs
+        slots = self._slots
+        choices = self.policy.num_choices(slots)
         external_scores = None
         if self.policy.sources:
             # Scores stay 0 in the last states: only their value matters, and does not depend on
             # scores.
-            shape = (time + 1, batch, len(self.policy.sources), slots)
+            shape = (time + 1, batch, len(self.policy.sources), choices)
             external_scores = self._empty(*shape).zero_()
+        noise = None
+        if self.policy.noise_size:
+            noise = self._empty(time + 1, batch, self.policy.noise_size)
+        remembered = None
+        if self.config.memory_weight:
+            remembered = self._empty(time, batch, choices, dtype=torch.bool)
         return _Unroll(
             states=States(
                 goal=self._empty(time + 1, batch, dtype=torch.int64),
@@ -217,6 +248,8 @@ class Impala:
                 attempts=Attempts(self._empty(time + 1, batch, dtype=torch.int64)),
             ),
             external_scores=external_scores,
+            noise=noise,
+            remembered=remembered,
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
             rewards=self._empty(time, batch),
@@ -242,12 +275,12 @@ class Impala:
         # An evaluation in between may have bound the policy to other tasks.
         bind_tasks([self.policy], self.envs.world)
         # What depends on parameters only is computed once, for the actor and the learner.
-        weights = self.policy.weights()
+        weights = self.policy.weights(self._generator)
         is_cut = self._collect(self._acting(weights))
         # The next scores depend on the environments alone, so they need not wait for the learner.
         ahead: Future[Tensor | None] | None = None
         if self.scores_ahead and self.update_number + 1 < self.config.updates:
-            ahead = self._ahead.submit(self.policy.external_scores, states_of(self.envs))
+            ahead = self._ahead.submit(self.policy.external_scores, self._states())
         try:
             self._improve(weights, is_cut=is_cut)
         finally:
@@ -369,7 +402,7 @@ class Impala:
 
         Returns:
             Contiguous copies on the CPU: parameters, optimiser, environments, the actor's earlier
-            weights, sums of the metrics, generator and number of updates.
+            weights, sums of the metrics, memory of successes, generator and number of updates.
 
         Raises:
             TrainingError: if a parameter is not finite, which updates on a device do not check.
@@ -387,6 +420,7 @@ class Impala:
             for name, tensor in snapshot.items():
                 tensors[f"snapshot.{number}.{name}"] = tensor
         tensors["sums"] = self._sums
+        tensors["successes"] = self.successes.keys
         tensors["generator"] = self._generator.get_state()
         tensors["update"] = torch.tensor(self.update_number)
         return copied(tensors)
@@ -420,6 +454,7 @@ class Impala:
             self._snapshots.append(snapshot)
         self._next_scores = None
         self._sums.copy_(state["sums"])
+        self.successes.keys = state["successes"].to(self.device, copy=True)
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
 
@@ -432,14 +467,16 @@ class Impala:
         engine = self.envs.engine
         # All random numbers of the unroll in one call.
         noise = torch.rand(
-            self.config.unroll_steps,
+            self._time,
             engine.num_envs,
             generator=self._generator,
             device=self.device,
         )
+        if unroll.noise is not None:
+            unroll.noise.uniform_(generator=self._generator)
         # Taken once: after an update that failed, the environments are elsewhere.
         ahead, self._next_scores = self._next_scores, None
-        for t in range(self.config.unroll_steps):
+        for t in range(self._time):
             states = self._observe(t)
             known = ahead if t == 0 else None
             scores = self.policy.external_scores(states) if known is None else known
@@ -453,24 +490,53 @@ class Impala:
             assert kept.attempts is not None
             left = Attempts(kept.attempts.left[t])
             same = States(kept.goal[t], kept.selection[t], kept.table[t], attempts=left)
-            actions, log_probs = self._act(weights, same, scores, noise[t])
+            dropped = None if unroll.noise is None else unroll.noise[t]
+            actions, log_probs = self._act(weights, same, scores, noise[t], dropped)
             unroll.actions[t] = actions
             unroll.log_probs[t] = log_probs
-            slots: Any = actions if engine.arrays.on_device else actions.numpy()
-            self.envs, step = engine.step(self.envs, slots)
+            for chosen in self.policy.slots_of(actions, self._slots):
+                slots: Any = chosen if engine.arrays.on_device else chosen.numpy()
+                self.envs, step = engine.step(self.envs, slots)
+            # The first step of a choice of two only selects, and has no reward.
             unroll.rewards[t] = as_tensor(step.reward)
             unroll.over[t] = as_tensor(step.over)
             unroll.won[t] = as_tensor(step.outcome == GOAL)
         # The states after the last step, whose values bootstrap the returns.
-        self._observe(self.config.unroll_steps)
-        torch.mul(~unroll.over, self.config.discount, out=unroll.discounts)
+        self._observe(self._time)
+        discount = self.config.discount**self.policy.steps_per_choice
+        torch.mul(~unroll.over, discount, out=unroll.discounts)
+        if unroll.remembered is not None:
+            self._remember(unroll.remembered)
         # Where every episode ends with the unroll, bootstrap values are 0, and the learner saves a
         # share of 1 / (T + 1) of its work. On a device, asking would wait for pending work.
         return engine.arrays.on_device or not step.over.all()
 
+    def _remember(self, remembered: Tensor) -> None:
+        """Add the unroll's successes to the memory; write which of its choices are remembered."""
+        unroll = self._unroll
+        size = len(unroll.actions) * unroll.actions.shape[1]
+        states, after = unroll.states.of(slice(-1)), unroll.states.of(slice(1, None))
+        is_new = (after.table != states.table).any(2)
+        led = led_to_goals(unroll.won, unroll.over, is_new).flatten()
+        # Time and environments become one batch axis.
+        states = states.flattened()
+        assert states.attempts is not None
+        one, other = self.policy.pairs_of(states, unroll.actions.flatten())
+        # A choice that only selects combines nothing yet.
+        led &= one != self.policy.num_entities
+        left = states.attempts.left
+        self.successes.add(states.goal[led], left[led], one[led], other[led])
+        is_held = self.successes.hold(states.goal, left, states.table)
+        remembered.view(size, -1).copy_(self.policy.choices_with(states, is_held))
+
+    def _states(self) -> States:
+        """Return the environments' states, without slots that no choice needs."""
+        states = states_of(self.envs)
+        return states._replace(table=states.table[:, : self._slots])
+
     def _observe(self, t: int) -> States:
         """Copy the environments' states into the unroll, because the next step overwrites them."""
-        states = states_of(self.envs)
+        states = self._states()
         unroll = self._unroll.states
         unroll.goal[t] = states.goal
         unroll.selection[t] = states.selection
@@ -486,15 +552,17 @@ class Impala:
         states: States,
         external_scores: Tensor | None,
         noise: Tensor,
+        dropped: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Sample a slot in each state; return slots and their log-probabilities, shape (B,) each.
+        """Sample a choice in each state; return it and its log-probability, shape (B,) each.
 
-        ``noise`` holds a uniform number in [0, 1) for each state.
+        ``noise`` holds a uniform number in [0, 1) for each state, ``dropped`` those of the policy.
         """
-        log_probs = log_policy(self.policy(states, weights, external_scores).logits)
-        # Cumulative probabilities over slots, shape (A, B). The first slot that exceeds the noise
-        # is the number of slots that do not; it never has probability 0. Scaled by the total,
-        # which is 1 but for rounding.
+        output = self.policy.choose(states, weights, external_scores, dropped)
+        log_probs = log_policy(output.logits)
+        # Cumulative probabilities, shape (C, B). The first choice that exceeds the noise is the
+        # number of choices that do not; it never has probability 0. Scaled by the total, which is 1
+        # but for rounding.
         shares = log_probs.exp().cumsum(0)
         actions = (shares <= noise * shares[-1]).sum(0)
         return actions, log_probs.gather(0, actions[None])[0]
@@ -516,26 +584,22 @@ class Impala:
                 states are needed.
         """
         config = self.config
-        time = config.unroll_steps
+        time = self._time
         num_states = time + 1 if is_cut else time
         # T · B; rows from here on are the states after the last step.
         acted = unroll.actions.numel()
 
         # One call of the policy for all states: time and environments become one batch axis.
-        seen = unroll.states
-        assert seen.attempts is not None
-        states = States(
-            goal=seen.goal[:num_states].flatten(0, 1),
-            selection=seen.selection[:num_states].flatten(0, 1),
-            table=seen.table[:num_states].flatten(0, 1),
-            attempts=Attempts(seen.attempts.left[:num_states].flatten(0, 1)),
-        )
+        states = unroll.states.of(slice(num_states)).flattened()
         external_scores = unroll.external_scores
         if external_scores is not None:
             external_scores = external_scores[:num_states].flatten(0, 1)
-        output = self.policy(states, weights, external_scores)
+        noise = unroll.noise
+        if noise is not None:
+            noise = noise[:num_states].flatten(0, 1)
+        output = self.policy.choose(states, weights, external_scores, noise)
 
-        # Log-probabilities of all slots, (A, T · B), and of the chosen slots, (T, B).
+        # Log-probabilities of all choices, (C, T · B), and of the chosen ones, (T, B).
         log_policies = log_policy(output.logits[:acted])
         chosen = log_policies.gather(0, unroll.actions.view(1, -1))
         log_probs = chosen.view_as(unroll.log_probs)
@@ -556,6 +620,10 @@ class Impala:
         # Subtracted: a policy with more entropy explores more.
         entropy = summed_entropy(log_policies)
         loss = policy_loss + config.baseline_cost * value_loss - config.entropy_cost * entropy
+
+        if unroll.remembered is not None:
+            remembered = unroll.remembered.flatten(0, 1).T
+            loss = loss + config.memory_weight * memory_loss(log_policies, remembered)
 
         if self._scorer_cost:
             # Stay near the policy of the scorer alone, the softmax of w, so that attention learns

@@ -59,3 +59,23 @@ def divergence(log_policies: Tensor, references: Tensor) -> Tensor:
     finite = differences.masked_fill(log_policies == -torch.inf, 0)
     expected = log_policies.exp() * finite
     return expected.sum()
+
+
+def memory_loss(log_policies: Tensor, remembered: Tensor) -> Tensor:
+    """Return ``-Σ log Σ π`` in nats: the inner sum over remembered choices of a state.
+
+    States without a remembered choice add 0.
+
+    Args:
+        log_policies: shape (C, N), nats: log π.
+        remembered: shape (C, N), bool; no choice with probability 0.
+
+    Returns:
+        shape ().
+
+    Source: Oh et al. 2018, "Self-Imitation Learning", with all successes worth the same.
+    """
+    has_any = remembered.any(0)
+    # Elsewhere the sum over no choice would be log 0; all choices give a constant instead.
+    counted = log_policies.masked_fill(~remembered & has_any, -torch.inf)
+    return -torch.logsumexp(counted, dim=0).masked_fill(~has_any, 0).sum()

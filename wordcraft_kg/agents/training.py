@@ -185,15 +185,19 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         trainer = config.trainer
         # Bytes of tables (int64), and of activations for the gradients (float32).
         slots = config.tasks.distractors + config.tasks.depth + 1
-        needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
+        units = config.policy.value_size
+        if config.policy.policy == "pairs":
+            # A few for each pair, but for two steps together.
+            units = 3 * config.policy.pair_size * slots * (slots + 1) // 2
+        needed = trainer.steps_per_update * (8 * slots + 4 * units)
         # The error names the larger setting, which is the one to reduce.
-        name = "batch_size" if trainer.batch_size >= trainer.unroll_steps else "unroll"
+        name = "batch_size" if trainer.num_envs >= trainer.unroll_steps else "unroll"
         update = f"an update of {trainer.steps_per_update:,} steps"
         check_memory(name, getattr(trainer, name), update, needed)
         world = World(self.opened, config.tasks.environment("train"))
         assert trainer.tables is not None  # closed by `AgentConfig`
-        repeat = math.ceil(trainer.tables / trainer.batch_size)
-        engine = BatchEngine(world, trainer.batch_size, device=trainer.device, repeat=repeat)
+        repeat = math.ceil(trainer.tables / trainer.num_envs)
+        engine = BatchEngine(world, trainer.num_envs, device=trainer.device, repeat=repeat)
         return engine.reset(trainer.seed)
 
     @property

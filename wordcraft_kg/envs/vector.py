@@ -1,5 +1,6 @@
 """The batched engine as a gymnasium vector environment."""
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,52 @@ from wordcraft_kg.envs.wordcraft import WordCraftEnv, observation_space
 from wordcraft_kg.envs.world import GraphLike, World
 
 Arrays = dict[str, NDArray[Any]]
+_NAMES = np.array(OUTCOMES, dtype=object)
+
+
+class _Infos(dict[str, Any]):
+    """Infos of a step that ended episodes, of which some are made when they are first read.
+
+    Most programs never read the last observations, and making them takes longer than the step.
+    """
+
+    def __init__(self, infos: dict[str, Any], later: dict[str, Callable[[], Any]]):
+        """Take infos, and functions that make further ones by name."""
+        super().__init__(infos | later)
+        self._later = later
+
+    def __getitem__(self, name: str) -> Any:
+        make = self._later.pop(name, None)
+        if make is not None:
+            self[name] = make()
+        return super().__getitem__(name)
+
+    def __iter__(self) -> Iterator[str]:
+        # Without a method of its own, `{**infos}` and `dict(infos)` would skip `__getitem__`, as
+        # the following methods of dictionaries do.
+        return super().__iter__()
+
+    def __or__(self, other: Any) -> Any:
+        return dict(self) | other
+
+    def __reduce__(self) -> Any:
+        return dict, (dict(self),)
+
+    def copy(self) -> dict[str, Any]:
+        return dict(self)
+
+    def get(self, name: str, default: Any = None) -> Any:
+        return self[name] if name in self else default  # noqa: SIM401 - this is `get`
+
+    def items(self) -> Any:
+        return dict(self).items()
+
+    def pop(self, name: str, *default: Any) -> Any:
+        self.get(name)
+        return super().pop(name, *default)
+
+    def values(self) -> Any:
+        return dict(self).values()
 
 
 class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
@@ -133,10 +180,11 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
                 f"{self.num_envs} seeds."
             )
         # Without a seed, the first reset draws one, and all later resets go on from there.
-        drawn = int(np.random.SeedSequence().generate_state(1)[0])
+        if self._state is None and seed is None:
+            seed = int(np.random.SeedSequence().generate_state(1)[0])
         # A mask resets finished episodes in place, in the mode DISABLED.
         if mask is not None or seeds is not None:
-            state = self.engine.reset(drawn) if self._state is None else self._state
+            state = self.engine.reset(seed or 0) if self._state is None else self._state
             if seeds is not None:
                 state = self.engine.reseed(state, seeds, mask)
             everywhere = np.ones(self.num_envs, dtype=bool)
@@ -144,7 +192,8 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         elif seed is None and self._state is not None:
             state = self.engine.restart(self._state)
         else:
-            state = self.engine.reset(drawn if seed is None else seed)
+            assert seed is not None  # drawn above
+            state = self.engine.reset(seed)
         self._state = state
         return self._observations(), self._infos(self._no_step(), state.task)
 
@@ -178,9 +227,9 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         else:
             self._state, done = self.engine.step_once(before, actions)
         shown = done
-        final: dict[str, Any] = {}
-        if self._mode is AutoresetMode.SAME_STEP and done.over.any():
-            final = self._final(done)
+        last = self.state
+        has_final = self._mode is AutoresetMode.SAME_STEP and bool(done.over.any())
+        if has_final:
             shown = self._running(done)
             ended = done.over
         if self._mode is not AutoresetMode.DISABLED:
@@ -189,7 +238,14 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         task = self.state.task if ended.any() else done.task
         never = np.zeros(self.num_envs, dtype=bool)
         reward = done.reward.astype(np.float64)
-        infos = self._infos(shown, task) | final
+        infos = self._infos(shown, task)
+        if has_final:
+            masks = {"_final_obs": done.over.copy(), "_final_info": done.over.copy()}
+            later = {
+                "final_obs": lambda: _final_obs(last, done.over),
+                "final_info": lambda: self._final_info(done),
+            }
+            infos = _Infos(infos | masks, later)
         return self._observations(), reward, done.over, never, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -208,15 +264,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         return self._state
 
     def _observations(self) -> Arrays:
-        state = self.state
-        # Copies, because callers may keep observations, and the engine's arrays are shared.
-        return {
-            "action_mask": state.action_masks().astype(np.int8),
-            "attempts_left": state.attempts_left.copy(),
-            "goal": state.goal.copy(),
-            "selection": state.selection.copy(),
-            "table": state.table.copy(),
-        }
+        return _observed(self.state, slice(None))
 
     def _no_step(self) -> Step:
         """Return the outcome of no action in any environment."""
@@ -230,31 +278,15 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             task=self.state.task,
         )
 
-    def _final(self, done: Step) -> dict[str, Any]:
-        """Return observations and infos of the episodes that a step has ended, in Gymnasium's form.
-
-        Args:
-            done: outcome of the step; no ended episode is replaced yet.
-        """
-        observations = self._observations()
-        final_obs = np.full(self.num_envs, None, dtype=object)
-        rows = np.flatnonzero(done.over)
-        # Rows of arrays are iterated faster than indexed.
-        columns = [values[rows] for values in observations.values()]
-        for env, *values in zip(rows.tolist(), *columns, strict=True):
-            final_obs[env] = dict(zip(observations, values, strict=True))
+    def _final_info(self, done: Step) -> dict[str, Any]:
+        """Return the infos of the episodes that a step has ended, in Gymnasium's form."""
         info: dict[str, Any] = {}
         for name, column in self._infos(done, done.task).items():
             # Zeros, or None for names, where no episode has ended.
             empty = np.full_like(column, None if column.dtype == object else 0)
             info[name] = np.where(done.over, column, empty)
             info[f"_{name}"] = done.over.copy()
-        return {
-            "final_obs": final_obs,
-            "_final_obs": done.over.copy(),
-            "final_info": info,
-            "_final_info": done.over.copy(),
-        }
+        return info
 
     @staticmethod
     def _running(done: Step) -> Step:
@@ -269,8 +301,31 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     @staticmethod
     def _infos(done: Step, task: Any) -> dict[str, Any]:
         return {
-            "outcome": np.array(OUTCOMES, dtype=object)[done.outcome],
+            "outcome": _NAMES[done.outcome],
             "by_plan": done.by_plan,
             "illegal_action": done.illegal,
             "task": np.array(task),
         }
+
+
+def _observed(state: State, rows: Any) -> Arrays:
+    """Return the observations of some environments: their numbers, or a slice."""
+    # Copies, because callers may keep observations, and the engine's arrays are shared.
+    return {
+        "action_mask": (state.table[rows] != state.nothing).astype(np.int8),
+        "attempts_left": np.array(state.attempts_left[rows]),
+        "goal": np.array(state.goal[rows]),
+        "selection": np.array(state.selection[rows]),
+        "table": np.array(state.table[rows]),
+    }
+
+
+def _final_obs(last: State, over: NDArray[np.bool_]) -> NDArray[Any]:
+    """Return an array of objects: an observation where an episode is over, None elsewhere."""
+    rows = np.flatnonzero(over)
+    columns = _observed(last, rows)
+    final_obs = np.full(len(over), None, dtype=object)
+    # Rows of arrays are iterated faster than indexed.
+    for env, *values in zip(rows.tolist(), *columns.values(), strict=True):
+        final_obs[env] = dict(zip(columns, values, strict=True))
+    return final_obs

@@ -64,7 +64,7 @@ CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 _IN_STUDIES: dict[type, dict[str, Any]] = {
     RecipeScorerConfig: {"features": "glove"},
     PolicyConfig: {
-        name: PAPER[name] for name in ("scale", "sees_attempts", "mixing", "weigh_plans")
+        name: PAPER[name] for name in ("policy", "scale", "sees_attempts", "mixing", "weigh_plans")
     },
     ImpalaConfig: {"preset": "paper", "scorer_cost": 0.0},
 }

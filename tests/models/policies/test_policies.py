@@ -23,13 +23,14 @@ from wordcraft_kg.models.policies.attention import (
     mix_logits,
 )
 from wordcraft_kg.models.policies.mlp import MLPPolicy
+from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, log_policy
 from wordcraft_kg.models.policies.states import Attempts, States
 
 SIZE = 7
 NOTHING = SIZE
 SLOTS = 5
-SIZES = {"key_size": 3, "value_size": 4, "hidden_size": 6}
+SIZES = {"key_size": 3, "value_size": 4, "hidden_size": 6, "pair_size": 5}
 
 
 SCORER = BareScorer(SIZE, seed=1)
@@ -54,6 +55,12 @@ def attention(features="dense", knows=False, **settings):
     return randomised(AttentionPolicy(config, FEATURES[features](), sources))
 
 
+def pairs(features="dense", knows=False):
+    config = PolicyConfig("pairs", mixing="residual", **SIZES)
+    sources = make_sources(config.sources, SCORER) if knows else ()
+    return randomised(PairPolicy(config, FEATURES[features](), sources))
+
+
 def mlp(features="dense", num_slots=SLOTS):
     return randomised(MLPPolicy(PolicyConfig("mlp", **SIZES), FEATURES[features](), num_slots))
 
@@ -72,14 +79,19 @@ KINDS = {
     "alpha and u": lambda: attention(knows=True, use="u", mixing="softmax"),
     "scores only": lambda: attention("learned", knows=True, kg_only=True),
     "v only": lambda: attention(knows=True, use="v", kg_only=True, mixing="softmax"),
+    "pairs": lambda: pairs(),
+    "pairs by one-hot vectors": lambda: pairs("one-hot"),
+    "all sources, pairs by learned vectors": lambda: pairs("learned", knows=True),
     "mlp": lambda: mlp(),
     "mlp on one-hot vectors": lambda: mlp("one-hot"),
     "mlp on learned vectors": lambda: mlp("learned"),
 }
-ATTENTIVE = [kind for kind in KINDS if not kind.startswith("mlp")]
+SYMMETRIC = [kind for kind in KINDS if not kind.startswith("mlp")]
+ATTENTIVE = [kind for kind in SYMMETRIC if "pairs" not in kind]
 KNOWING = [kind for kind in ATTENTIVE if "attention" not in kind and "raw" not in kind]
 any_policy = pytest.mark.parametrize("kind", KINDS)
 any_attention = pytest.mark.parametrize("kind", ATTENTIVE)
+any_symmetric = pytest.mark.parametrize("kind", SYMMETRIC)
 
 
 def states(size=9, seed=0):
@@ -394,7 +406,7 @@ def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind):
     assert not any(buffer.requires_grad for buffer in policy.buffers())
 
 
-@any_attention
+@any_symmetric
 @given(order=st.permutations(range(SLOTS)), seed=st.integers(0, 20))
 def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind, order, seed):
     policy, (goal, selection, table) = KINDS[kind](), states(seed=seed)
@@ -406,7 +418,7 @@ def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind, orde
     same(permuted, plain._replace(logits=plain.logits[:, order], sources=sources))
 
 
-@any_attention
+@any_symmetric
 def test_empty_slots_at_the_end_of_a_table_change_nothing(kind):
     policy, (goal, selection, table) = KINDS[kind](), states()
     plain = policy(States(goal, selection, table))
@@ -462,8 +474,9 @@ def test_the_mlp_refuses_another_size_of_table(num_slots):
         mlp()(States(table[:, 0], table[:, 0], table))
 
 
-SIZES_OF = ("key_size", "value_size", "hidden_size", "embedding_size")
+SIZES_OF = ("key_size", "value_size", "hidden_size", "pair_size", "embedding_size")
 REFUSED = {
+    "dropout": (-0.1, 1, "no"),
     "policy": ("attentoin", "MLP"),
     "pooling": ("maxx",),
     "mixing": ("sofmax", 3),
@@ -487,7 +500,7 @@ def test_a_setting_that_cannot_be_is_refused_by_its_name(setting, value):
 def test_the_default_is_the_papers_policy_with_its_sizes():
     papers = {"policy": "attention", "features": "glove", "use": "u,v", "kg_only": False}
     sizes = dict.fromkeys(("key_size", "value_size", "hidden_size"), 300)
-    assert (papers | sizes).items() < asdict(PolicyConfig()).items()
+    assert (papers | sizes).items() < asdict(PolicyConfig().closed()).items()
 
 
 KEY_SIZE = 3

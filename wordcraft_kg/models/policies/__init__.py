@@ -1,7 +1,8 @@
 """Policies choose table slots: from states of B episodes to slot logits and state values.
 
-Read ``states`` (the input), then ``policy`` (the base class) and both kinds: ``attention``, the
-paper's self-attention actor-critic with knowledge mixed in, and ``mlp``, the paper's baseline.
+Read ``states`` (the input), then ``policy`` (the base class) and the kinds: ``pairs``, which scores
+pairs of slots, ``attention``, the paper's self-attention actor-critic, both with knowledge mixed
+in, and ``mlp``, the paper's baseline.
 ``config`` holds the settings, ``sources`` the knowledge that may be mixed in; ``folder`` makes,
 writes and loads policies::
 

@@ -30,11 +30,6 @@ FOLD_LIMIT = 300
 The product has F columns instead of d: cheaper than both products in each step as long as F is not
 much larger than d, which is 300 by default.
 """
-AHEAD = 10.0
-"""First λ of sources that look ahead.
-
-With 1 or 5, agents explore so much at first that they forget their planner.
-"""
 SPEED = 30.0
 """How many times as fast the mixing weights of :class:`SourceWeights` learn as other parameters.
 
@@ -88,7 +83,7 @@ class AttentionPolicy(Policy):
         self.attention = TableAttention(vectors.dim, config.key_size)
         self.value = _head(vectors.dim, config.value_size, 1)
         if self.sources and config.lambda_form == "residual":
-            self.lambdas = SourceWeights(self._first_lambdas()[-len(self.sources) :])
+            self.lambdas = SourceWeights(self.first_lambdas()[-len(self.sources) :])
         elif self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
             if config.lambda_form == "free":
@@ -97,32 +92,19 @@ class AttentionPolicy(Policy):
             # Zeros, so that a policy starts like one that does not see attempts.
             self.phases = Phases(vectors.dim, len(self.labels))
 
-    @property
-    def _looks_ahead(self) -> bool:
-        return any(source.reads_attempts for source in self.sources.values())
-
-    def _first_lambdas(self) -> Tensor:
-        """Return the mixing weights λ with which training begins, shape (S,)."""
-        # On the CPU, also where a policy is made without memory: they are not in its files.
-        if not self._looks_ahead:
-            return torch.ones(len(self.labels), device="cpu")
-        # Start as the planner alone: the other sources value one pair only, and would lead away
-        # from plans of several attempts.
-        ahead = [source.label for source in self.sources.values() if source.reads_attempts]
-        lambdas = [AHEAD if label in ahead else 0.0 for label in self.labels]
-        return torch.tensor(lambdas, device="cpu")
-
     @torch.no_grad()
     def _set_first_lambdas(self) -> None:
         """Let the network for λ begin at or near the first mixing weights."""
         last = self.mixture[2]
         assert isinstance(last, nn.Linear)
-        last.bias.copy_(self._first_lambdas())
-        if self._looks_ahead:
+        last.bias.copy_(self.first_lambdas())
+        if self.looks_ahead:
             # Exactly the planner; otherwise the drawn weights add small differences.
             nn.init.zeros_(last.weight)
 
-    def weights(self) -> Weights:  # noqa: D102 - inherited
+    def weights(  # noqa: D102 - inherited
+        self, generator: torch.Generator | None = None
+    ) -> Weights:
         mixture: Weights = {}
         if self.sources and self.config.lambda_form == "residual":
             # Attention comes first among the labels, if it is in use.

@@ -11,6 +11,7 @@ from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
 from wordcraft_kg.base.settings import (
     MAX_DIM,
     nearest,
+    number_in,
     one_of,
     require,
     whole,
@@ -25,9 +26,11 @@ from wordcraft_kg.models.policies.sources import (
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
 
-PolicyKind = Literal["attention", "mlp"]
+PolicyKind = Literal["pairs", "attention", "mlp"]
 Mixing = Literal["softmax", "free", "residual"]
 _ValueReadout = Literal["softmax", "logits"]
+_MOST_DROPPED = 0.99
+_MOST_NOISE = 100.0
 
 
 @dataclass(frozen=True)
@@ -35,8 +38,10 @@ class PolicyConfig:
     """Settings for a policy and the knowledge mixed in.
 
     Attributes:
-        policy: attention (self-attention over the table, as in the paper) or mlp (a hidden layer on
-            the ordered table, the paper's baseline; for a fixed table size).
+        policy: pairs (a network that scores pairs of items for the goal), attention (self-attention
+            over the table, as in the paper) or mlp (a hidden layer on the ordered table, the
+            paper's baseline; for a fixed table size). Default: pairs; attention in the paper's
+            preset, with ``kg_only`` or another mixing, and for ``make_policy``.
         features: entity vectors: glove, minilm, auto, one-hot, random, learned, shuffled:<any but
             learned>, a vector file, or a folder from encode.
         pooling: combines word vectors for labels with several words: mean or max.
@@ -44,6 +49,11 @@ class PolicyConfig:
         key_size: query and key dimensions; 300 in the paper.
         value_size: encoding dimensions for the value and for λ; 300 in the paper.
         hidden_size: hidden units in the mlp; 300 in the paper.
+        pair_size: hidden units for a pair.
+        dropout: share of a pair's hidden units that training drops, the same in all pairs of a
+            table; below 1.
+        vector_noise: length of the noise that training adds to entity vectors of length 1, for
+            pairs; not to one-hot vectors.
         embedding_size: dimensions for learned features; by default as many as GloVe has.
         use: knowledge sources to mix in, comma-separated, by name or by letter: combines or u
             (combinesWith score with the selection), component or v (componentOf score with the
@@ -57,11 +67,11 @@ class PolicyConfig:
             at depth 2, with plan and two attempts, except in the paper's preset; see
             docs/evidence/plan-weights.md.
         kg_only: mix only the sources' scores, without attention logits.
-        mixing: range of λ: residual (scores times a learned number each are added to attention
+        mixing: range of λ: residual (scores times a learned number each are added to the network's
             logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as
-            in the paper's released code. Default: residual with one attempt and without recipe and
-            plan, else free, as in the paper's preset. This and the next three defaults were chosen
-            on validation tasks.
+            in the paper's released code. Default: residual for pairs, and for attention with one
+            attempt and without recipe and plan, else free, as in the paper's preset. This and the
+            next three defaults were chosen on validation tasks.
         scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
             Default: none where the policy sees attempts, else ranks.
         self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges
@@ -71,8 +81,8 @@ class PolicyConfig:
             if the scorer has out-of-sample models.
         value_readout: slot weights in the encodings for value and λ: softmax of α, or the raw
             logits α, as in the paper's released code.
-        sees_attempts: let the query, the value and λ depend on the number of attempts left; for
-            attention. Default: with several attempts, except in the paper's preset.
+        sees_attempts: let scores, the value and λ depend on the number of attempts left; not for
+            mlp. Default: with several attempts, except in the paper's preset.
 
     Raises:
         ConfigError: for a value out of range, an unknown source, or settings that need another one.
@@ -82,13 +92,16 @@ class PolicyConfig:
         ('v', 'p')
     """
 
-    policy: PolicyKind = "attention"
+    policy: PolicyKind | None = None
     features: str = "glove"
     pooling: Pooling = "mean"
     allow_missing: bool = False
     key_size: int = 300
     value_size: int = 300
     hidden_size: int = 300
+    pair_size: int = 128
+    dropout: float = 0.3
+    vector_noise: float = 0.5
     embedding_size: int = 50
     use: str = "combines,component"
     plan_width: int = 0
@@ -103,7 +116,6 @@ class PolicyConfig:
 
     def __post_init__(self) -> None:
         for name in (
-            "policy",
             "pooling",
             "self_edges",
             "value_readout",
@@ -113,12 +125,13 @@ class PolicyConfig:
                 getattr(self, name),
                 get_args(PolicyConfig.__annotations__[name]),
             )
-        if self.mixing is not None:
-            one_of("mixing", self.mixing, get_args(Mixing))
-        if self.scale is not None:
-            one_of("scale", self.scale, get_args(Scale))
-        for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
+        for name, allowed in (("policy", PolicyKind), ("mixing", Mixing), ("scale", Scale)):
+            if getattr(self, name) is not None:
+                one_of(name, getattr(self, name), get_args(allowed))
+        for name in ("key_size", "value_size", "hidden_size", "pair_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
+        number_in("vector_noise", self.vector_noise, 0, _MOST_NOISE, f"0 to {_MOST_NOISE:g}")
+        number_in("dropout", self.dropout, 0, _MOST_DROPPED, "0 or more, below 1")
         whole("plan_width", self.plan_width, 0, MAX_DIM)
         for name in ("allow_missing", "weigh_plans", "kg_only", "in_sample", "sees_attempts"):
             # A text such as "false" from a configuration file would count as true.
@@ -126,7 +139,7 @@ class PolicyConfig:
             is_open = name in ("weigh_plans", "sees_attempts") and value is None
             require(self, name, is_open or isinstance(value, bool), "true or false")
         if self.sees_attempts and self.policy == "mlp":
-            raise ConfigError("`sees_attempts` needs `policy` attention.")
+            raise ConfigError("`sees_attempts` needs `policy` pairs or attention.")
         # Files of runs and addresses of studies know the short names alone.
         short = ",".join(map(short_name, self._named))
         if short != ",".join(self._named):
@@ -139,6 +152,7 @@ class PolicyConfig:
     def closed(
         self,
         *,
+        policy: PolicyKind = "attention",
         sees_attempts: bool = False,
         has_scorer: bool = True,
         mixing: Mixing = "free",
@@ -147,11 +161,13 @@ class PolicyConfig:
         """Return the settings with a value for each that was left open.
 
         Args:
+            policy: value of ``policy`` if it was left open.
             sees_attempts: value of ``sees_attempts`` if it was left open.
             has_scorer: whether there are scores; without, the scale changes nothing.
-            mixing: value of ``mixing`` if it was left open.
+            mixing: value of ``mixing`` if it was left open, but for pairs, which have residual.
             weigh_plans: value of ``weigh_plans`` if it was left open.
         """
+        kind = self.policy or policy
         sees = sees_attempts if self.sees_attempts is None else self.sees_attempts
         scale = self.scale
         if scale is None:
@@ -159,9 +175,10 @@ class PolicyConfig:
         weighs = weigh_plans if self.weigh_plans is None else self.weigh_plans
         return replace(
             self,
+            policy=kind,
             sees_attempts=sees,
             scale=scale,
-            mixing=self.mixing or mixing,
+            mixing=self.mixing or ("residual" if kind == "pairs" else mixing),
             weigh_plans=weighs,
         )
 

@@ -31,6 +31,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
+from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
 from wordcraft_kg.models.policies.sources.knowledge import share_lists
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
@@ -142,6 +143,8 @@ def _policy(
 ) -> Policy:
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)
+    if config.policy == "pairs":
+        return PairPolicy(config, vectors, sources)
     return AttentionPolicy(config, vectors, sources)
 
 
@@ -158,7 +161,7 @@ def write_constants(folder: Path, policy: Policy) -> None:
         entities=policy.entities,
         settings=asdict(policy.config),
         sources=tuple(policy.sources),
-        num_slots=policy.num_slots if isinstance(policy, MLPPolicy) else None,
+        num_slots=policy.num_slots,
         dim=0 if policy.vectors.is_one_hot else policy.vectors.dim,
     )
     # Everything that is not a parameter: buffers of vectors and sources.

@@ -36,7 +36,9 @@ class MLPPolicy(Policy):
         self.logits = nn.Linear(config.hidden_size, num_slots)
         self.value = nn.Linear(config.hidden_size, 1)
 
-    def weights(self) -> Weights:  # noqa: D102 - inherited
+    def weights(  # noqa: D102 - inherited
+        self, generator: torch.Generator | None = None
+    ) -> Weights:
         layers = {
             "hidden": self.hidden,
             "logits": self.logits,

@@ -1,7 +1,7 @@
 """Policies as torch modules: from states of B episodes to slot logits and state values."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import NamedTuple, cast
+from typing import ClassVar, NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -17,10 +17,17 @@ from wordcraft_kg.models.policies.states import Attempts, States
 
 Weights = dict[str, Tensor]
 """Tensors derived from parameters only, by name."""
+AHEAD = 10.0
+"""First λ of sources that look ahead.
+
+With 1 or 5, agents explore so much at first that they forget their planner.
+"""
 
 
 class PolicyOutput(NamedTuple):
     """A policy's output for a batch with B states, A slots and S mixed scores per slot.
+
+    That of :meth:`Policy.choose` has C choices in place of the slots.
 
     Attributes:
         logits: β, shape (B, A): unnormalised log-probabilities, -inf for empty slots.
@@ -135,7 +142,14 @@ class Policy(nn.Module):
     A subclass defines :meth:`weights` and :meth:`output`. The split lets an actor and a learner
     share what depends on parameters only, computed once per update.
 
+    A trainer sees *choices*: slots, or for a policy that scores pairs, the pairs of slots of a
+    whole attempt. Such a policy also defines the methods from :meth:`choose` to
+    :meth:`choices_with`.
+
     Attributes:
+        steps_per_choice: environment steps that a choice takes.
+        num_slots: slots of all tables; None for tables of any size.
+        noise_size: random numbers that :meth:`choose` needs for each state; 0 for none.
         config: settings.
         num_entities: E, the number of entities.
         sources: knowledge sources by name; see :mod:`wordcraft_kg.models.policies.sources`.
@@ -145,6 +159,10 @@ class Policy(nn.Module):
             ``load_policy``, and empty before.
         graph_hash: content hash of the recipe graph.
     """
+
+    steps_per_choice: ClassVar[int] = 1
+    num_slots: int | None = None
+    noise_size: int = 0
 
     def __init__(
         self,
@@ -176,6 +194,22 @@ class Policy(nn.Module):
         )
 
     @property
+    def looks_ahead(self) -> bool:
+        """Whether a source looks ahead, so that states need attempts."""
+        return any(source.reads_attempts for source in self.sources.values())
+
+    def first_lambdas(self) -> Tensor:
+        """Return the mixing weights λ with which training begins, shape (S,)."""
+        # On the CPU, also where a policy is made without memory: they are not in its files.
+        if not self.looks_ahead:
+            return torch.ones(len(self.labels), device="cpu")
+        # Start as the planner alone: the other sources value one pair only, and would lead away
+        # from plans of several attempts.
+        ahead = [source.label for source in self.sources.values() if source.reads_attempts]
+        lambdas = [AHEAD if label in ahead else 0.0 for label in self.labels]
+        return torch.tensor(lambdas, device="cpu")
+
+    @property
     def reads_task(self) -> bool:
         """Whether a source's scores depend on the task, so that states need task numbers."""
         return any(source.reads_task for source in self.sources.values())
@@ -190,8 +224,12 @@ class Policy(nn.Module):
         for source in self.sources.values():
             source.bind(tasks)
 
-    def weights(self) -> Weights:
-        """Return tensors computed from parameters only, which :meth:`forward` calls can share."""
+    def weights(self, generator: torch.Generator | None = None) -> Weights:
+        """Return tensors computed from parameters only, which :meth:`forward` calls can share.
+
+        Args:
+            generator: draws the noise with which a policy may train; None for none.
+        """
         raise NotImplementedError
 
     def forward(
@@ -206,7 +244,7 @@ class Policy(nn.Module):
             states: states of B episodes. ``task`` may be None unless :attr:`reads_task`, and
                 ``attempts`` unless a source looks ahead.
             weights: result of :meth:`weights`; computed by default.
-            external_scores: result of :meth:`external_scores` for these states, (B, S, A); computed
+            external_scores: result of :meth:`external_scores` for these states, (B, S, C); computed
                 by default.
 
         Returns:
@@ -222,6 +260,21 @@ class Policy(nn.Module):
             external_scores = self.external_scores(states)
         return self.output(states, weights or self.weights(), external_scores)
 
+    def best_slots(
+        self,
+        states: States,
+        weights: Weights | None = None,
+        external_scores: Tensor | None = None,
+    ) -> Tensor:
+        """Return the slot that a greedy player takes in each state, shape (B,).
+
+        The first of equally good slots; the arguments and errors are those of :meth:`forward`.
+
+        Raises:
+            ArtefactError: if the policy's numbers overflow.
+        """
+        return checked_logits(self(states, weights, external_scores).logits).argmax(1)
+
     def output(
         self,
         states: States,
@@ -234,12 +287,55 @@ class Policy(nn.Module):
             states: states of B episodes; only goal, selection and table are read, and attempts by
                 a policy with ``sees_attempts``.
             weights: result of :meth:`weights`, perhaps of an earlier update.
-            external_scores: scores of the sources, (B, S, A); None without sources.
+            external_scores: scores of the sources, (B, S, C); None without sources.
 
         Raises:
             ConfigError: if a policy with ``sees_attempts`` gets no attempts.
         """
         raise NotImplementedError
+
+    def choose(
+        self,
+        states: States,
+        weights: Weights,
+        external_scores: Tensor | None,
+        noise: Tensor | None = None,
+    ) -> PolicyOutput:
+        """Return logits (B, C) of all choices, for a trainer; the arguments as in :meth:`output`.
+
+        Args:
+            states: states of B episodes.
+            weights: result of :meth:`weights`.
+            external_scores: result of :meth:`external_scores` for these states.
+            noise: shape (B, :attr:`noise_size`), uniform in [0, 1): decides which hidden units are
+                dropped in training; None drops none.
+        """
+        return self.output(states, weights, external_scores)
+
+    def num_choices(self, slots: int) -> int:
+        """Return C, the number of choices at tables with so many slots."""
+        return slots
+
+    def slots_of(self, choices: Tensor, slots: int) -> tuple[Tensor, ...]:
+        """Return the slot for each environment step of B choices among ``slots``, (B,) each."""
+        return (choices,)
+
+    def pairs_of(self, states: States, choices: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the entities that choices (B,) combine, shape (B,) each; E where they select."""
+        return states.selection, states.table.gather(1, choices[:, None])[:, 0]
+
+    def choices_with(self, states: States, is_listed: Tensor) -> Tensor:
+        """Return the choices that lead to listed slot pairs, shape (B, C), bool.
+
+        Args:
+            states: states of B episodes.
+            is_listed: shape (B, A, A), bool, symmetric; False for empty slots.
+        """
+        selection = states.selection[:, None]
+        # With a selection, its partners; without one, all slots of listed pairs.
+        is_first = selection == self.num_entities
+        is_selected = (states.table == selection) | is_first
+        return (is_listed & is_selected[:, :, None]).any(1)
 
     @torch.no_grad()
     def external_scores(self, states: States, silent: Collection[str] = ()) -> Tensor | None:
@@ -250,7 +346,7 @@ class Policy(nn.Module):
             silent: names of sources whose scores are 0 instead.
 
         Returns:
-            shape (B, S, A); None without sources.
+            shape (B, S, C); None without sources.
 
         Raises:
             LeakError: if states have task numbers before :meth:`bind`.
@@ -258,13 +354,16 @@ class Policy(nn.Module):
         """
         if not self.sources:
             return None
-        scores = [
-            torch.zeros(states.table.shape, device=states.table.device)
-            if name in silent
-            else source(states)
-            for name, source in self.sources.items()
-        ]
+        scores = []
+        for name, source in self.sources.items():
+            of_source = self._scores(source, states)
+            scores.append(torch.zeros_like(of_source) if name in silent else of_source)
         return torch.stack(scores, dim=1)
+
+    def _scores(self, source: Source, states: States) -> Tensor:
+        """Return a source's scores of all choices, shape (B, C)."""
+        scores: Tensor = source(states)
+        return scores
 
     @torch.no_grad()
     def act(
@@ -311,7 +410,7 @@ class Policy(nn.Module):
         # On the CPU, where the generator is: the same slot on every device.
         probabilities = torch.softmax(checked_logits(self(states).logits)[0], dim=0).cpu()
         if generator is None:
-            slot = int(probabilities.argmax())
+            slot = int(self.best_slots(states))
         else:
             slot = int(probabilities.multinomial(1, generator=generator))
         return Action(slot, self.entities[slots[slot]], float(probabilities[slot]))

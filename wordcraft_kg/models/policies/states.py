@@ -71,6 +71,10 @@ class States(NamedTuple):
         """Return some of the states: their numbers, shape (n,), or a slice."""
         return self._each(lambda tensor: tensor[rows])
 
+    def flattened(self) -> "States":
+        """Return states with a first axis of time, (T, B, ...), as T · B states."""
+        return self._each(lambda tensor: tensor.flatten(0, 1))
+
     def _each(self, change: Callable[[Tensor], Tensor]) -> "States":
         """Return states of which each tensor has been changed."""
         attempts = self.attempts

@@ -208,7 +208,7 @@ def _row(name: str, run: FollowedRun) -> RunRow:
     return RunRow(
         name=name,
         status=records.run.status,
-        policy=config.policy.policy,
+        policy=config.policy.policy or "",
         scorer=Path(config.scorer).name if config.scorer else "",
         kg=records.run.kg,
         use=config.policy.sources if config.scorer else (),

@@ -310,6 +310,11 @@ class ComponentOf(PairSource):
     def key(self, states: States) -> Tensor:  # noqa: D102 - inherited
         return states.goal
 
+    def scores_of_pairs(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        # The score of a slot is the same whatever is selected.
+        scores: Tensor = self(states)
+        return (scores[:, :, None] + scores[:, None]) / 2
+
 
 def _layouts(constants: Mapping[str, Tensor]) -> dict[str, str]:
     """Return axis names and types of the buffers of one model, whose kind their names tell."""

@@ -87,14 +87,24 @@ class BestRecipe(FoldedSource):
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
         return 0  # no table of pairs
 
-    def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
-        goal, selection, table, task, _ = states
-        nothing = self.num_entities
-        model = self.model_of(task)
-        num_models = self.knowledge.num_models
+    def _models(self, states: States) -> tuple[Tensor, Tensor]:
+        """Return the model that scores each state, and whether its scores count, (B,) each."""
+        model = self.model_of(states.task)
+        if model is None:
+            model = torch.zeros_like(states.goal)
         # The empty model of tasks without an out-of-sample model has the last number, and no
-        # arrays: another model computes its scores, which become 0 below.
-        used = torch.zeros_like(goal) if model is None else model.clamp(max=num_models - 1)
+        # arrays: another model computes its scores, which do not count.
+        num_models = self.knowledge.num_models
+        return model.clamp(max=num_models - 1), model < num_models
+
+    def scores_of_pairs(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        used, counts = self._models(states)
+        return self._kept_pair_scores(states, used).masked_fill(~counts[:, None, None], 0)
+
+    def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        selection, table = states.selection, states.table
+        nothing = self.num_entities
+        used, counts = self._models(states)
         scores = self._kept_pair_scores(states, used)
         is_first = selection == nothing
         # First action: the best partner on the table.
@@ -110,8 +120,7 @@ class BestRecipe(FoldedSource):
                 wider = states._replace(table=torch.cat([table, selection[:, None]], dim=1))
                 with_absent = self.pair_scores(wider, used)[:, -1, :-1]
                 best = best.where(~is_absent[:, None], with_absent)
-        best = best.masked_fill(table == nothing, 0)
-        return best if model is None else best.masked_fill((model == num_models)[:, None], 0)
+        return best.masked_fill((table == nothing) | ~counts[:, None], 0)
 
     def evidence(self, states: States) -> tuple[Evidence | None, ...]:  # noqa: D102 - inherited
         goal, selection, table, task, _ = states

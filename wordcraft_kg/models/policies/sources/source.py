@@ -257,6 +257,21 @@ class Source(nn.Module, ABC):
             shape (B, A), float32; 0 for empty slots.
         """
 
+    def scores_of_pairs(self, states: States) -> Tensor:
+        """Score every pair of slots of B tables, whatever the selection.
+
+        By default the mean over both orders: the score of one slot with the other selected.
+
+        Returns:
+            shape (B, A, A), float32, symmetric; scores of pairs with an empty slot mean nothing.
+        """
+        size, slots = states.table.shape
+        # Each slot's entity is selected once: B · A states.
+        rows = torch.arange(size, device=states.table.device).repeat_interleave(slots)
+        selections = states.table.reshape(-1)
+        scores = self(states.of(rows)._replace(selection=selections)).view(size, slots, slots)
+        return (scores + scores.transpose(1, 2)) / 2
+
     def score_observation(self, observation: Mapping[str, Any], task: Any = None) -> Tensor:
         """Score the slots in an environment's observation, for wrappers, which know no models.
 

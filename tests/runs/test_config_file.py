@@ -130,8 +130,10 @@ def test_a_setting_of_another_type_or_out_of_range_is_named(folder, line, proble
 def test_settings_of_a_scorer_need_a_scorer(policy):
     with pytest.raises(ConfigError, match="give a `scorer` too"):
         AgentConfig("kitchen", policy=policy)
-    # The recommended preset closes what is open: one attempt, and neither recipe nor plan in `use`.
-    closed = policy.closed(mixing="residual")
+    # The recommended preset closes what is open: pairs, one attempt, and neither recipe nor plan in `use`.
+    # Attention alone can do without its own scores.
+    kind = "attention" if policy.kg_only else "pairs"
+    closed = policy.closed(policy=kind, mixing="residual")
     assert AgentConfig("kitchen", "models/x", policy=policy).policy == closed
 
 

@@ -183,6 +183,8 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         """
         config = self.config
         trainer = config.trainer
+        # First: tasks that the graph cannot pose are no question of memory.
+        world = World(self.opened, config.tasks.environment("train"))
         # Bytes of tables (int64), and of activations for the gradients (float32).
         slots = config.tasks.distractors + config.tasks.depth + 1
         units = config.policy.value_size
@@ -194,7 +196,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         name = "batch_size" if trainer.num_envs >= trainer.unroll_steps else "unroll"
         update = f"an update of {trainer.steps_per_update:,} steps"
         check_memory(name, getattr(trainer, name), update, needed)
-        world = World(self.opened, config.tasks.environment("train"))
         assert trainer.tables is not None  # closed by `AgentConfig`
         repeat = math.ceil(trainer.tables / trainer.num_envs)
         engine = BatchEngine(world, trainer.num_envs, device=trainer.device, repeat=repeat)

@@ -81,6 +81,12 @@ class Vocabulary(Record, frozen=True, kw_only=True):
     entities: tuple[str, ...]
     relations: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        if self.relations != RELATIONS:
+            raise ValueError(f"the relations are not {', '.join(RELATIONS)}")
+        if len(set(self.entities)) < len(self.entities):
+            raise ValueError("a label occurs twice among the entities")
+
 
 def load_scorer(
     folder: str | Path,

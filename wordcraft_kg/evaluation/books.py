@@ -5,6 +5,7 @@ from typing import Unpack
 
 import numpy as np
 
+from wordcraft_kg.base.artefacts import made_folder
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.book_check import BookCheck, BookStatistics, Finding, check_book, listed
@@ -153,8 +154,8 @@ def view_check(
             raise RecipeFileError(
                 f"{path}: no recipe is readable, so nothing was written to {fix}."
             )
-        fix.parent.mkdir(parents=True, exist_ok=True)
-        write_book(check.book, fix)
+        with made_folder(fix.parent):
+            write_book(check.book, fix)
     if graph is not None:
         try:
             check = _with_words(check, graph)

@@ -194,6 +194,12 @@ def _cross_fitted(
             f"{path} has no assignment from recipes to folds. Train again, or restore a copy."
         )
     of_recipe = tensors[OF_RECIPE]
+    # A recipe of a fold without a model would be scored by another fold's, or by none.
+    if of_recipe.is_floating_point() or (of_recipe >= record.count).any():
+        raise ArtefactError(
+            f"{path} assigns recipes to other folds than the {record.count} of {FOLDS_RECORD}. "
+            "Train again, or restore a copy."
+        )
     results = tensors.get(TRAIN_RESULTS)
     if results is not None and (results.shape != of_recipe.shape or results.is_floating_point()):
         raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")

@@ -125,6 +125,12 @@ def test_lines_come_with_their_numbers_without_a_byte_order_mark(tmp_path, pack)
     assert list(read_lines(path)) == [(1, b"first\n"), (2, b"\n"), (3, b"last")]
 
 
+def test_empty_lines_are_bounded_before_they_take_long(tmp_path):
+    (tmp_path / "lines").write_bytes(gzip.compress(b"\n" * 2**18))
+    with pytest.raises(ConfigError, match="line 65,537: more than 200 bytes"):
+        list(read_lines(tmp_path / "lines", ConfigError))
+
+
 def test_a_line_that_would_fill_the_memory_is_refused(tmp_path):
     (tmp_path / "lines").write_bytes(b"short\n" + b"0" * 2**21)
     with pytest.raises(ConfigError, match="line 2: 1,048,576 bytes or more"):

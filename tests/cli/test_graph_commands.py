@@ -864,6 +864,8 @@ def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, h
     assert run("check-book", home / "mended.csv").code == 0
     again = run("check-book", path, *columns, "--fix", home / "mended.csv")
     assert "exists. Choose another --fix, or replace it with --force." in again.err
+    run("check-book", path, *columns, "--fix", home / "new" / "folder" / "mended.txt")
+    assert not (home / "new").exists()
     run("check-book", path, *columns, "--fix", home / "new" / "folder" / "mended.csv")
     assert (home / "new" / "folder" / "mended.csv").read_text(encoding="utf-8") == text
     built = run(

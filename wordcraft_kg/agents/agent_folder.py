@@ -18,7 +18,7 @@ from wordcraft_kg.agents.records import (
     read_summary,
 )
 from wordcraft_kg.base.artefacts import read_small_file
-from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.errors import GraphMismatchError, WordCraftKGError
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.folder import read_history
@@ -179,6 +179,14 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
         policy = policy_at(files, last)
         # Training may have written a checkpoint since the records were read.
         checkpoint = f"step {last.number:,}"
+    # The record may name another graph than the run: ids would stand for other entities.
+    is_of_graph = policy.graph_hash == opened.graph.hash
+    if not is_of_graph or tuple(policy.entities) != tuple(opened.graph.entities):
+        raise GraphMismatchError(
+            f"{folder / 'policy.json'} has other entities than '{opened.source}', or another graph "
+            f"({policy.graph_hash[:12]} instead of {opened.graph.hash[:12]}). Restore a copy of "
+            "the folder, or train again."
+        )
     return OpenedAgent(
         **{**vars(records), "checkpoint": checkpoint},
         policy=policy,

@@ -37,6 +37,8 @@ MAX_MEMBERS = 100_000
 """Most members of a zip archive."""
 MAX_LINE = 2**20
 """Most bytes in a line; a longer line suggests another kind of file, and could fill the memory."""
+_LEAST_OF_LINE = 16
+"""Bytes that a line counts at least: millions of empty lines would take minutes."""
 _FREE = 2**20
 """Bytes that may come out of compressed data whatever the ratio."""
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -213,7 +215,8 @@ def read_lines(path: Path, error: MakeError = ArtefactError) -> Iterator[tuple[i
         file = io.BufferedReader(gzip.GzipFile(fileobj=raw)) if is_packed else raw
         # At most so many bytes at once: a file without line ends would fill the memory.
         for number, line in enumerate(iter(partial(file.readline, MAX_LINE), b""), 1):
-            num_bytes += len(line)
+            # A line takes time, even an empty one.
+            num_bytes += max(len(line), _LEAST_OF_LINE)
             if len(line) == MAX_LINE:
                 raise error(
                     f"{path}, line {number:,}: {MAX_LINE:,} bytes or more; expected shorter lines. "

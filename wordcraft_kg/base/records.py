@@ -29,6 +29,10 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=MOST)]
 """A number from 0 up that fits a NumPy integer."""
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 """A number from 0 to 1: a probability or a fraction."""
+Coefficient = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+"""A fitted number of a curve; products and sums of a few of them are finite."""
+Slope = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
+"""A fitted slope of a curve that never falls."""
 # The length also refuses a final line break, which the pattern alone allows.
 Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$", max_length=64)]
 """A SHA-256 hash in hexadecimal."""

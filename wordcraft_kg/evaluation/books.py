@@ -9,6 +9,7 @@ from typing import Unpack
 import msgspec
 import numpy as np
 
+from wordcraft_kg.base.artefacts import made_folder
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.book_check import (
@@ -179,8 +180,8 @@ def view_check(
             raise RecipeFileError(
                 f"{path}: no recipe is readable, so nothing was written to {fix}."
             )
-        fix.parent.mkdir(parents=True, exist_ok=True)
-        kept_columns = write_mended(check, check.book, fix)
+        with made_folder(fix.parent):
+            kept_columns = write_mended(check, check.book, fix)
     if graph is not None:
         try:
             check = _with_words(check, graph)

@@ -15,6 +15,7 @@ from wordcraft_kg.models.recipes.records import recipes_history
 from wordcraft_kg.models.saving import SavedConfig, saved_history
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS, load_scorer
+from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_finished_run
@@ -54,6 +55,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
     scorer = load_scorer(folder)
     history = _history(files)
     opened = files.graph(graph or history.config.graph)
+    check_scorer(scorer, opened.graph)
     # A scorer that was saved, not trained here, was checked when it was saved.
     folds = folds_of(scorer)
     if folds is not None and history.is_trained:

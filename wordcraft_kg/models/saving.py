@@ -7,7 +7,6 @@ from typing import ClassVar, get_args
 from torch import Tensor
 
 from wordcraft_kg.base.artefacts import staged_folder, with_a_name, write_atomically
-from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.folds import Folds
@@ -97,12 +96,6 @@ def save_scorer(
     origin = origin or getattr(scorer, "name", type(scorer).__name__)
     config = SavedConfig(opened.source, kg, origin)
     check_scorer(scorer, opened.graph)
-    # A scorer of a user may claim the graph's hash, but have other labels.
-    if tuple(scorer.entities) != opened.graph.entities:
-        raise GraphMismatchError(
-            f"the scorer's `entities` differ from '{opened.graph.name}', although the graph hash "
-            "is equal. Use the graph labels, ordered by id."
-        )
     whole = stored(scorer)
     folded = folds_of(scorer)
     # An error within the block leaves no folder behind.

@@ -19,7 +19,7 @@ from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import play_all
 from wordcraft_kg.apps.text_agents.submission import Submission
 from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values, parse_record
 from wordcraft_kg.evaluation.result_readers import read_table_games
 
@@ -102,6 +102,15 @@ def test_a_game_at_a_table_of_the_evaluation_is_shown_there_too(played):
         pick.probability is not None for attempt in players[-1].attempts for pick in attempt.picks
     )
     assert view_of(played[0], other).players == ()
+
+
+def test_games_of_a_submission_are_never_shown_as_those_of_people(tmp_path):
+    folder = Path(__file__).parents[3] / "leaderboard/everyday-v2/craft-1-lite/graph.zip"
+    for name in ("submission.json", "games.jsonl"):
+        data = read_submission_file(folder, name)
+        (tmp_path / name).write_bytes(data.replace(b'"kind": "graph"', b'"kind": "people"'))
+    with pytest.raises(ArtefactError, match="'kind' is people"):
+        read_table_games(open_graph("everyday"), tmp_path)
 
 
 def test_the_games_of_a_benchmark_are_those_of_its_submission():

@@ -1,4 +1,6 @@
+import errno
 import json
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -6,6 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from wordcraft_kg.apps.text_agents import results
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import groups_of, read_games, result_of
 from wordcraft_kg.graphs import open_graph
@@ -57,6 +60,23 @@ def test_a_program_plays_all_tasks_and_the_result_is_the_view(play, games):
     again = play("--distractors", "2", "--json")  # plays nothing again
     assert json.loads(again.out)["result"] == json.loads(msgspec.json.encode(result_in("out")))
     assert lines_of(games) == before
+
+
+def test_a_full_disk_keeps_the_finished_games_and_says_so(play, games, monkeypatch):
+    write = results._write
+
+    def full(path, mode, line):
+        if path.stat().st_size > 2_000:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(path, mode, line)
+
+    monkeypatch.setattr(results, "_write", full)
+    outcome = play("--tasks", "12")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "No space left" in outcome.err
+    assert "Finished games are in out; repeat the command to continue." in outcome.err
+    assert "Nothing was changed" not in outcome.err
+    assert len(lines_of(games)) > 2
 
 
 def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(play, games, caplog):

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import httpx2
 import pytest
+from h11 import LocalProtocolError
 
 pytest.importorskip("mcp.server")
 
@@ -102,6 +103,24 @@ def test_the_games_of_a_benchmark_track_become_a_submission_that_verifies(tmp_pa
     bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
     submission = verify(tmp_path / "out")
     assert (submission.figures.games, submission.prompts) == (len(opened), "standard")
+
+
+def test_a_malformed_request_that_the_connection_has_answered_is_no_error():
+    async def send(message):
+        raise LocalProtocolError("can't handle event type Response when state=MUST_CLOSE")
+
+    async def receive():
+        return {"type": "http.disconnect"}
+
+    scope = {
+        "type": "http",
+        "method": "POST",
+        "path": "/elsewhere",
+        "headers": [],
+        "query_string": b"",
+    }
+    app = make_http_app(make_server(hosted()))
+    asyncio.run(app(scope, receive, send))
 
 
 @contextmanager

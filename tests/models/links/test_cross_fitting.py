@@ -52,6 +52,12 @@ def spoilt_folds(folded, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kept", [0, 1])
+def test_recipes_of_a_fold_without_a_model_are_refused(spoilt_folds, kept):
+    with pytest.raises(ArtefactError, match=f"other folds than the {kept}"):
+        load_scorer(spoilt_folds(record=lambda values: values.update(folds=values["folds"][:kept])))
+
+
 def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kitchen, tmp_path):
     plain = load_scorer(train(opened_kitchen, replace(SHORT, folds=0), tmp_path / "plain").folder)
     scorer = load_scorer(folded)

@@ -24,6 +24,7 @@ from wordcraft_kg import (
     open_model,
     save_scorer,
 )
+from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
@@ -120,6 +121,27 @@ def test_a_changed_or_missing_output_is_named(spoilt, name):
         open_model(folder)
 
 
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        (lambda known: {"entities": known["entities"][::-1]}, "or in another order"),
+        (lambda known: {"entities": known["entities"][:1] * 2}, "occurs twice"),
+        (lambda known: {"relations": known["relations"][::-1]}, "relations are not"),
+        (lambda known: {"graph": ""}, "was trained on graph"),
+    ],
+)
+def test_a_vocabulary_that_is_not_the_graphs_is_refused(spoilt, changed, expected):
+    """The hash in the run record fits, as somebody who forges a folder would see to."""
+    folder, path = spoilt("vocabulary.json")
+    known = json.loads(path.read_text())
+    path.write_text(json.dumps(known | changed(known)))
+    run = json.loads((folder / "run.json").read_text())
+    run["outputs"][path.name] = sha256_of(path)
+    (folder / "run.json").write_text(json.dumps(run))
+    with pytest.raises(ArtefactError, match=expected):
+        open_model(folder)
+
+
 def test_a_model_folder_needs_nothing_but_what_its_run_wrote(spoilt):
     folder, card = spoilt("README.md")
     card.unlink()
@@ -208,7 +230,7 @@ def test_a_scorer_of_another_graph_is_refused(opened_kitchen, tmp_path):
             tmp_path / "x", SymbolicScorer(other, other.triples), opened_kitchen, kg="partial"
         )
     entities = opened_kitchen.graph.entities[::-1]
-    with refuses("entities", GraphMismatchError):
+    with pytest.raises(GraphMismatchError, match="or in another order"):
         save_scorer(
             tmp_path / "x",
             Lengths(entities, opened_kitchen.graph.hash),

@@ -218,10 +218,22 @@ def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder,
     copy = Path(shutil.copytree(folder, tmp_path / "copy"))
     run = json.loads((copy / "run.json").read_text())
     assert run["outputs"]["calibration.json"] == sha256_of(copy / "calibration.json")
-    shorter, slopes = (json.loads((copy / "calibration.json").read_text()) for _ in range(2))
-    shorter["relations"][1]["scores"].pop()
-    slopes["relations"][0]["distinct"]["slopes"] = [1.0, 1.0]
-    for spoilt in ({}, shorter, slopes):
+    text = (copy / "calibration.json").read_text()
+    scores = json.loads(text)["relations"][0]["scores"]
+    spoilt_records = [{}, json.loads(text) | {"temperature": 0.0}]
+    for changes, of_curve in (
+        ({"scores": scores[:-1]}, {}),
+        ({"scores": [], "rank_log_odds": []}, {}),
+        ({"scores": scores[::-1]}, {}),
+        ({}, {"slopes": [1.0, 1.0]}),
+        ({}, {"slopes": [-1.0]}),
+        ({}, {"intercept": 1e308}),
+    ):
+        spoilt = json.loads(text)
+        spoilt["relations"][0].update(changes)
+        spoilt["relations"][0]["distinct"].update(of_curve)
+        spoilt_records.append(spoilt)
+    for spoilt in spoilt_records:
         (copy / "calibration.json").write_text(json.dumps(spoilt))
         run["outputs"]["calibration.json"] = sha256_of(copy / "calibration.json")
         (copy / "run.json").write_text(json.dumps(run))

@@ -17,6 +17,11 @@ from wordcraft_kg.models.scorers.neighbours.compiled import compiled
 def doubled(values):
     for place in range(len(values)):
         values[place] *= 2
+
+@compiled
+def tripled(values):
+    for place in range(len(values)):
+        values[place] *= 3
 """
 
 
@@ -27,7 +32,7 @@ def call(tmp_path, monkeypatch, caplog):
     path = tmp_path / "loops.py"
     path.write_text(SOURCE)
 
-    def call():
+    def call(*, has_second=False):
         compiling._say.cache_clear()
         caplog.clear()
         spec = importlib.util.spec_from_file_location("loops", path)
@@ -37,6 +42,9 @@ def call(tmp_path, monkeypatch, caplog):
         values = np.arange(3)
         module.doubled(values)
         assert values.tolist() == [0, 2, 4]
+        if has_second:
+            module.tripled(values)
+            assert values.tolist() == [0, 6, 12]
         warnings = [row.message for row in caplog.records if row.levelno == logging.WARNING]
         return warnings, sum(module.doubled.stats.cache_hits.values())
 
@@ -88,3 +96,13 @@ def test_a_damaged_file_that_cannot_be_replaced_costs_time_only(call, tmp_path, 
         (warning,), hits = call()
         assert "damaged machine code" in warning
         assert hits == 0
+
+
+def test_machine_code_of_another_loop_never_runs(call, tmp_path):
+    """Both files are as they were written, but one lies in the place of the other."""
+    call(has_second=True)
+    paths = sorted((tmp_path / "cache").rglob("*.nbc"))
+    paths[0].write_bytes(paths[1].read_bytes())
+    (warning,), hits = call()
+    assert "damaged machine code" in warning
+    assert hits == 0

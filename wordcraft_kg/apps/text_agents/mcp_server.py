@@ -9,11 +9,13 @@ import json
 import logging
 import sys
 from collections.abc import AsyncIterator, Callable, Collection
+from contextlib import suppress
 from functools import lru_cache
 from io import TextIOWrapper
 from typing import Annotated, Any, Self
 
 import anyio
+from h11 import LocalProtocolError
 from mcp.server import MCPServer
 from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
@@ -397,6 +399,8 @@ def make_http_app(
         is_call = scope["type"] != "http" or scope["path"] != PATH or scope["method"] == "POST"
         refusal = Response(status_code=405, headers={"Allow": "POST"})
         answer = app if is_call else refusal
-        await answer(scope, receive, send)
+        # The connection has answered a malformed request itself.
+        with suppress(LocalProtocolError):
+            await answer(scope, receive, send)
 
     return without_streams

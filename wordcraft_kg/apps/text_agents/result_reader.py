@@ -21,7 +21,7 @@ from wordcraft_kg.apps.text_agents.records import (
 )
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, groups_of, read_games, result_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
-from wordcraft_kg.apps.text_agents.submission import Submission, read_lines
+from wordcraft_kg.apps.text_agents.submission import Submission, check_kind, read_lines
 from wordcraft_kg.apps.text_agents.submission_files import (
     SUBMISSION_FILE,
     is_submission,
@@ -271,6 +271,7 @@ def _submitted_games(path: Path, opened: OpenedGraph) -> list[TableGame]:
     """Return the games on tasks in a submission, after replaying them."""
     data = read_submission_file(path, SUBMISSION_FILE)
     submission = parse_record(data, Submission, path / SUBMISSION_FILE)
+    check_kind(path / SUBMISSION_FILE, submission)
     track = open_track(submission.track)
     lines = read_lines(path, track, track.play(submission.knowledge))
     graph = track.opened.graph

@@ -525,6 +525,24 @@ def acceptable(text: str, most: int = LONGEST_TEXT) -> str:
     return printable
 
 
+def check_kind(path: Path, submission: Submission) -> None:
+    """Check that a submission declares no people, also with more words: nobody could verify it.
+
+    Answers of people are in the folder of `people serve`, which checks them, and are compared by
+    `reference --external-results`.
+
+    Args:
+        path: the file, for the error.
+        submission: the submission.
+
+    Raises:
+        ArtefactError: if its kind is people.
+    """
+    if look_alike_key("people") in look_alike_key(submission.kind):
+        expected = "the kind of a program or model, since a submission cannot show who played"
+        raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
+
+
 def _check_versions(path: Path, submission: Submission) -> None:
     """Check versions and declarations; raises ArtefactError or ConfigError for the first fault."""
     manifest, manifest_hash = read_manifest()
@@ -536,11 +554,7 @@ def _check_versions(path: Path, submission: Submission) -> None:
     for name, value in versions.items():
         if getattr(submission, name) != value:
             raise _refused(path, name, getattr(submission, name), value)
-    # Nobody could verify it. Answers of people are in the folder of `people serve`, which checks
-    # them, and are compared by `reference --external-results`.
-    if look_alike_key(submission.kind) == look_alike_key("people"):
-        expected = "the kind of a program or model, since a submission cannot show who played"
-        raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
+    check_kind(path, submission)
     for name in ("player", "kind", "training_data", "licence"):
         check_declared(f"{path}: {name}", getattr(submission, name))
     for key in (*submission.weights, *(submission.tokens or ())):

@@ -24,7 +24,7 @@ Latinne and Decaestecker 2002 (change of base rate).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -35,7 +35,7 @@ from scipy.special import expit, logsumexp
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.records import Coefficient, Count, Record, Share, Slope
 from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
@@ -91,8 +91,8 @@ class Curve(Record, frozen=True, kw_only=True):
         reason: why only the base rate was fitted, else empty.
     """
 
-    intercept: float
-    slopes: tuple[float, ...]
+    intercept: Coefficient
+    slopes: tuple[Slope, ...]
     rate: Share
     true: Count
     cells: Count
@@ -114,15 +114,15 @@ class RelationCurves(Record, frozen=True, kw_only=True):
 
     Attributes:
         known_share: c, the known share among all true triples that a fold's model has not seen.
-        scores: score quantiles for the model trained on all folds, ascending.
-        rank_log_odds: each quantile's percentile rank, as log-odds.
+        scores: score quantiles for the model trained on all folds, ascending; at least one.
+        rank_log_odds: each quantile's percentile rank, as log-odds; never falling.
         distinct: curve for pairs of different entities.
         itself: curve for self pairs (head and tail are equal).
     """
 
     known_share: Share
-    scores: tuple[float, ...]
-    rank_log_odds: tuple[float, ...]
+    scores: Annotated[tuple[Coefficient, ...], msgspec.Meta(min_length=1)]
+    rank_log_odds: tuple[Coefficient, ...]
     distinct: Curve
     itself: Curve
 
@@ -131,6 +131,10 @@ class RelationCurves(Record, frozen=True, kw_only=True):
             raise ValueError(
                 f"{len(self.scores)} `scores` for {len(self.rank_log_odds)} `rank_log_odds`"
             )
+        # Between scores in another order, interpolation returns any number.
+        for name, values in (("scores", self.scores), ("rank_log_odds", self.rank_log_odds)):
+            if list(values) != sorted(values):
+                raise ValueError(f"`{name}` that are not ascending")
 
 
 class Probabilities(Record, frozen=True, kw_only=True):
@@ -148,7 +152,7 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
     format: Literal["wordcraft-kg calibration 1"] = "wordcraft-kg calibration 1"
     relations: tuple[RelationCurves, RelationCurves]
-    temperature: float | None = None
+    temperature: Annotated[float, msgspec.Meta(ge=1e-3, le=1e3)] | None = None
     recipes: RecipeCurve | None = None
     covered: Share | msgspec.UnsetType = msgspec.UNSET
 

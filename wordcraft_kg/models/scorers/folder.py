@@ -81,6 +81,12 @@ class Vocabulary(Record, frozen=True, kw_only=True):
     entities: tuple[str, ...]
     relations: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        if self.relations != RELATIONS:
+            raise ValueError(f"the relations are not {', '.join(RELATIONS)}")
+        if len(set(self.entities)) < len(self.entities):
+            raise ValueError("a label occurs twice among the entities")
+
 
 def load_scorer(
     folder: str | Path,
@@ -188,6 +194,12 @@ def _cross_fitted(
             f"{path} has no assignment from recipes to folds. Train again, or restore a copy."
         )
     of_recipe = tensors[OF_RECIPE]
+    # A recipe of a fold without a model would be scored by another fold's, or by none.
+    if of_recipe.is_floating_point() or (of_recipe >= record.count).any():
+        raise ArtefactError(
+            f"{path} assigns recipes to other folds than the {record.count} of {FOLDS_RECORD}. "
+            "Train again, or restore a copy."
+        )
     results = tensors.get(TRAIN_RESULTS)
     if results is not None and (results.shape != of_recipe.shape or results.is_floating_point()):
         raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")

@@ -67,7 +67,7 @@ class FactoredScorer(TripleScorer, Protocol):
 
 
 def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
-    """Check that a scorer belongs to a graph; the error names both graphs.
+    """Check that a scorer belongs to a graph, with its entities; the error names both graphs.
 
     Raises:
         GraphMismatchError: if it does not.
@@ -78,4 +78,12 @@ def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
             f"{scorer.graph_hash[:12]} ({len(scorer.entities)} entities) but '{graph.name}' is "
             f"{graph.hash[:12]} ({graph.num_entities}). Train on this graph, or use the training "
             "graph."
+        )
+    # A scorer of a user, or a forged folder, may claim the hash and have other labels: each score
+    # would be one of other entities.
+    if tuple(scorer.entities) != graph.entities:
+        raise GraphMismatchError(
+            f"the entities of {getattr(scorer, 'name', 'the scorer')} are not those of "
+            f"'{graph.name}', or in another order, although the graph hash is equal. Use the "
+            "graph's labels, ordered by id."
         )

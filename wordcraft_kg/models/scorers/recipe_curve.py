@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 from torch import Tensor, nn
 
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.records import Coefficient, Record, Slope
 from wordcraft_kg.graphs.arrays import Ids, recipe_keys
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -62,9 +62,9 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
             recipes unseen.
     """
 
-    intercepts: tuple[float, float]
-    slope: float
-    shift: float
+    intercepts: tuple[Coefficient, Coefficient]
+    slope: Slope
+    shift: Coefficient
 
     def log_probabilities(
         self,

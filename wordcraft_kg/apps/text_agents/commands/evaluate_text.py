@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, EvaluationSettings
-from wordcraft_kg.base.errors import OutputExistsError, PlayerError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    OutputExistsError,
+    PlayerError,
+    WordCraftKGError,
+)
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import Book, Force
@@ -98,11 +103,16 @@ def evaluate_text(
         try:
             with games as played_in:
                 result = play_all(called, program.speaker, play, played_in)
-        except (KeyboardInterrupt, PlayerError) as error:
-            why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
-            raise type(error)(
-                f"{why} Finished games are in {folder}; repeat the command to continue."
-            ) from None
+        except (KeyboardInterrupt, PlayerError, OSError) as error:
+            goes_on = f"Finished games are in {folder}; repeat the command to continue."
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(f"interrupted. {goes_on}") from None
+            if isinstance(error, PlayerError):
+                raise PlayerError(f"{error} {goes_on}") from None
+            # Such as a full disk; before the first game, nothing was written.
+            if isinstance(error, WordCraftKGError) or not (folder / GAMES_FILE).is_file():
+                raise
+            raise ArtefactError(f"{folder}: {error.strerror or error}. {goes_on}") from None
     output.result({"result": result, "out": str(folder)}, _text(result, graph, folder))
 
 

@@ -65,7 +65,32 @@ def _compiled(function: F, options: dict[str, Any]) -> F:
 
 
 class _Files(IndexDataCacheFile):
-    """Files that end with the hash of their content, which is compared when they are read."""
+    """Files that end with the hash of their content, which is compared when they are read.
+
+    The content also says for which function, source and types of arguments it was compiled: an
+    index may lead to a file of earlier ones, as after a full disk.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Save the machine code for a key, which holds the types of arguments."""
+        super().save(key, (self._purpose(key), data))
+
+    def load(self, key: Any) -> Any:
+        """Return the machine code for a key; None if there is none yet.
+
+        Raises:
+            ValueError: if a file differs from its hash, or was compiled for something else.
+        """
+        entry = super().load(key)
+        if entry is None:
+            return None
+        purpose, data = entry
+        if purpose != self._purpose(key):
+            raise ValueError(f"{self._data_name_pattern} was compiled for something else")
+        return data
+
+    def _purpose(self, key: Any) -> tuple[Any, ...]:
+        return self._index_name, self._source_stamp, key
 
     def _dump(self, value: Any) -> bytes:
         data: bytes = super()._dump(value)
@@ -95,10 +120,10 @@ class _Cache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]):
         super().__init__(function)
-        # Names of their own: other files of this function have no hash.
+        # Names of their own: other files of this function have no hash and no purpose.
         self._cache_file = _Files(
             cache_path=self._cache_path,
-            filename_base=f"{self._impl.filename_base}.hashed-{numba.__version__}",
+            filename_base=f"{self._impl.filename_base}.checked-{numba.__version__}",
             source_stamp=self._impl.locator.get_source_stamp(),
         )
 

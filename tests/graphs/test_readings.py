@@ -129,6 +129,17 @@ READ = {
         *(second, lambda a, b, c: "1"),
     ),
     # Lists in cells, and other signs between names.
+    "images": cells(
+        "first,second,result",
+        lambda a, b, c: f"![][x]<br/>{a}",
+        lambda a, b, c: f"![](b.png) {b}",
+        result,
+    ),
+    "addresses": cells(
+        "ingredients,result",
+        lambda a, b, c: f"{a} (https://x.org/{a});{b} (https://x.org/1)",
+        result,
+    ),
     "Python lists": cells("name,ingredients", result, lambda a, b, c: f"\"['{a}', '{b}']\""),
     "JSON lists": cells("name,ingredients", result, lambda a, b, c: f'"[""{a}"", ""{b}""]"'),
     "dictionaries": cells(
@@ -234,6 +245,14 @@ def test_a_refusal_has_a_command_that_reads_the_file(put, case):
             assert recipes(book) == expected(ROWS)
 
 
+def test_a_table_without_a_header_is_advised_in_its_likely_order(put):
+    """Results with a capital letter are those of ingredients in small letters."""
+    rows = "".join(f"{c.title()},{a},{b}\n{c.title()},{b},{a}\n" for a, b, c in ROWS)
+    with pytest.raises(RecipeFileError, match="--columns '2,3,1'") as caught:
+        read_book(put(rows))
+    assert "'1,2,3'" not in str(caught.value)
+
+
 PARTNERS = {"water": [["earth", "mud"], ["fire", "steam"]], "earth": [["fire", "lava"]]}
 
 
@@ -248,6 +267,35 @@ def test_two_readings_are_refused_with_both_commands(put):
 
 
 REFUSED = {
+    # Numbers of pieces in forms that are not read never stay in labels.
+    **{
+        f"pieces as {form}": (
+            cells(
+                "ingredients,result",
+                lambda a, b, c, form=form: f"{form.format(a, 2)};{form.format(b, 3)}",
+                result,
+            ),
+            "holds a number of pieces in a form that is not read",
+        )
+        for form in ("{0}: {1}", "{0}:{1}", "{1}x{0}", "{1}-{0}", "鱼{0}鱼{1}")
+    },
+    "pieces in brackets": (
+        "ingredients,result\negg (1);milk (2),omelet\noil (2);salt (1),dip\n",
+        "'egg (1)' holds a number of pieces",
+    ),
+    "a remark as ingredient": (
+        {**{x: [["from start."]] for x in "ab"}, **{c: [[a, b]] for a, b, c in ROWS}},
+        "name the right columns",
+    ),
+    "three of many things": (
+        [{"ingredients": [a, b, "x"], "result": f"{c} salad"} for a, b, c in ROWS],
+        "name the right columns",
+    ),
+    "lines in a list of cells": (
+        [{"name": c, "recipe": f"{c} = {a} + {b}"} for a, b, c in ROWS],
+        "which is hardly part of a label",
+    ),
+    "addresses": (cells("a,b,result", lambda a, b, c: f"https://x.org/{a}", second, result), "://"),
     "properties": (
         {"water": {"emoji": "W", "kind": "wet"}, "mud": {"emoji": "M", "kind": "x"}},
         "",

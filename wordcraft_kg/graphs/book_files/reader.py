@@ -28,6 +28,7 @@ from wordcraft_kg.graphs.book_files.layouts import known_layout
 from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines, with_pluses
 from wordcraft_kg.graphs.book_files.packs import looks_like_recipe, read_pack
 from wordcraft_kg.graphs.book_files.rows import GUIDE, Fault, FileRows, LeftOut, Place, Row, refusal
+from wordcraft_kg.graphs.book_files.rule import BookReading
 from wordcraft_kg.graphs.book_files.tables import ENDINGS, delimiter_of, read_table
 from wordcraft_kg.graphs.book_files.text import check_encoding, decode
 from wordcraft_kg.graphs.chains import (
@@ -47,6 +48,8 @@ _JSON_ENDINGS = (".json", ".jsonl", ".ndjson", ".ic")
 _TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]?", re.IGNORECASE)
 """A row of totals at the end of a table, which is no recipe of one ingredient."""
 _SELF_RESULT = "with an ingredient as the result"
+_CHAIN = "Read it as a chain of half-products with `ingredients` chain."
+_COLUMNS = "If they are no recipes, name the right columns with `columns`."
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 
 
@@ -213,6 +216,10 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
             raise
         raise RecipeFileError(f"{str(error).rstrip('.')}. See {GUIDE}.") from None
     rows = BookRows(content, source, options)
+    odd_number = rows.whole.odd_number
+    if odd_number:
+        seen = f"{odd_number[:80]!r} holds a number of pieces in a form that is not read"
+        raise refusal(path, seen, "table", "Write one label in each cell, or '2 water'.")
     rows.encoding, rows.has_mark, rows.text = decoded.encoding, decoded.has_mark, decoded.text
     return rows
 
@@ -266,6 +273,7 @@ class BookRows:
         left_out: number of other entries by reason.
         places_left_out: their places by reason.
         arities: number of rows by number of ingredients.
+        whole: all recipes, to judge what may be advised; empty for our own shapes.
     """
 
     def __init__(self, content: Content, source: FileRows, options: BookOptions):
@@ -291,10 +299,14 @@ class BookRows:
         self._halves: set[Recipe] = set()
         self._changes = options.case == "fold" or options.ingredients == "chain"
         self._cells: Cells | None = None
+        self.whole = BookReading((), ())
+        # These shapes are hardly met by chance.
+        self._is_sure = source.is_exact or source.columns[:1] == ("sum",)
         # Shapes of our own hold any label, so that a book is read as it was written.
         if not source.is_exact and source.numbered is None:
             source.entries = list(source.entries)
-            self._cells = Cells(entry for entry in source.entries if isinstance(entry, Row))
+            self.whole = BookReading((), source.entries)
+            self._cells = Cells(self.whole.rows)
 
     def all_at_once(self) -> RecipeRows | None:
         """Return the recipes of all rows, if they are nothing but plain pairs; None to iterate.
@@ -417,10 +429,12 @@ class BookRows:
             )
             return self._fault(place, "row", message, "many ingredients")
         if len(ingredients) > 2 and not is_chain:
+            remedy = f"{_COLUMNS} See {GUIDE}#arities."
+            if self._is_sure or self.whole.hangs_together:
+                remedy = f"{_CHAIN} See {GUIDE}#arities."
             message = (
                 f"{' + '.join(ingredients)[:80]!r} are {len(ingredients):,} ingredients of "
-                f"'{result[:80]}'; a recipe needs two. Read it as a chain of half-products with "
-                f"`ingredients` chain. See {GUIDE}#arities."
+                f"'{result[:80]}'; a recipe needs two. {remedy}"
             )
             return self._fault(place, "row", message, f"{len(ingredients)} ingredients")
         distinct = list(dict.fromkeys(ingredients))
@@ -436,11 +450,14 @@ class BookRows:
             return [Recipe.of(one, one, result)]
         single = self.options.single_ingredient
         if single is None and not is_chain:
-            message = (
-                f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or build the "
-                f"graph with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name "
-                "of what it is combined with."
-            )
+            remedy = _COLUMNS
+            hangs_together = self._is_sure or self.whole.hangs_together
+            if hangs_together and one != self.whole.remark:
+                remedy = (
+                    f"Write it twice, or build the graph with `single_ingredient` {_SELF}, which "
+                    f"reads {one} + {one}, or the name of what it is combined with."
+                )
+            message = f"'{one}' is the only ingredient; a recipe needs two. {remedy}"
             return self._fault(place, "label", message)
         return [Recipe.of(one, one if single in (None, _SELF) else str(single), result)]
 

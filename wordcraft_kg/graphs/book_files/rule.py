@@ -6,13 +6,14 @@ of 12 wrong ones 11 at most .04. A book of few results may reuse none; it must h
 reading that does. A reading that the user names is taken at their word.
 """
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.cells import is_number, trim_unseen, without_markup
+from wordcraft_kg.graphs.book_files.cells import Cells, is_number, trim_unseen, without_markup
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
 from wordcraft_kg.graphs.book_files.words import words_of
 from wordcraft_kg.graphs.label_notes import count_in
@@ -26,6 +27,16 @@ LEAST_REUSED = 0.05
 """Share of the results that must be ingredients of other recipes."""
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
+_NUMBER_OF_PIECES = re.compile(
+    r"\d+(?:[.,]\d+)?[x×*][^\W\d].*"  # 25xCopper
+    r"|\d+-[^\W\d].*"  # 2-Iron
+    r"|.*[^\W\d]\s*:\s?\d{1,3}"  # metal: 2
+    r"|.*[^\W\da-zA-Z]\d{1,3}"  # 冰心2; H2 is a formula
+    r"|.*[^\W\d]\)?\s*x\d{1,3} \(.+\)",  # Iron x10 (+5 per level)
+    re.DOTALL,
+)
+"""Numbers beside labels that may be numbers of pieces, and are not read as such."""
+_OFTEN = 0.2  # share of the ingredients with such numbers
 _LIKE = 0.5  # share of the rows by which two readings are one
 _MOST_READINGS = 4  # in a refusal
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
@@ -122,14 +133,49 @@ class BookReading:
         """Whether most rows have one ingredient, as a list of ingredients read row by row has."""
         return sum(len(row.ingredients) == 1 for row in self.rows) * 2 > len(self.rows)
 
+    @cached_property
+    def has_numbers(self) -> bool:
+        """Whether many labels are numbers."""
+        texts = [label for row in self.rows for label in (row.ingredients[-1], row.result)]
+        return 2 * sum(map(is_number, texts)) > len(self.rows)
+
     @property
     def is_clean(self) -> bool:
         """Whether each entry can be read, so that the reading may be advised."""
-        is_clean = not any(isinstance(entry, Fault) for entry in self.entries)
-        texts = [label for row in self.rows for label in (row.ingredients[-1], row.result)]
-        are_numbers = 2 * sum(map(is_number, texts)) > len(self.rows)
-        is_option = self.num_results == 1 and not self.is_mostly_single
-        return bool(self.rows) and is_clean and not are_numbers and is_option
+        has_faults = any(isinstance(entry, Fault) for entry in self.entries)
+        if not self.rows or has_faults or self.has_numbers or self.odd_number:
+            return False
+        return self.num_results == 1 and not self.is_mostly_single
+
+    @cached_property
+    def odd_number(self) -> str:
+        """An ingredient with a number of pieces in a form that is not read; empty without one."""
+        cells = [cell for row in self.rows for cell in row.ingredients]
+        odd = [cell for cell in cells if _has_odd_number(cell)]
+        if len(odd) >= _OFTEN * len(cells):
+            return next(iter(odd), "")
+        # Results without numbers are no counts of a game of merging.
+        if any(count_in(row.result) for row in self.rows) or Cells(self.rows).example:
+            return ""
+        in_brackets = [cell for cell in cells if cell.endswith(")")]
+        counted = {cell: each[1] for cell in in_brackets if (each := count_in(cell)) is not None}
+        differ = len(set(counted.values())) > 1
+        is_often = sum(cell in counted for cell in cells) >= _OFTEN * len(cells)
+        return min(counted) if differ and is_often else ""
+
+    @cached_property
+    def hangs_together(self) -> bool:
+        """Whether results are ingredients elsewhere, so that options of single rows may help."""
+        return self.share > LEAST_REUSED and self.num_made > 1 and not self.has_numbers
+
+    @cached_property
+    def remark(self) -> str:
+        """What alone makes several things, and is in no other recipe; empty without one."""
+        single = [min(parts) for parts, _ in self.recipes if len(parts) == 1]
+        if len(single) < 2 or len(set(single)) > 1:
+            return ""
+        every_label = [label for parts, made in self.recipes for label in (*parts, made)]
+        return single[0] if every_label.count(single[0]) == len(single) else ""
 
     @property
     def command(self) -> str:
@@ -148,6 +194,13 @@ class BookReading:
         """Return whether two readings share most of their recipes."""
         smaller = min(len(self.recipes), len(other.recipes))
         return len(self.recipes & other.recipes) >= _LIKE * smaller
+
+
+@lru_cache(maxsize=100_000)
+def _has_odd_number(cell: str) -> bool:
+    # Most cells hold no digit, and need no pattern.
+    has_digit = any(char.isdigit() for char in cell)
+    return has_digit and _NUMBER_OF_PIECES.fullmatch(cell) is not None
 
 
 def _folded(cell: str) -> str:
@@ -213,7 +266,7 @@ def choose(
     others = [each for each in readable if best is None or not each.is_like(best)]
     rivals = [each for each in others if each.is_clean and shares[id(each)] > LEAST_REUSED]
     if best is None:
-        return _undocumented(path, candidates, rivals or others, anchor)
+        return _undocumented(path, candidates, others, anchor)
     # Another order of the same labels is a reading only if it is no odder.
     odd = [each for each in others if each.contradictions < best.contradictions]
     odd = [each for each in odd if each.is_clean and not each.is_documented]
@@ -256,11 +309,9 @@ def _undocumented(
         A reading whose faults say what is wrong; None without one.
     """
     # The columns of a small table without a header may be in any order.
-    orders = [
-        each
-        for each in others
-        if each.is_clean and (each.share > LEAST_REUSED or "".join(each.columns).isdecimal())
-    ]
+    clean = [each for each in others if each.is_clean]
+    orders = [each for each in clean if each.share_of(_folded) > LEAST_REUSED]
+    orders = orders or [each for each in clean if "".join(each.columns).isdecimal()]
     if orders:
         # Of several orders of the same labels, the least odd ones.
         least = min(each.contradictions for each in orders)

@@ -150,6 +150,21 @@ READ = {
         for sign in (" + ", "+", ", ", " x ", " and ", " & ", "/", " × ")
     },
     "A x B": cells("Combination,Result", lambda a, b, c: f"{a} x {b}", result),
+    "sums in several columns": "Result,Recipe 1,Recipe 2\n"
+    + "".join(f"{c},{a} + {b},{b} + {a}\n" for a, b, c in ROWS),
+    "numbered objects": [
+        {
+            "combinationA": {"name": a, "emoji": "x"},
+            "combinationB": {"name": b, "emoji": "y"},
+            "result": {"name": c, "emoji": "z"},
+        }
+        for a, b, c in ROWS
+    ],
+    "labels that are words of columns": cells(
+        "a,b,result,type,note",
+        *(first, second, result, lambda a, b, c: "item", lambda a, b, c: "n"),
+    ),
+    "emoji beside names": [[[x, chr(0x1F300 + IDS[x])] for x in row] for row in ROWS],
     "lines of A x B": "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
     "several tables": "# One\n\n"
     + "\nText.\n\n".join(
@@ -223,6 +238,7 @@ ADVISED = {
     "an unknown key, a large book": [
         {"id": i, "ingredients": [a, b], "zorkel": c} for i, (a, b, c) in enumerate(KITCHEN)
     ],
+    "keys of one word": records("draggedItem", "targetItem", "resultItem", name="r", id=1),
     "chemistry": [{"reactants": [f"a{i}", f"b{i}"], "products": [f"c{i}"]} for i in range(30)],
 }
 
@@ -243,6 +259,17 @@ def test_a_refusal_has_a_command_that_reads_the_file(put, case):
             assert recipes(book) == expected(KITCHEN)
         elif case != "chemistry":
             assert recipes(book) == expected(ROWS)
+
+
+def test_a_grid_has_ingredients_in_its_first_row_and_column(put):
+    """Results that are no names of the grid are rather effects."""
+    rows = {("a", "a"): "a", ("a", "b"): "c", ("b", "a"): "c", ("b", "b"): "b", ("c", "c"): "b"}
+    grid = "x,a,b,c\n" + "".join(
+        f"{x}," + ",".join(rows.get((x, y), "") for y in "abc") + "\n" for x in "abc"
+    )
+    assert recipes(read_book(put(grid))) == {("a", "b", "c"), ("c", "c", "b")}
+    with pytest.raises(RecipeFileError):
+        read_book(put(re.sub("(?<=,)[abc](?=,|$)", "weak", grid, flags=re.MULTILINE)))
 
 
 def test_a_table_without_a_header_is_advised_in_its_likely_order(put):
@@ -317,10 +344,6 @@ REFUSED = {
     "parts in rows": (
         "id,ingredient,result\n" + "".join(f"1,{a},{c}\n1,{b},{c}\n" for a, b, c in ROWS),
         "most rows have one ingredient",
-    ),
-    "sums in several columns": (
-        "Result,Recipe 1,Recipe 2\n" + "".join(f"{c},{a} + {b},{b} + {a}\n" for a, b, c in ROWS),
-        "may be several things",
     ),
     "choices beside ingredients": ([{"ingredients": [["oak", "fir"], "coal"], "result": "x"}], ""),
     "numbers as results": ("a,b,result\nwater,earth,12\nfire,sand,13\n", ""),

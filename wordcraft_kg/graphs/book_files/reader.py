@@ -300,8 +300,9 @@ class BookRows:
         self._changes = options.case == "fold" or options.ingredients == "chain"
         self._cells: Cells | None = None
         self.whole = BookReading((), ())
-        # These shapes are hardly met by chance.
-        self._is_sure = source.is_exact or source.columns[:1] == ("sum",)
+        # These shapes are hardly met by chance, and users know their columns.
+        is_named = options.columns is not None
+        self._is_sure = is_named or source.is_exact or source.columns[:1] == ("sum",)
         # Shapes of our own hold any label, so that a book is read as it was written.
         if not source.is_exact and source.numbered is None:
             source.entries = list(source.entries)

@@ -63,6 +63,7 @@ class BookReading:
         shape: name of the shape, for people.
         num_results: number of ``columns`` with results.
         by_place: whether only the places of labels tell which one is the result.
+        num_unmade: number of rows with ingredients and without a result.
         needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
             properties.
         ignored, notes, counts_dropped, several_outputs: see
@@ -80,6 +81,7 @@ class BookReading:
     counts_dropped: int = 0
     several_outputs: int = 0
     by_place: bool = False
+    num_unmade: int = 0
     needs_reuse: bool = False
 
     @property
@@ -190,6 +192,12 @@ class BookReading:
         sum_of = " + ".join(label[:40] for label in first.ingredients[:8])
         return f"{sum_of} = {first.result[:40]} ({self.command})"
 
+    def is_order_of(self, other: "BookReading") -> bool:
+        """Return whether most of its results are labels of another reading."""
+        results = {made for _, made in self.recipes}
+        labels = {label for parts, made in other.recipes for label in (*parts, made)}
+        return len(results & labels) * 2 > len(results)
+
     def is_like(self, other: "BookReading") -> bool:
         """Return whether two readings share most of their recipes."""
         smaller = min(len(self.recipes), len(other.recipes))
@@ -253,6 +261,9 @@ def choose(
     documented = [
         each for each in documented if not each.needs_reuse or shares[id(each)] > LEAST_REUSED
     ]
+    # A key of results that most rows lack is hardly that of their results.
+    complete = [each for each in documented if each.num_unmade <= len(each.rows)]
+    documented = complete or documented
     named = [each for each in documented if each.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named, key=lambda each: shares[id(each)], default=None)
@@ -270,6 +281,7 @@ def choose(
     # Another order of the same labels is a reading only if it is no odder.
     odd = [each for each in others if each.contradictions < best.contradictions]
     odd = [each for each in odd if each.is_clean and not each.is_documented]
+    odd = [each for each in odd if each.is_order_of(best)]
     if odd and (best.by_place or not best.is_named):
         raise _several(path, "two readings fit", [best, *odd], anchor)
     rivals = [

@@ -165,6 +165,7 @@ READ = {
         *(first, second, result, lambda a, b, c: "item", lambda a, b, c: "n"),
     ),
     "emoji beside names": [[[x, chr(0x1F300 + IDS[x])] for x in row] for row in ROWS],
+    "lines below a key": {"title": "x", "recipes": [f"{c} = {a} + {b}" for a, b, c in ROWS]},
     "lines of A x B": "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
     "several tables": "# One\n\n"
     + "\nText.\n\n".join(
@@ -302,7 +303,7 @@ REFUSED = {
                 lambda a, b, c, form=form: f"{form.format(a, 2)};{form.format(b, 3)}",
                 result,
             ),
-            "holds a number of pieces in a form that is not read",
+            "holds a number of pieces, in a form that is not read",
         )
         for form in ("{0}: {1}", "{0}:{1}", "{1}x{0}", "{1}-{0}", "鱼{0}鱼{1}")
     },
@@ -320,9 +321,22 @@ REFUSED = {
     ),
     "lines in a list of cells": (
         [{"name": c, "recipe": f"{c} = {a} + {b}"} for a, b, c in ROWS],
-        "which is hardly part of a label",
+        "holds the sign of a recipe",
     ),
     "addresses": (cells("a,b,result", lambda a, b, c: f"https://x.org/{a}", second, result), "://"),
+    "tags": (cells("a,b,result", lambda a, b, c: f"<b>{a}</b>", second, result), "holds markup"),
+    "choices of two": (
+        cells("a,b,result", lambda a, b, c: f"{a} or oak", second, result),
+        "holds a choice",
+    ),
+    "emoji before names of results": (
+        cells("a,b,result", first, second, lambda a, b, c: f"\N{FIRE} {c}"),
+        "with other signs",
+    ),
+    "emoji as results": (
+        cells("a,b,result", first, second, lambda a, b, c: chr(0x1F300 + IDS[c])),
+        "is a sign",
+    ),
     "properties": (
         {"water": {"emoji": "W", "kind": "wet"}, "mud": {"emoji": "M", "kind": "x"}},
         "",

@@ -1,6 +1,5 @@
 """Recipes from the values of a file: the labels in cells and in values of JSON."""
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -30,8 +29,6 @@ NUMBER = "\x01"
 Names = dict[str, str | None]
 """Names by id; None for an id of several names."""
 _MOST_WITHOUT_GRID = 3  # ingredients; more may be the slots of a crafting grid
-_LEFT_OVER = re.compile(r"<br\s*/?>|<img\b|!\[|https?://|\s(?:[-=]+>|→|=)\s")
-"""Markup, addresses, and signs of a whole recipe in what should be a label."""
 _OWN_NAMES = "ingredient_a,ingredient_b,result"
 
 
@@ -250,12 +247,6 @@ def _fault(label: str) -> str | None:
         return (
             f"{label[:80]!r} may be several things or one. Write one recipe in each row; if it "
             f"is a label, write a table with the columns {_OWN_NAMES}."
-        )
-    left_over = _LEFT_OVER.search(seen)
-    if left_over is not None:
-        return (
-            f"{label[:80]!r} holds {left_over[0]!r}, which is hardly part of a label; write one "
-            "label in each cell."
         )
     return formula_fault(label) or label_fault(seen)
 

@@ -216,10 +216,9 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
             raise
         raise RecipeFileError(f"{str(error).rstrip('.')}. See {GUIDE}.") from None
     rows = BookRows(content, source, options)
-    odd_number = rows.whole.odd_number
-    if odd_number:
-        seen = f"{odd_number[:80]!r} holds a number of pieces in a form that is not read"
-        raise refusal(path, seen, "table", "Write one label in each cell, or '2 water'.")
+    if rows.whole.odd_label:
+        seen = f"{rows.whole.odd_label}, in a form that is not read"
+        raise refusal(path, seen, "table", "Write one label in each cell, the same in all.")
     rows.encoding, rows.has_mark, rows.text = decoded.encoding, decoded.has_mark, decoded.text
     return rows
 
@@ -235,8 +234,13 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     )
     if ending in _JSON_ENDINGS or is_json(path, text):
         value, is_lines = load_json(path, text)
-        if isinstance(value, list) and all(isinstance(each, str) for each in value):
-            return _source_of(path, ".txt", "\n".join(value), options)  # a list of a + b = c
+        # A list of a + b = c, alone or below a key.
+        lists = [value] if isinstance(value, list) else _lists_in(value)
+        is_text = len(lists) == 1 and all(isinstance(each, str) for each in lists[0])
+        lines = "\n".join(lists[0]) if is_text else ""
+        is_list = is_text and isinstance(value, list)
+        if is_list or looks_like_lines(lines, is_table=False):
+            return _source_of(path, ".txt", lines, options)
         source = None if options.columns is not None else known_layout(path, value)
         source = source or find(Document(as_records(value)), FileRows("JSON"))
         source.shape += " lines" if is_lines else ""
@@ -259,6 +263,13 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         if foreign is None:
             raise
         raise refusal(path, f"{foreign}, which is not read", "table") from None
+
+
+def _lists_in(value: Any) -> list[list[Any]]:
+    """Return the lists in an object without other objects."""
+    inner = list(value.values()) if isinstance(value, dict) else []
+    has_objects = any(isinstance(each, dict) for each in inner)
+    return [] if has_objects else [each for each in inner if isinstance(each, list)]
 
 
 class BookRows:

@@ -6,14 +6,14 @@ of 12 wrong ones 11 at most .04. A book of few results may reuse none; it must h
 reading that does. A reading that the user names is taken at their word.
 """
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.cells import Cells, is_number, trim_unseen, without_markup
+from wordcraft_kg.graphs.book_files.cells import is_number, trim_unseen, without_markup
+from wordcraft_kg.graphs.book_files.odd_labels import odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
 from wordcraft_kg.graphs.book_files.words import words_of
 from wordcraft_kg.graphs.label_notes import count_in
@@ -27,16 +27,6 @@ LEAST_REUSED = 0.05
 """Share of the results that must be ingredients of other recipes."""
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
-_NUMBER_OF_PIECES = re.compile(
-    r"\d+(?:[.,]\d+)?[x×*][^\W\d].*"  # 25xCopper
-    r"|\d+-[^\W\d].*"  # 2-Iron
-    r"|.*[^\W\d]\s*:\s?\d{1,3}"  # metal: 2
-    r"|.*[^\W\da-zA-Z]\d{1,3}"  # 冰心2; H2 is a formula
-    r"|.*[^\W\d]\)?\s*x\d{1,3} \(.+\)",  # Iron x10 (+5 per level)
-    re.DOTALL,
-)
-"""Numbers beside labels that may be numbers of pieces, and are not read as such."""
-_OFTEN = 0.2  # share of the ingredients with such numbers
 _LIKE = 0.5  # share of the rows by which two readings are one
 _MOST_READINGS = 4  # in a refusal
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
@@ -145,25 +135,14 @@ class BookReading:
     def is_clean(self) -> bool:
         """Whether each entry can be read, so that the reading may be advised."""
         has_faults = any(isinstance(entry, Fault) for entry in self.entries)
-        if not self.rows or has_faults or self.has_numbers or self.odd_number:
+        if not self.rows or has_faults or self.has_numbers or self.odd_label:
             return False
         return self.num_results == 1 and not self.is_mostly_single
 
     @cached_property
-    def odd_number(self) -> str:
-        """An ingredient with a number of pieces in a form that is not read; empty without one."""
-        cells = [cell for row in self.rows for cell in row.ingredients]
-        odd = [cell for cell in cells if _has_odd_number(cell)]
-        if len(odd) >= _OFTEN * len(cells):
-            return next(iter(odd), "")
-        # Results without numbers are no counts of a game of merging.
-        if any(count_in(row.result) for row in self.rows) or Cells(self.rows).example:
-            return ""
-        in_brackets = [cell for cell in cells if cell.endswith(")")]
-        counted = {cell: each[1] for cell in in_brackets if (each := count_in(cell)) is not None}
-        differ = len(set(counted.values())) > 1
-        is_often = sum(cell in counted for cell in cells) >= _OFTEN * len(cells)
-        return min(counted) if differ and is_often else ""
+    def odd_label(self) -> str:
+        """See :func:`~wordcraft_kg.graphs.book_files.odd_labels.odd_label`."""
+        return odd_label(self.rows)
 
     @cached_property
     def hangs_together(self) -> bool:
@@ -202,13 +181,6 @@ class BookReading:
         """Return whether two readings share most of their recipes."""
         smaller = min(len(self.recipes), len(other.recipes))
         return len(self.recipes & other.recipes) >= _LIKE * smaller
-
-
-@lru_cache(maxsize=100_000)
-def _has_odd_number(cell: str) -> bool:
-    # Most cells hold no digit, and need no pattern.
-    has_digit = any(char.isdigit() for char in cell)
-    return has_digit and _NUMBER_OF_PIECES.fullmatch(cell) is not None
 
 
 def _folded(cell: str) -> str:
@@ -323,6 +295,7 @@ def _undocumented(
     # The columns of a small table without a header may be in any order.
     clean = [each for each in others if each.is_clean]
     orders = [each for each in clean if each.share_of(_folded) > LEAST_REUSED]
+    orders = [each for each in orders if each.num_made * each.share_of(_folded) > 1]
     orders = orders or [each for each in clean if "".join(each.columns).isdecimal()]
     if orders:
         # Of several orders of the same labels, the least odd ones.

@@ -99,7 +99,7 @@ IGNORED = words_of(
     "discovery discovered discoverer isnew note notes comment comments description desc tier "
     "level depth category categories group type types weight score probability rarity price value "
     "version game source effect effects chance unit units xp duration station machine tool method "
-    "relation predicate energy percent percentage rate mod modid wiki instructions steps"
+    "relation predicate gender sex energy percent percentage rate mod modid wiki instructions steps"
 )
 _FORWARD = tuple(
     words_of(words)

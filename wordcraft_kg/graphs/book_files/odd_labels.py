@@ -17,11 +17,14 @@ _FEWEST = 2  # results by which labels with and without marks are the same
 _FORMS = {
     "a number of pieces": re.compile(
         r"\d+(?:[.,]\d+)?[x×*][^\W\d].*"  # 25xCopper
-        r"|\d+-[^\W\d].*"  # 2-Iron
-        r"|.*[^\W\d]\s*:\s?\d{1,3}"  # metal: 2
-        r"|.*[^\W\da-zA-Z]\d{1,3}"  # 冰心2; H2 is a formula
         r"|.*[^\W\d]\)?\s*x\d{1,3} \(.+\)"  # Iron x10 (+5 per level)
         r"|(?:.*\s)?\d+\s?(?:pcs|pieces|kg|ml|cl|tbsp|tsp)\b.*",  # 3 pcs
+        re.DOTALL,
+    ),
+    "a number": re.compile(
+        r"\d+-[^\W\d].*"  # 2-Iron
+        r"|.*[^\W\d]\s*:\s?\d{1,3}"  # metal: 2
+        r"|.*[^\W\d_a-zA-Z]\d{1,3}",  # 冰心2; H2 is a formula
         re.DOTALL,
     ),
     "a choice": re.compile(r".+(?: or |[^\W\d]/[^\W\d]|\((?:any|or)\b).*"),
@@ -51,11 +54,17 @@ def odd_label(rows: Sequence[Row]) -> str:
     ingredients = _labels(cells, ingredients)
     results = _labels(cells, results)
     for form, pattern in _FORMS.items():
-        for labels in (ingredients, results):
-            odd = {label: number for label, number in labels.items() if pattern.fullmatch(label)}
-            if odd and sum(odd.values()) >= _OFTEN * labels.total():
-                return f"{next(iter(odd))[:80]!r} holds {form}"
+        odd = [_often(pattern, labels) for labels in (ingredients, results)]
+        # Numbers of results are rather part of names.
+        if any(odd) and not (form == "a number" and odd[1]):
+            return f"{(odd[0] or odd[1])[:80]!r} holds {form}"
     return _number_in_brackets(ingredients, results) or _other_marks(ingredients, results)
+
+
+def _often(pattern: re.Pattern[str], labels: Counter[str]) -> str:
+    """Return a label that a pattern matches, if it matches many of them; else an empty text."""
+    odd = {label: number for label, number in labels.items() if pattern.fullmatch(label)}
+    return next(iter(odd), "") if sum(odd.values()) >= _OFTEN * labels.total() else ""
 
 
 def _labels(cells: Cells, counts: Counter[str]) -> Counter[str]:

@@ -165,6 +165,10 @@ READ = {
         *(first, second, result, lambda a, b, c: "item", lambda a, b, c: "n"),
     ),
     "emoji beside names": [[[x, chr(0x1F300 + IDS[x])] for x in row] for row in ROWS],
+    "a pair or several": [
+        {"name": c, "recipe": [a, b] if i % 2 else [[a, b], [b, a]]}
+        for i, (a, b, c) in enumerate(ROWS)
+    ],
     "lines below a key": {"title": "x", "recipes": [f"{c} = {a} + {b}" for a, b, c in ROWS]},
     "lines of A x B": "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
     "several tables": "# One\n\n"

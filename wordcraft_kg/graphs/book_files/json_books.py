@@ -268,17 +268,36 @@ def _collect(labels: _Labels, path: Path, values: list[Any]) -> None:
         _collect_lists(labels, path, lists)
     if objects and _are_records(objects, path):
         for key in dict.fromkeys(chain.from_iterable(objects)):
+            _wrap_pairs([(each, key) for each in objects if key in each])
             inner = [each[key] for each in objects if key in each]
             _collect(labels, (*path, f".{key}"), inner)
     elif objects:
         keys = (*path, VALUES, KEY)
         labels.setdefault(keys, []).extend(chain.from_iterable(objects))
+        _wrap_pairs([(each, key) for each in objects for key in each])
         inner = list(chain.from_iterable(each.values() for each in objects))
         # Numbers beside labels are numbers of pieces; those beside sums are ids.
         if all(map(is_number, inner)) and not _are_sums(labels[keys]):
             labels.counted.add(keys)
         else:
             _collect(labels, (*path, VALUES), inner)
+
+
+def _wrap_pairs(places: Sequence[tuple[dict[str, Any], str]]) -> None:
+    """Make a single pair a list of one pair, in place, where values beside it are lists of pairs.
+
+    Args:
+        places: objects and their keys with values of one meaning.
+    """
+    if any(_is_list(each[key], list) for each, key in places):
+        for each, key in places:
+            if _is_list(each[key], str):
+                each[key] = [each[key]]
+
+
+def _is_list(value: Any, kind: type) -> bool:
+    is_filled = isinstance(value, list) and bool(value)
+    return is_filled and all(isinstance(element, kind) for element in value)
 
 
 def _collect_lists(labels: _Labels, path: Path, lists: list[list[Any]]) -> None:

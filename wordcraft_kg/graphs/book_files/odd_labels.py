@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 from wordcraft_kg.graphs.book_files.cells import Cells
 from wordcraft_kg.graphs.book_files.rows import Row
-from wordcraft_kg.graphs.label_notes import count_in
 
 _OFTEN = 0.2  # share of the cells
 _FEWEST = 2  # results by which labels with and without marks are the same
@@ -24,7 +23,8 @@ _FORMS = {
     "a number": re.compile(
         r"\d+-[^\W\d].*"  # 2-Iron
         r"|.*[^\W\d]\s*:\s?\d{1,3}"  # metal: 2
-        r"|.*[^\W\d_a-zA-Z]\d{1,3}",  # 冰心2; H2 is a formula
+        r"|.*[^\W\d_a-zA-Z]\d{1,3}"  # 冰心2; H2 is a formula
+        r"|.*\(\d{1,3}\)",  # egg (2), if it is not read as a number of pieces
         re.DOTALL,
     ),
     "a choice": re.compile(r".+(?: or |[^\W\d]/[^\W\d]|\((?:any|or)\b).*"),
@@ -34,6 +34,8 @@ _FORMS = {
         r".*(?:<(?:br|img|a|b|i|span|p)\b[^>]*>|!\[|\[\[|(?:File|Image):\S+ |^:\w+:).*", re.DOTALL
     ),
 }
+_IN_NAMES = ("a number", "a choice", "the sign of a recipe")
+"""Forms that are part of names if results have them as well, such as = in formulas."""
 _MARKS = re.compile(r"<[^>]*>|[^\w\s]|[\d_]")
 """What is no letter."""
 
@@ -55,10 +57,10 @@ def odd_label(rows: Sequence[Row]) -> str:
     results = _labels(cells, results)
     for form, pattern in _FORMS.items():
         odd = [_often(pattern, labels) for labels in (ingredients, results)]
-        # Numbers of results are rather part of names.
-        if any(odd) and not (form == "a number" and odd[1]):
+        is_in_names = bool(odd[1]) and form in _IN_NAMES
+        if any(odd) and not is_in_names:
             return f"{(odd[0] or odd[1])[:80]!r} holds {form}"
-    return _number_in_brackets(ingredients, results) or _other_marks(ingredients, results)
+    return _other_marks(ingredients, results)
 
 
 def _often(pattern: re.Pattern[str], labels: Counter[str]) -> str:
@@ -73,22 +75,6 @@ def _labels(cells: Cells, counts: Counter[str]) -> Counter[str]:
         label, _ = cells.counted_label(cell)
         labels[label] += number
     return labels
-
-
-def _number_in_brackets(ingredients: Counter[str], results: Counter[str]) -> str:
-    """Return what is odd about numbers such as in ``egg (2)``, which were not read as pieces."""
-    # In games of merging results have numbers as well.
-    if any(map(count_in, results)):
-        return ""
-    numbers = {}
-    for cell in ingredients:
-        found = count_in(cell) if cell.endswith(")") else None
-        if found is not None:
-            numbers[cell] = found[1]
-    times = sum(ingredients[cell] for cell in numbers)
-    if len(set(numbers.values())) < 2 or times < _OFTEN * ingredients.total():
-        return ""
-    return f"{min(numbers)[:80]!r} holds a number of pieces"
 
 
 def _other_marks(ingredients: Counter[str], results: Counter[str]) -> str:

@@ -235,7 +235,8 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     if ending in _JSON_ENDINGS or is_json(path, text):
         value, is_lines = load_json(path, text)
         # A list of a + b = c, alone or below a key.
-        lists = [value] if isinstance(value, list) else _lists_in(value)
+        inner = value.values() if isinstance(value, dict) else [value]
+        lists = [each for each in inner if isinstance(each, list)]
         is_text = len(lists) == 1 and all(isinstance(each, str) for each in lists[0])
         lines = "\n".join(lists[0]) if is_text else ""
         is_list = is_text and isinstance(value, list)
@@ -263,13 +264,6 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         if foreign is None:
             raise
         raise refusal(path, f"{foreign}, which is not read", "table") from None
-
-
-def _lists_in(value: Any) -> list[list[Any]]:
-    """Return the lists in an object without other objects."""
-    inner = list(value.values()) if isinstance(value, dict) else []
-    has_objects = any(isinstance(each, dict) for each in inner)
-    return [] if has_objects else [each for each in inner if isinstance(each, list)]
 
 
 class BookRows:

@@ -129,6 +129,17 @@ READ = {
         *(second, lambda a, b, c: "1"),
     ),
     # Lists in cells, and other signs between names.
+    "images": cells(
+        "first,second,result",
+        lambda a, b, c: f"![][x]<br/>{a}",
+        lambda a, b, c: f"![](b.png) {b}",
+        result,
+    ),
+    "addresses": cells(
+        "ingredients,result",
+        lambda a, b, c: f"{a} (https://x.org/{a});{b} (https://x.org/1)",
+        result,
+    ),
     "Python lists": cells("name,ingredients", result, lambda a, b, c: f"\"['{a}', '{b}']\""),
     "JSON lists": cells("name,ingredients", result, lambda a, b, c: f'"[""{a}"", ""{b}""]"'),
     "dictionaries": cells(
@@ -139,6 +150,26 @@ READ = {
         for sign in (" + ", "+", ", ", " x ", " and ", " & ", "/", " × ")
     },
     "A x B": cells("Combination,Result", lambda a, b, c: f"{a} x {b}", result),
+    "sums in several columns": "Result,Recipe 1,Recipe 2\n"
+    + "".join(f"{c},{a} + {b},{b} + {a}\n" for a, b, c in ROWS),
+    "numbered objects": [
+        {
+            "combinationA": {"name": a, "emoji": "x"},
+            "combinationB": {"name": b, "emoji": "y"},
+            "result": {"name": c, "emoji": "z"},
+        }
+        for a, b, c in ROWS
+    ],
+    "labels that are words of columns": cells(
+        "a,b,result,type,note",
+        *(first, second, result, lambda a, b, c: "item", lambda a, b, c: "n"),
+    ),
+    "emoji beside names": [[[x, chr(0x1F300 + IDS[x])] for x in row] for row in ROWS],
+    "a pair or several": [
+        {"name": c, "recipe": [a, b] if i % 2 else [[a, b], [b, a]]}
+        for i, (a, b, c) in enumerate(ROWS)
+    ],
+    "lines below a key": {"title": "x", "recipes": [f"{c} = {a} + {b}" for a, b, c in ROWS]},
     "lines of A x B": "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
     "several tables": "# One\n\n"
     + "\nText.\n\n".join(
@@ -212,6 +243,7 @@ ADVISED = {
     "an unknown key, a large book": [
         {"id": i, "ingredients": [a, b], "zorkel": c} for i, (a, b, c) in enumerate(KITCHEN)
     ],
+    "keys of one word": records("draggedItem", "targetItem", "resultItem", name="r", id=1),
     "chemistry": [{"reactants": [f"a{i}", f"b{i}"], "products": [f"c{i}"]} for i in range(30)],
 }
 
@@ -234,6 +266,31 @@ def test_a_refusal_has_a_command_that_reads_the_file(put, case):
             assert recipes(book) == expected(ROWS)
 
 
+@pytest.mark.parametrize("form", ["wool:{}", "C=C{}", "item_{}", "元素{}", "2-thing {}"])
+def test_numbers_and_signs_in_all_labels_are_parts_of_names(put, form):
+    rows = [tuple(form.format(IDS[label]) for label in row) for row in ROWS]
+    assert recipes(read_book(put(records("a", "b", "result", rows=rows)))) == expected(rows)
+
+
+def test_a_grid_has_ingredients_in_its_first_row_and_column(put):
+    """Results that are no names of the grid are rather effects."""
+    rows = {("a", "a"): "a", ("a", "b"): "c", ("b", "a"): "c", ("b", "b"): "b", ("c", "c"): "b"}
+    grid = "x,a,b,c\n" + "".join(
+        f"{x}," + ",".join(rows.get((x, y), "") for y in "abc") + "\n" for x in "abc"
+    )
+    assert recipes(read_book(put(grid))) == {("a", "b", "c"), ("c", "c", "b")}
+    with pytest.raises(RecipeFileError):
+        read_book(put(re.sub("(?<=,)[abc](?=,|$)", "weak", grid, flags=re.MULTILINE)))
+
+
+def test_a_table_without_a_header_is_advised_in_its_likely_order(put):
+    """Results with a capital letter are those of ingredients in small letters."""
+    rows = "".join(f"{c.title()},{a},{b}\n{c.title()},{b},{a}\n" for a, b, c in ROWS)
+    with pytest.raises(RecipeFileError, match="--columns '2,3,1'") as caught:
+        read_book(put(rows))
+    assert "'1,2,3'" not in str(caught.value)
+
+
 PARTNERS = {"water": [["earth", "mud"], ["fire", "steam"]], "earth": [["fire", "lava"]]}
 
 
@@ -248,6 +305,48 @@ def test_two_readings_are_refused_with_both_commands(put):
 
 
 REFUSED = {
+    # Numbers of pieces in forms that are not read never stay in labels.
+    **{
+        f"pieces as {form}": (
+            cells(
+                "ingredients,result",
+                lambda a, b, c, form=form: f"{form.format(a, 2)};{form.format(b, 3)}",
+                result,
+            ),
+            "holds a number",
+        )
+        for form in ("{0}: {1}", "{0}:{1}", "{1}x{0}", "{1}-{0}", "鱼{0}鱼{1}")
+    },
+    "pieces in brackets": (
+        "ingredients,result\negg (1);milk (2),omelet\noil (2);salt (1),dip\n",
+        "'egg (1)' holds a number",
+    ),
+    "a remark as ingredient": (
+        {**{x: [["from start."]] for x in "ab"}, **{c: [[a, b]] for a, b, c in ROWS}},
+        "name the right columns",
+    ),
+    "three of many things": (
+        [{"ingredients": [a, b, "x"], "result": f"{c} salad"} for a, b, c in ROWS],
+        "name the right columns",
+    ),
+    "lines in a list of cells": (
+        [{"name": c, "recipe": f"{c} = {a} + {b}"} for a, b, c in ROWS],
+        "holds the sign of a recipe",
+    ),
+    "addresses": (cells("a,b,result", lambda a, b, c: f"https://x.org/{a}", second, result), "://"),
+    "tags": (cells("a,b,result", lambda a, b, c: f"<b>{a}</b>", second, result), "holds markup"),
+    "choices of two": (
+        cells("a,b,result", lambda a, b, c: f"{a} or oak", second, result),
+        "holds a choice",
+    ),
+    "emoji before names of results": (
+        cells("a,b,result", first, second, lambda a, b, c: f"\N{FIRE} {c}"),
+        "with other signs",
+    ),
+    "emoji as results": (
+        cells("a,b,result", first, second, lambda a, b, c: chr(0x1F300 + IDS[c])),
+        "is a sign",
+    ),
     "properties": (
         {"water": {"emoji": "W", "kind": "wet"}, "mud": {"emoji": "M", "kind": "x"}},
         "",
@@ -269,10 +368,6 @@ REFUSED = {
     "parts in rows": (
         "id,ingredient,result\n" + "".join(f"1,{a},{c}\n1,{b},{c}\n" for a, b, c in ROWS),
         "most rows have one ingredient",
-    ),
-    "sums in several columns": (
-        "Result,Recipe 1,Recipe 2\n" + "".join(f"{c},{a} + {b},{b} + {a}\n" for a, b, c in ROWS),
-        "may be several things",
     ),
     "choices beside ingredients": ([{"ingredients": [["oak", "fir"], "coal"], "result": "x"}], ""),
     "numbers as results": ("a,b,result\nwater,earth,12\nfire,sand,13\n", ""),

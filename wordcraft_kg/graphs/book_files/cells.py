@@ -34,6 +34,11 @@ _MARKUP = (
     re.compile(r"\[\[([^\[\]|]+)\]\]|\[([^\[\]]+)\]\([^()\s]*\)"),
 )
 """Quotes, and markup of wikis and Markdown such as links, around a whole cell."""
+_BESIDE = re.compile(
+    r"^!\[[^\]]*\](?:\[[^\]]*\]|\([^()]*\))\s*(?:<br\s*/?>)?\s*(?=\S)"
+    r"|(?<=\S)\s*\(https?://[^\s()]*\)$"
+)
+"""An image before a label, and an address behind it."""
 _CLEAR = 0.2  # share of the cells with numbers by which these are numbers of pieces
 _MOST_MERGERS = 0.1  # share of the rows with numbers that may make what they are made of
 
@@ -98,6 +103,8 @@ def without_markup(cell: str) -> str:
         >>> [without_markup(cell) for cell in ("**[mud](/wiki/mud)**", "“mud”", "a **b**")]
         ['mud', 'mud', 'a **b**']
     """
+    if "](" in cell or "![" in cell or "://" in cell:
+        cell = _BESIDE.sub("", cell)
     # Markup may be nested, such as a bold link: each kind once from outside, and once more.
     for pattern in (*_MARKUP, *_MARKUP):
         found = pattern.fullmatch(cell)

@@ -100,24 +100,25 @@ def fill(
     if is_exact:
         candidate.entries = [each for raw in raws for each in _exact(raw)]
         return candidate
-    joiner: str | None = ""
-    if is_sole:
-        texts = [part for raw in raws if isinstance(raw, Raw) for part in raw.parts]
-        cells = [
-            cell for cell in texts if isinstance(cell, str) and cell and not listed_value(cell)
-        ]
-        joiner = find_joiner(cells, in_all=in_lists, allows_weak=not candidate.by_place)
+    joiner = _joiner_of(candidate, raws, is_sole=is_sole, in_lists=in_lists)
+    # Several columns or texts of a list may hold a whole recipe each.
+    are_sums = bool(joiner) and (in_lists or not is_sole)
+    # A grid has blanks, and as many slots in each row; in lists of labels they are slips.
+    lists = [raw.parts for raw in raws if isinstance(raw, Raw) and raw.parts]
+    is_uneven = is_sole and in_lists and len(set(map(len, lists))) > 1
     entries: list[Entry] = []
     # Most labels are met again: a look-up is faster than a check.
     clean: set[str] = set()
     for raw in raws:
         if not isinstance(raw, Raw):
             entries.append(raw)
+        elif is_uneven and not joiner and "" in raw.parts[1:]:
+            message = f"{raw.place}: a blank ingredient; fill it, or leave it out of the list."
+            entries.append(Fault(raw.place, "label", message, "blank"))
         elif joiner == "" and clean and len(raw.results) == 1 and _are_clean(clean, raw):
             entries.append(Row(raw.place, raw.parts, raw.results[0], raw.kind))
-        elif in_lists and joiner:
-            # Each text of a list is a sum of its own.
-            for part in raw.parts:
+        elif are_sums:
+            for part in filter(None, raw.parts):
                 entries += _entries(candidate, raw._replace(parts=[part]), joiner)
         else:
             entries += _entries(candidate, raw, joiner)
@@ -131,6 +132,18 @@ def fill(
         candidate.entries = []
         del candidate.rows
     return candidate
+
+
+def _joiner_of(
+    candidate: BookReading, raws: Iterable[Raw | Entry], *, is_sole: bool, in_lists: bool
+) -> str | None:
+    """Return the sign between the ingredients in cells; None if it is not certain."""
+    parts = [part for raw in raws if isinstance(raw, Raw) for part in raw.parts if part]
+    if is_sole:
+        cells = [cell for cell in parts if isinstance(cell, str) and not listed_value(cell)]
+        return find_joiner(cells, in_all=in_lists, allows_weak=not candidate.by_place)
+    are_sums = all(isinstance(part, str) and "+" in part for part in parts)
+    return find_joiner(parts) if are_sums else ""
 
 
 def _are_clean(clean: set[str], raw: Raw) -> bool:
@@ -167,6 +180,7 @@ def _entries(candidate: BookReading, raw: Raw, joiner: str | None) -> Iterator[E
             message = message or f"{shown(value)} holds no label under a documented key."
         made += labels or []
     if message is None and (not parts or not made):
+        candidate.num_unmade += bool(parts)
         yield LeftOut(raw.place, WITHOUT)
         return
     if message is None:

@@ -194,7 +194,9 @@ def _given(
             at = int(text) - 1
             steps = (EACH, f".{list(first)[at]}" if isinstance(first, dict) else f"[{at}]")
         else:
-            steps = parse_path(text)
+            # A key that is at one place only needs no path.
+            ends = [path for path in labels if path[-1].casefold() == f".{text}".casefold()]
+            steps = ends[0] if len(ends) == 1 else parse_path(text)
         paths.append(fitted(steps, value))
     option = f"`columns` {','.join(columns)}"
     if len(paths) < 2 or len(set(paths)) < len(paths):
@@ -266,17 +268,36 @@ def _collect(labels: _Labels, path: Path, values: list[Any]) -> None:
         _collect_lists(labels, path, lists)
     if objects and _are_records(objects, path):
         for key in dict.fromkeys(chain.from_iterable(objects)):
+            _wrap_pairs([(each, key) for each in objects if key in each])
             inner = [each[key] for each in objects if key in each]
             _collect(labels, (*path, f".{key}"), inner)
     elif objects:
         keys = (*path, VALUES, KEY)
         labels.setdefault(keys, []).extend(chain.from_iterable(objects))
+        _wrap_pairs([(each, key) for each in objects for key in each])
         inner = list(chain.from_iterable(each.values() for each in objects))
         # Numbers beside labels are numbers of pieces; those beside sums are ids.
         if all(map(is_number, inner)) and not _are_sums(labels[keys]):
             labels.counted.add(keys)
         else:
             _collect(labels, (*path, VALUES), inner)
+
+
+def _wrap_pairs(places: Sequence[tuple[dict[str, Any], str]]) -> None:
+    """Make a single pair a list of one pair, in place, where values beside it are lists of pairs.
+
+    Args:
+        places: objects and their keys with values of one meaning.
+    """
+    if any(_is_list(each[key], list) for each, key in places):
+        for each, key in places:
+            if _is_list(each[key], str):
+                each[key] = [each[key]]
+
+
+def _is_list(value: Any, kind: type) -> bool:
+    is_filled = isinstance(value, list) and bool(value)
+    return is_filled and all(isinstance(element, kind) for element in value)
 
 
 def _collect_lists(labels: _Labels, path: Path, lists: list[list[Any]]) -> None:
@@ -297,8 +318,13 @@ def _collect_lists(labels: _Labels, path: Path, lists: list[list[Any]]) -> None:
 
 
 def _is_counted(value: list[Any]) -> bool:
-    is_pair = len(value) == 2 and isinstance(value[0], str)
-    return is_pair and isinstance(value[1], int | float)
+    if len(value) != 2 or not isinstance(value[0], str) or not value[0]:
+        return False
+    label, beside = value
+    if isinstance(beside, str):
+        # An emoji beside its name, as in ["Water", "💧"].
+        return label[0].isalpha() and bool(beside) and not any(map(str.isalnum, beside))
+    return isinstance(beside, int | float)
 
 
 def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
@@ -433,9 +459,10 @@ def _by_keys(labels: _Labels) -> Iterator[ColumnRoles]:
 def _by_list(labels: _Labels) -> Iterator[ColumnRoles]:
     """Yield readings of lists of three labels, and of ingredients in a list before the result."""
     for path in labels:
-        parent = path[:-1]
-        if path[-2:] == (EACH, EACH) and labels.lengths.get(parent) == {3}:
-            a, b, c = ((*parent, f"[{place}]") for place in range(3))
+        inner = path[-1:] if path[-1] == "[0]" else ()  # a label and something beside it
+        outer = path[: len(path) - len(inner)]
+        if outer[-2:] == (EACH, EACH) and labels.lengths.get(outer[:-1]) == {3}:
+            a, b, c = ((*outer[:-1], f"[{place}]", *inner) for place in range(3))
             yield ColumnRoles((a, b), (c,), by_place=True)
             yield ColumnRoles((b, c), (a,), is_documented=False)
             yield ColumnRoles((a, c), (b,), is_documented=False)
@@ -448,6 +475,11 @@ def _by_column(labels: _Labels) -> Iterator[ColumnRoles]:
     columns = [path for path in labels if path[:1] == (EACH,) and path[1:] == path[-1:]]
     columns = [path for path in columns if is_plain(path[-1][1:])]
     columns = [path for path in columns if not all(map(is_number, labels[path]))]
+    for word in set(chain.from_iterable(words_of(path[-1][1:]) for path in columns)):
+        # Such as draggedItem, targetItem and resultItem.
+        like = [path for path in columns if word in words_of(path[-1][1:])]
+        if len(like) == 3 and words_of(like[-1][-1][1:]) & RESULT:
+            yield ColumnRoles((like[0], like[1]), (like[2],), is_documented=False)
     if len(columns) == 3 and not any(map(is_name, (path[-1][1:] for path in columns))):
         a, b, c = columns
         for one, other, made in ((a, b, c), (b, c, a), (a, c, b)):

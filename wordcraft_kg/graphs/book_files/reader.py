@@ -28,6 +28,7 @@ from wordcraft_kg.graphs.book_files.layouts import known_layout
 from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines, with_pluses
 from wordcraft_kg.graphs.book_files.packs import looks_like_recipe, read_pack
 from wordcraft_kg.graphs.book_files.rows import GUIDE, Fault, FileRows, LeftOut, Place, Row, refusal
+from wordcraft_kg.graphs.book_files.rule import BookReading
 from wordcraft_kg.graphs.book_files.tables import ENDINGS, delimiter_of, read_table
 from wordcraft_kg.graphs.book_files.text import check_encoding, decode
 from wordcraft_kg.graphs.chains import (
@@ -49,6 +50,8 @@ _TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]
 SELF_RESULT = "with an ingredient as the result"
 REPEATED = "that repeat a recipe"
 """Reasons of rows that no book keeps."""
+_CHAIN = "Read it as a chain of half-products with `ingredients` chain."
+_COLUMNS = "If they are no recipes, name the right columns with `columns`."
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 
 
@@ -215,6 +218,9 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
             raise
         raise RecipeFileError(f"{str(error).rstrip('.')}. See {GUIDE}.") from None
     rows = BookRows(content, source, options)
+    if rows.whole.odd_label:
+        seen = f"{rows.whole.odd_label}, in a form that is not read"
+        raise refusal(path, seen, "table", "Write one label in each cell, the same in all.")
     rows.encoding, rows.has_mark, rows.text = decoded.encoding, decoded.has_mark, decoded.text
     return rows
 
@@ -230,8 +236,14 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     )
     if ending in _JSON_ENDINGS or is_json(path, text):
         value, is_lines = load_json(path, text)
-        if isinstance(value, list) and all(isinstance(each, str) for each in value):
-            return _source_of(path, ".txt", "\n".join(value), options)  # a list of a + b = c
+        # A list of a + b = c, alone or below a key.
+        inner = value.values() if isinstance(value, dict) else [value]
+        lists = [each for each in inner if isinstance(each, list)]
+        is_text = len(lists) == 1 and all(isinstance(each, str) for each in lists[0])
+        lines = "\n".join(lists[0]) if is_text else ""
+        is_list = is_text and isinstance(value, list)
+        if is_list or looks_like_lines(lines, is_table=False):
+            return _source_of(path, ".txt", lines, options)
         source = None if options.columns is not None else known_layout(path, value)
         source = source or find(Document(as_records(value)), FileRows("JSON"))
         source.shape += " lines" if is_lines else ""
@@ -270,6 +282,7 @@ class BookRows:
         left_out: number of other entries by reason.
         places_left_out: their places by reason.
         arities: number of rows by number of ingredients.
+        whole: all recipes, to judge what may be advised; empty for our own shapes.
     """
 
     def __init__(self, content: Content, source: FileRows, options: BookOptions):
@@ -295,10 +308,15 @@ class BookRows:
         self._halves: set[Recipe] = set()
         self._changes = options.case == "fold" or options.ingredients == "chain"
         self._cells: Cells | None = None
+        self.whole = BookReading((), ())
+        # These shapes are hardly met by chance, and users know their columns.
+        is_named = options.columns is not None
+        self._is_sure = is_named or source.is_exact or source.columns[:1] == ("sum",)
         # Shapes of our own hold any label, so that a book is read as it was written.
         if not source.is_exact and source.numbered is None:
             source.entries = list(source.entries)
-            self._cells = Cells(entry for entry in source.entries if isinstance(entry, Row))
+            self.whole = BookReading((), source.entries)
+            self._cells = Cells(self.whole.rows)
 
     def all_at_once(self) -> RecipeRows | None:
         """Return the recipes of all rows, if they are nothing but plain pairs; None to iterate.
@@ -423,10 +441,12 @@ class BookRows:
             )
             return self._fault(place, "row", message, "many ingredients")
         if len(ingredients) > 2 and not is_chain:
+            remedy = f"{_COLUMNS} See {GUIDE}#arities."
+            if self._is_sure or self.whole.hangs_together:
+                remedy = f"{_CHAIN} See {GUIDE}#arities."
             message = (
                 f"{' + '.join(ingredients)[:80]!r} are {len(ingredients):,} ingredients of "
-                f"'{result[:80]}'; a recipe needs two. Read it as a chain of half-products with "
-                f"`ingredients` chain. See {GUIDE}#arities."
+                f"'{result[:80]}'; a recipe needs two. {remedy}"
             )
             return self._fault(place, "row", message, f"{len(ingredients)} ingredients")
         distinct = list(dict.fromkeys(ingredients))
@@ -442,11 +462,14 @@ class BookRows:
             return [Recipe.of(one, one, result)]
         single = self.options.single_ingredient
         if single is None and not is_chain:
-            message = (
-                f"'{one}' is the only ingredient; a recipe needs two. Write it twice, or build the "
-                f"graph with `single_ingredient` {_SELF}, which reads {one} + {one}, or the name "
-                "of what it is combined with."
-            )
+            remedy = _COLUMNS
+            hangs_together = self._is_sure or self.whole.hangs_together
+            if hangs_together and one != self.whole.remark:
+                remedy = (
+                    f"Write it twice, or build the graph with `single_ingredient` {_SELF}, which "
+                    f"reads {one} + {one}, or the name of what it is combined with."
+                )
+            message = f"'{one}' is the only ingredient; a recipe needs two. {remedy}"
             return self._fault(place, "label", message)
         return [Recipe.of(one, one if single in (None, _SELF) else str(single), result)]
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import is_number, trim_unseen, without_markup
+from wordcraft_kg.graphs.book_files.odd_labels import odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
 from wordcraft_kg.graphs.book_files.words import words_of
 from wordcraft_kg.graphs.label_notes import count_in
@@ -52,6 +53,7 @@ class BookReading:
         shape: name of the shape, for people.
         num_results: number of ``columns`` with results.
         by_place: whether only the places of labels tell which one is the result.
+        num_unmade: number of rows with ingredients and without a result.
         needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
             properties.
         ignored, notes, counts_dropped, several_outputs: see
@@ -69,6 +71,7 @@ class BookReading:
     counts_dropped: int = 0
     several_outputs: int = 0
     by_place: bool = False
+    num_unmade: int = 0
     needs_reuse: bool = False
 
     @property
@@ -122,14 +125,38 @@ class BookReading:
         """Whether most rows have one ingredient, as a list of ingredients read row by row has."""
         return sum(len(row.ingredients) == 1 for row in self.rows) * 2 > len(self.rows)
 
+    @cached_property
+    def has_numbers(self) -> bool:
+        """Whether many labels are numbers."""
+        texts = [label for row in self.rows for label in (row.ingredients[-1], row.result)]
+        return 2 * sum(map(is_number, texts)) > len(self.rows)
+
     @property
     def is_clean(self) -> bool:
         """Whether each entry can be read, so that the reading may be advised."""
-        is_clean = not any(isinstance(entry, Fault) for entry in self.entries)
-        texts = [label for row in self.rows for label in (row.ingredients[-1], row.result)]
-        are_numbers = 2 * sum(map(is_number, texts)) > len(self.rows)
-        is_option = self.num_results == 1 and not self.is_mostly_single
-        return bool(self.rows) and is_clean and not are_numbers and is_option
+        has_faults = any(isinstance(entry, Fault) for entry in self.entries)
+        if not self.rows or has_faults or self.has_numbers or self.odd_label:
+            return False
+        return self.num_results == 1 and not self.is_mostly_single
+
+    @cached_property
+    def odd_label(self) -> str:
+        """See :func:`~wordcraft_kg.graphs.book_files.odd_labels.odd_label`."""
+        return odd_label(self.rows)
+
+    @cached_property
+    def hangs_together(self) -> bool:
+        """Whether results are ingredients elsewhere, so that options of single rows may help."""
+        return self.share > LEAST_REUSED and self.num_made > 1 and not self.has_numbers
+
+    @cached_property
+    def remark(self) -> str:
+        """What alone makes several things, and is in no other recipe; empty without one."""
+        single = [min(parts) for parts, _ in self.recipes if len(parts) == 1]
+        if len(single) < 2 or len(set(single)) > 1:
+            return ""
+        every_label = [label for parts, made in self.recipes for label in (*parts, made)]
+        return single[0] if every_label.count(single[0]) == len(single) else ""
 
     @property
     def command(self) -> str:
@@ -143,6 +170,12 @@ class BookReading:
         first = self.rows[0]
         sum_of = " + ".join(label[:40] for label in first.ingredients[:8])
         return f"{sum_of} = {first.result[:40]} ({self.command})"
+
+    def is_order_of(self, other: "BookReading") -> bool:
+        """Return whether most of its results are labels of another reading."""
+        results = {made for _, made in self.recipes}
+        labels = {label for parts, made in other.recipes for label in (*parts, made)}
+        return len(results & labels) * 2 > len(results)
 
     def is_like(self, other: "BookReading") -> bool:
         """Return whether two readings share most of their recipes."""
@@ -200,6 +233,9 @@ def choose(
     documented = [
         each for each in documented if not each.needs_reuse or shares[id(each)] > LEAST_REUSED
     ]
+    # A key of results that most rows lack is hardly that of their results.
+    complete = [each for each in documented if each.num_unmade <= len(each.rows)]
+    documented = complete or documented
     named = [each for each in documented if each.is_named] or documented
     # Equal shares leave the more certain reading in front.
     best = max(named, key=lambda each: shares[id(each)], default=None)
@@ -213,10 +249,11 @@ def choose(
     others = [each for each in readable if best is None or not each.is_like(best)]
     rivals = [each for each in others if each.is_clean and shares[id(each)] > LEAST_REUSED]
     if best is None:
-        return _undocumented(path, candidates, rivals or others, anchor)
+        return _undocumented(path, candidates, others, anchor)
     # Another order of the same labels is a reading only if it is no odder.
     odd = [each for each in others if each.contradictions < best.contradictions]
     odd = [each for each in odd if each.is_clean and not each.is_documented]
+    odd = [each for each in odd if each.is_order_of(best)]
     if odd and (best.by_place or not best.is_named):
         raise _several(path, "two readings fit", [best, *odd], anchor)
     rivals = [
@@ -256,11 +293,10 @@ def _undocumented(
         A reading whose faults say what is wrong; None without one.
     """
     # The columns of a small table without a header may be in any order.
-    orders = [
-        each
-        for each in others
-        if each.is_clean and (each.share > LEAST_REUSED or "".join(each.columns).isdecimal())
-    ]
+    clean = [each for each in others if each.is_clean]
+    orders = [each for each in clean if each.share_of(_folded) > LEAST_REUSED]
+    orders = [each for each in orders if each.num_made * each.share_of(_folded) > 1]
+    orders = orders or [each for each in clean if "".join(each.columns).isdecimal()]
     if orders:
         # Of several orders of the same labels, the least odd ones.
         least = min(each.contradictions for each in orders)

@@ -28,7 +28,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     LeftOut,
     refusal,
 )
-from wordcraft_kg.graphs.book_files.words import KIND, is_documented, is_name, readings
+from wordcraft_kg.graphs.book_files.words import KIND, is_documented, is_name, is_plain, readings
 from wordcraft_kg.graphs.plain_rows import number_plain_rows
 from wordcraft_kg.graphs.recipes import label_fault
 
@@ -239,6 +239,13 @@ def _are_names(cells: Sequence[str]) -> bool:
     return any(each.is_named or is_name(each.results[0][-1][1:]) for each in sure)
 
 
+def _are_mostly_names(cells: Sequence[str]) -> bool:
+    """Return whether most cells are words of columns: labels such as item may be, too."""
+    filled = list(filter(None, cells))
+    num_words = sum(is_documented(cell) or not is_plain(cell) for cell in filled)
+    return _are_names(cells) and 2 * num_words > len(filled)
+
+
 def _are_unknown_names(body: Sequence[Line]) -> bool:
     """Return whether the first row is rather a header of other words: no cell stands below."""
     first, *below = [row.cells for row in body]
@@ -368,6 +375,9 @@ def _document(
     width = max((len(_without_blanks(row.cells)) for row in body), default=0)
     if width < 2:
         raise _no_table(path, body[0].cells[0] if body else "", source.delimiter)
+    grid = _grid(body)
+    if grid is not None:
+        return grid
     header = _header(path, body, is_named)
     number_of_header = header.number if header else 0
     names = _without_blanks(header.cells) if header else []
@@ -396,13 +406,30 @@ def _document(
     return document
 
 
+def _grid(body: Sequence[Line]) -> Document | None:
+    """Return the recipes of a grid: ingredients in the first row and column, results in cells."""
+    (_, *names), *below = [row.cells for row in body]
+    if len(names) < _FEWEST_BELOW or [cells[0] for cells in below] != names:
+        return None
+    document = Document([], is_table=True)
+    for row in body[1:]:
+        for name, result in zip(names, row.cells[1:], strict=False):
+            document.places.append(row.number)
+            document.value.append({"first": row.cells[0], "second": name, "result": result})
+    results = [each["result"] for each in document.value if each["result"]]
+    # In a table of effects or numbers, results are no names.
+    is_closed = 2 * sum(result in names for result in results) > len(results)
+    return document if is_closed else None
+
+
 def _header(path: Path, body: Sequence[Line], is_named: bool) -> Line | None:
     """Return the row that names the columns, or None."""
     heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
     if not heads:
         return body[0] if is_named or _are_unknown_names(body) else None
     below = [row for row in body if row.number > heads[0].number]
-    if len(heads) > 1 and heads[1] is below[0] and below[0].cells != heads[0].cells:
+    is_again = len(heads) > 1 and heads[1] is below[0] and _are_mostly_names(below[0].cells)
+    if is_again and below[0].cells != heads[0].cells:
         again = ", ".join(map(repr, below[0].cells[:4]))
         seen = f"the row below line {heads[0].number} names the columns again: {again}"
         raise refusal(path, seen, "table", "Keep one header line.")
@@ -421,7 +448,7 @@ def _odd_row(
         return (
             LeftOut(number, "headers") if is_framed else Fault(number, "header", message, message)
         )
-    if not known.isdisjoint(map(str.casefold, cells)) and _are_names(cells):
+    if not known.isdisjoint(map(str.casefold, cells)) and _are_mostly_names(cells):
         message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
         return Fault(number, "header", message, "header")
     if names and len(cells) > len(names):

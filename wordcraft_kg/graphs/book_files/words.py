@@ -59,7 +59,7 @@ INGREDIENT = words_of(
     "ingredient ingredients react reacts reactant reactants reagent reagents input inputs "
     "component components constituent constituents sources parent parents material materials "
     "left right first second third fourth operand operands combines combine precursor precursors "
-    "substrate substrates educt educts requires require required from needs "
+    "substrate substrates educt educts requires require required requirements from needs "
     "zutat zutaten edukt edukte eingabe eingaben bestandteil bestandteile eltern elternteil "
     "ingrédient ingrédients composant composants réactif réactifs entrée entrées matériau "
     "ingrediente ingredientes ingredienti reactivo reactivos reagente reagenti reagentes entrada "
@@ -99,7 +99,7 @@ IGNORED = words_of(
     "discovery discovered discoverer isnew note notes comment comments description desc tier "
     "level depth category categories group type types weight score probability rarity price value "
     "version game source effect effects chance unit units xp duration station machine tool method "
-    "relation predicate energy percent percentage rate mod modid wiki instructions steps"
+    "relation predicate gender sex energy percent percentage rate mod modid wiki instructions steps"
 )
 _FORWARD = tuple(
     words_of(words)
@@ -198,7 +198,8 @@ def _role(path: Path) -> tuple[str, int]:
         num_loops = sum(step in LOOPS for step in path[at:])
         # A formula names a thing, as in {"reactants": [{"formula": "H2"}]}.
         is_inside = is_inside or ("formula" in words and path[at - 1] in LOOPS and at > 2)
-        if words & SUMS and (not is_inside or num_loops > 1):
+        is_numbered = bool(words & SUMS and words & ORDINAL)  # combinationA: {"name": ...}
+        if is_numbered or (words & SUMS and (not is_inside or num_loops > 1)):
             return "sum", at
         is_slot = bool(words & ORDINAL) or (words <= WEAK and num_loops > 0)
         if words <= _SLOT and is_slot and not is_inside:

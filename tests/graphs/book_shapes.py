@@ -233,7 +233,7 @@ def _shapes():
         ),
         of("UTF-16", "b.csv", table(delimiter="\t").encode("utf-16")),
         of("BOM and CRLF", "b.csv", ("\ufeff" + table(end="\r\n")).encode()),
-        of("cp1252", "b.csv", table(accents).encode("cp1252"), accents),
+        of("cp1252", "b.csv", table(accents).encode("cp1252"), accents, encoding="cp1252"),
         of(
             "named columns",
             "b.csv",

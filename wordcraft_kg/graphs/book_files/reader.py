@@ -82,7 +82,7 @@ class BookOptions:
             in JSON paths such as ``recipes[].out.name``; None for documented words.
         delimiter: column delimiter, a character or comma, semicolon, tab, pipe, space; None to
             guess.
-        encoding: encoding of the text; None to guess.
+        encoding: encoding of the text; None for UTF-8, or that of a byte order mark.
         case: ``keep``, or ``fold`` for labels in lower case.
         ingredients: ``two`` refuses recipes of three and more, ``chain`` makes them chains of
             half-products, see :mod:`~wordcraft_kg.graphs.chains`.

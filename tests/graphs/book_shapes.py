@@ -178,7 +178,6 @@ def _shapes():
     return [
         of("commas", "b.csv", table()),
         of("quoted", "b.csv", table(quote='"')),
-        of("single quotes", "b.csv", table(quote="'")),
         of("capitals", "b.csv", table(header=("Ingredient_A", "Ingredient_B", "Result"))),
         of("renamed", "b.csv", table(header=("react1", "react2", "products"))),
         of("items", "b.csv", table(header=("First item", "Second item", "Makes"))),
@@ -210,12 +209,6 @@ def _shapes():
             "R write.csv",
             "b.csv",
             '"","a","b","result"\n'
-            + "".join(f'"{i}","{a}","{b}","{c}"\n' for i, (a, b, c) in enumerate(ROWS, 1)),
-        ),
-        of(
-            "R write.table",
-            "b.csv",
-            '"a","b","result"\n'
             + "".join(f'"{i}","{a}","{b}","{c}"\n' for i, (a, b, c) in enumerate(ROWS, 1)),
         ),
         of(
@@ -386,6 +379,7 @@ def _shapes():
             **CHAIN,
         ),
         # Refused, with what is missing.
+        of("single quotes", "b.csv", table(quote="'"), says="single quotes around its cells"),
         of("SQLite", "b.db", database(), says="an SQLite database; export"),
         of(
             "items only",

@@ -495,7 +495,6 @@ class BookRows:
             container=self.content.container,
             encoding=self.encoding,
             delimiter=source.delimiter,
-            quote=source.quote,
             header=source.header,
             columns=source.columns,
             num_results=source.num_results,

@@ -89,7 +89,7 @@ class FileRows:
         entries: recipes, faults and rows left out, in the file's order; iterated once.
         base: declared base entities with their places; None without a declaration.
         listed: entities that the file lists outside of recipes, with their places.
-        delimiter, quote, header, columns, num_results, ignored: see
+        delimiter, header, columns, num_results, ignored: see
             :class:`~wordcraft_kg.graphs.reading.Reading`.
         is_exact: whether cells are labels as they stand, as in our own shapes.
         numbered: all recipes at once, if each row is a plain recipe of two ingredients.
@@ -105,7 +105,6 @@ class FileRows:
     base: dict[str, Place] | None = None
     listed: dict[str, Place] = field(default_factory=dict)
     delimiter: str = ""
-    quote: str = ""
     header: bool = True
     columns: tuple[str, ...] = ()
     num_results: int = 1

@@ -304,9 +304,8 @@ class BookRows:
         numbered = self.source.numbered
         if numbered is None or self._changes:
             return None
-        self.rows += len(numbered) + sum(self.source.left_out.values())
+        self.rows += len(numbered)
         self.arities[2] += len(numbered)
-        self.left_out.update(self.source.left_out)
         return numbered
 
     @property
@@ -337,8 +336,6 @@ class BookRows:
 
         A chain is several recipes; its first ones make half-products.
         """
-        self.left_out.update(self.source.left_out)
-        self.rows += sum(self.source.left_out.values())
         for entry in self.source.entries:
             if isinstance(entry, Row):
                 self.rows += 1

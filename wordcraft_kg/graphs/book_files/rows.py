@@ -93,7 +93,6 @@ class FileRows:
             :class:`~wordcraft_kg.graphs.reading.Reading`.
         is_exact: whether cells are labels as they stand, as in our own shapes.
         numbered: all recipes at once, if each row is a plain recipe of two ingredients.
-        left_out: number of rows left out by reason, beside those among ``entries``.
         trimmed: cells without the characters at their ends that cannot be seen.
         counts_dropped: ingredients whose number of pieces was dropped.
         several_outputs: entries with several results.
@@ -111,7 +110,6 @@ class FileRows:
     ignored: tuple[str, ...] = ()
     is_exact: bool = False
     numbered: RecipeRows | None = None
-    left_out: dict[str, int] = field(default_factory=dict)
     trimmed: int = 0
     counts_dropped: int = 0
     several_outputs: int = 0
@@ -146,13 +144,8 @@ def without_nothing(entries: Iterable[Entry]) -> list[Entry]:
     for entry in entries:
         reason = ""
         if isinstance(entry, Row) and entry.result == NOTHING:
-            reason = WITH_NOTHING
+            reason = "with the result Nothing"
         elif isinstance(entry, Row) and NOTHING in entry.ingredients:
-            reason = FROM_NOTHING
+            reason = "with Nothing as ingredient"
         kept.append(LeftOut(entry.place, reason) if reason else entry)
     return kept
-
-
-WITH_NOTHING = "with the result Nothing"
-FROM_NOTHING = "with Nothing as ingredient"
-"""Reasons for which rows of Infinite Craft are left out."""

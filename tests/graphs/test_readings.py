@@ -139,7 +139,6 @@ READ = {
         for sign in (" + ", "+", ", ", " x ", " and ", " & ", "/", " × ")
     },
     "A x B": cells("Combination,Result", lambda a, b, c: f"{a} x {b}", result),
-    "lines of A x B": "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
     "several tables": "# One\n\n"
     + "\nText.\n\n".join(
         "| First | Second | Result |\n|---|---|---|\n"
@@ -248,6 +247,10 @@ def test_two_readings_are_refused_with_both_commands(put):
 
 
 REFUSED = {
+    "lines of A x B": (
+        "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
+        "no lines a + b = c with a sign",
+    ),
     "properties": (
         {"water": {"emoji": "W", "kind": "wet"}, "mud": {"emoji": "M", "kind": "x"}},
         "",

@@ -21,15 +21,14 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.cells import Cells, trim_unseen, without_markup
 from wordcraft_kg.graphs.book_files.containers import Content, read_content
 from wordcraft_kg.graphs.book_files.entries import Document
-from wordcraft_kg.graphs.book_files.foreign import foreign_format
 from wordcraft_kg.graphs.book_files.json_books import as_records, rows_of_document
 from wordcraft_kg.graphs.book_files.json_text import is_json, load_json
 from wordcraft_kg.graphs.book_files.layouts import known_layout
-from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines, with_pluses
-from wordcraft_kg.graphs.book_files.packs import looks_like_recipe, read_pack
+from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines
+from wordcraft_kg.graphs.book_files.packs import read_pack
 from wordcraft_kg.graphs.book_files.rows import GUIDE, Fault, FileRows, LeftOut, Place, Row, refusal
 from wordcraft_kg.graphs.book_files.tables import ENDINGS, delimiter_of, read_table
-from wordcraft_kg.graphs.book_files.text import check_encoding, decode
+from wordcraft_kg.graphs.book_files.text import check_encoding, decode, foreign_format
 from wordcraft_kg.graphs.chains import (
     HALF,
     MOST_INGREDIENTS,
@@ -202,7 +201,7 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
         ConfigError: if the option `columns` names no column.
     """
     try:
-        content = read_content(path, looks_like_recipe)
+        content = read_content(path)
         if content.pack is not None:
             return BookRows(content, read_pack(content.pack), options)
         decoded = decode(path, content.data, options.encoding)
@@ -226,7 +225,7 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         fold=options.case == "fold",
         allows_single=options.single_ingredient is not None,
     )
-    if ending in _JSON_ENDINGS or is_json(path, text):
+    if ending in _JSON_ENDINGS or is_json(text):
         value, is_lines = load_json(path, text)
         if isinstance(value, list) and all(isinstance(each, str) for each in value):
             return _source_of(path, ".txt", "\n".join(value), options)  # a list of a + b = c
@@ -235,7 +234,6 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         source.shape += " lines" if is_lines else ""
         return source
     # Lines are often saved under the ending of a table.
-    text = with_pluses(text)
     if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
         if options.columns is not None:
             seen = "lines a + b = c, which have no columns"

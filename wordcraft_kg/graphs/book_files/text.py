@@ -1,9 +1,11 @@
 """The text of a recipe book: UTF-8, UTF-16 with a mark, or the encoding that the user names.
 
-No encoding is guessed: many fit the same bytes, and give other labels.
+No encoding is guessed: many fit the same bytes, and give other labels. Text formats that are no
+recipe books have names for refusals.
 """
 
 import codecs
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +23,22 @@ _NOT_OF_FILES = frozenset(
     | {"unicode-escape", "raw-unicode-escape"}
 )
 """Python's encodings of names and source code, not of files."""
+_SAMPLE = 2**16  # characters at the start of a text
+_FORMATS = {
+    "HTML": r"\A\s*<(?:!doctype html|html|head|body|table|div|ul|ol|p)\b",
+    "XML": r"\A\s*<[?!\w]",
+    "SQL": r"^\s*(?:INSERT\s+INTO|CREATE\s+TABLE)\b",
+    "a table of MediaWiki": r"\A\s*\{\|",
+    "a table of DokuWiki": r"\A\s*\^.+\^\s*$",
+    "a table of Jira": r"\A\s*\|\|.+\|\|\s*$",
+    "a table that a database printed": r"^\s*(?:\+-[+-]+\+|-+\+-[+-]+)\s*$",
+    "a table of reStructuredText": r"^={2,} +={2,}[ =]*$",
+    "LaTeX": r"\\(?:begin|end)\{",
+    "program code": r"^\s*(?:const|let|var|function|def|class|import|local) ",
+    "TOML": r"^\s*\[{1,2}[\w.\"' -]+\]{1,2}\s*$",
+    "YAML": r"^(?:---\s*$|[^\s,:;|]+:\s*(?:[\[{|>].*)?$|\s*- [^,;|]+:)",
+}
+"""Signs of formats, the more certain ones first."""
 
 
 class Decoded(NamedTuple):
@@ -106,3 +124,17 @@ def _not(data: bytes, name: str, error: UnicodeDecodeError) -> str:
     byte = f"byte 0x{data[error.start]:02x}"
     expected = name.replace("utf", "UTF")
     return f"line {line} is not {expected} ({byte}); as cp1252 it begins {shown!r}"
+
+
+def foreign_format(text: str) -> str | None:
+    r"""Return the format of a text that is neither a table nor lines nor JSON, or None.
+
+    Example:
+        >>> foreign_format("mud:\n  - [water, earth]"), foreign_format("a,b,c")
+        ('YAML', None)
+    """
+    sample = text[:_SAMPLE]
+    for name, sign in _FORMATS.items():
+        if re.search(sign, sample, re.IGNORECASE | re.MULTILINE):
+            return name
+    return None

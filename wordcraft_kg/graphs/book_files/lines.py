@@ -47,6 +47,7 @@ _MARK = re.compile(
 )
 """Marks of a list before a line: bullets, numbers, boxes, quotes."""
 _END_MARK = re.compile(r"\s*(?:;|<br\s*/?>|\\|[✓✔✅]\ufe0f?)\s*$", re.IGNORECASE)
+_QUOTED = re.compile(r"""(["'])((?:(?!\1).)+)\1""")
 _WIDE_SIGNS = str.maketrans("＋＝：，", "+=:,")
 """Signs as East Asian keyboards write them."""
 _HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,}|`{3}|\[[^\]+=]*\]\s*$|[^+=:]*:\s*$)")
@@ -236,9 +237,7 @@ def _summands(text: str) -> list[str]:
 def _unwrapped(text: str) -> str:
     """Return a text without quotes or markup around all of it."""
     text = without_markup(text.strip())
-    for quote in ('"', "'"):
-        inner = text.removeprefix(quote).removesuffix(quote)
-        # Two quoted labels stay as they are, and are refused.
-        if len(text) - len(inner) == 2 and quote not in inner and inner.strip():
-            return inner.strip()
-    return text
+    # Two quoted labels stay as they are, and are refused.
+    quoted = _QUOTED.fullmatch(text)
+    inner = quoted[2].strip() if quoted else ""
+    return inner or text

@@ -98,7 +98,7 @@ BAD_TABLES = {
     "not UTF-8": (
         "csv",
         TABLE.encode() + b"a,b,c\nd,\xe9,f\n",
-        "book.csv: line 3 is not UTF-8 (byte 0xe9); its encoding is not certain: 'd,é,f' as",
+        "book.csv: line 3 is not UTF-8 (byte 0xe9); as cp1252 it begins 'd,é,f'",
     ),
     "header missing": (
         "csv",

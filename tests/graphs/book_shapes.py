@@ -178,7 +178,6 @@ def _shapes():
     return [
         of("commas", "b.csv", table()),
         of("quoted", "b.csv", table(quote='"')),
-        of("single quotes", "b.csv", table(quote="'")),
         of("capitals", "b.csv", table(header=("Ingredient_A", "Ingredient_B", "Result"))),
         of("renamed", "b.csv", table(header=("react1", "react2", "products"))),
         of("items", "b.csv", table(header=("First item", "Second item", "Makes"))),
@@ -213,12 +212,6 @@ def _shapes():
             + "".join(f'"{i}","{a}","{b}","{c}"\n' for i, (a, b, c) in enumerate(ROWS, 1)),
         ),
         of(
-            "R write.table",
-            "b.csv",
-            '"a","b","result"\n'
-            + "".join(f'"{i}","{a}","{b}","{c}"\n' for i, (a, b, c) in enumerate(ROWS, 1)),
-        ),
-        of(
             "pandas index",
             "b.csv",
             ",ingredient1,ingredient2,result\n"
@@ -233,7 +226,7 @@ def _shapes():
         ),
         of("UTF-16", "b.csv", table(delimiter="\t").encode("utf-16")),
         of("BOM and CRLF", "b.csv", ("\ufeff" + table(end="\r\n")).encode()),
-        of("cp1252", "b.csv", table(accents).encode("cp1252"), accents),
+        of("cp1252", "b.csv", table(accents).encode("cp1252"), accents, encoding="cp1252"),
         of(
             "named columns",
             "b.csv",
@@ -386,6 +379,7 @@ def _shapes():
             **CHAIN,
         ),
         # Refused, with what is missing.
+        of("single quotes", "b.csv", table(quote="'"), says="single quotes around its cells"),
         of("SQLite", "b.db", database(), says="an SQLite database; export"),
         of(
             "items only",

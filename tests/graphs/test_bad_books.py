@@ -114,6 +114,9 @@ REFUSED = {
     "deep lists": ("[" * 10_000 + "]" * 10_000, "b.json", "nested too deeply"),
     "bzip2": (b"BZh91AY&SY", "b.csv", "compressed with bzip2"),
     "binary": (b"\x00\x01\x02a,b,c\n", "b.csv", "a binary file"),
+    "UTF-16 without a mark": (table().encode("utf-16-le"), "b.csv", "--encoding utf-16-le"),
+    "text behind JSON": ('{\n"mud": null}\nmore', "b.json", "line 3, column 1: not JSON"),
+    "a damaged line of JSON": ('{"a": 1}\n{"b": \n', "b.jsonl", "line 2, column 7: not JSON"),
     "two delimiters": (
         "a;b,c;d,e;f\na;b,x;d,y;f\n",
         "b.csv",
@@ -137,7 +140,6 @@ def test_html_entities_and_text_from_right_to_left_are_kept_and_named(put):
     text = HEADER + "salt &amp; pepper,water,brine\nמים,אש,אדים\n"
     book = read_book(put(text))
     assert "salt &amp; pepper" in book.entities
-    assert "1 labels with HTML entities, such as 'salt &amp; pepper'" in book.reading.line()
     notes = [f.message for f in check_book(put(text)).findings if f.kind == "html"]
     assert notes == ["'salt &amp; pepper' holds an HTML entity; write the character itself"]
     assert ("אש", "מים", "אדים") in book.recipes

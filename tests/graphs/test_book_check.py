@@ -259,6 +259,11 @@ BYTES = {
     "not UTF-8": (
         HEADER.encode() + b"caf\xe9,a,b\na,b\n",
         "book.csv",
+        [("unreadable", ())],
+    ),
+    "UTF-16": (
+        (HEADER + "café,a,b\na,b\n").encode("utf-16"),
+        "book.csv",
         [("encoding", ()), ("row", (3,))],
     ),
     "CR": (LINE.replace("\n", "\r"), "book.csv", [("row", (4,))]),

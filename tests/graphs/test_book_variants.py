@@ -15,7 +15,7 @@ from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.book_files.reader import BookOptions, open_rows
 
 DELIMITERS = ",;\t|"
-QUOTES = ("none", "all", "needed", "single")
+QUOTES = ("none", "all", "needed", "single")  # the last one is refused
 HEADERS = {
     "own": ("ingredient_a", "ingredient_b", "result"),
     "capitals": ("Ingredient A", "Ingredient B", "Result"),
@@ -102,8 +102,8 @@ def test_variants_of_one_book_give_its_graph_or_a_refusal(tmp_path, number):
         is_refused = found.startswith(str(tmp_path)) and "See docs/your-file.md#" in found
         assert found == graph or is_refused, (variant, found)
         read += found == graph
-    # Three quarters have a packing that is read, five sixths a header.
-    assert read > 0.4 * number
+    # Three quarters have a packing and quotes that are read, half an encoding, five sixths a header.
+    assert read > 0.2 * number
 
 
 def rows_in(data):

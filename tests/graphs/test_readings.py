@@ -170,7 +170,6 @@ READ = {
         for i, (a, b, c) in enumerate(ROWS)
     ],
     "lines below a key": {"title": "x", "recipes": [f"{c} = {a} + {b}" for a, b, c in ROWS]},
-    "lines of A x B": "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
     "several tables": "# One\n\n"
     + "\nText.\n\n".join(
         "| First | Second | Result |\n|---|---|---|\n"
@@ -346,6 +345,10 @@ REFUSED = {
     "emoji as results": (
         cells("a,b,result", first, second, lambda a, b, c: chr(0x1F300 + IDS[c])),
         "is a sign",
+    ),
+    "lines of A x B": (
+        "".join(f"{a} x {b} = {c}\n" for a, b, c in ROWS),
+        "no lines a + b = c with a sign",
     ),
     "properties": (
         {"water": {"emoji": "W", "kind": "wet"}, "mud": {"emoji": "M", "kind": "x"}},

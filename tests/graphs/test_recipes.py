@@ -53,14 +53,14 @@ def test_a_book_written_and_read_back_is_equal(shelf, ending, book):
     assert RecipeGraph.from_book(again) == RecipeGraph.from_book(book)
 
 
+@pytest.mark.parametrize("label", ["#a", "// a"])
 @pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
-def test_a_row_that_starts_with_a_hash_is_quoted(tmp_path, ending, delimiter):
-    """A row that starts with a hash is quoted so that no reader takes it for a comment."""
+def test_a_row_that_starts_like_a_comment_is_quoted(tmp_path, ending, delimiter, label):
     path = tmp_path / f"book.{ending}"
-    write_book(RecipeBook.of("book", [("#a", "b", "c")]), path)
-    assert path.read_text(encoding="utf-8").splitlines()[1] == delimiter.join(
-        ['"#a"', '"b"', '"c"']
-    )
+    write_book(RecipeBook.of("book", [(label, "b", "c")]), path)
+    row = path.read_text(encoding="utf-8").splitlines()[1]
+    assert row == delimiter.join([f'"{label}"', "b", "c"])
+    assert read_book(path).entities == tuple(sorted((label, "b", "c")))
 
 
 @pytest.mark.parametrize("ending", [".csv", ".tsv", ".json"])

@@ -1,4 +1,4 @@
-"""Remarks about labels that may be something else: missing values, numbers, marks, HTML."""
+"""Remarks about labels that may be something else: missing values, numbers, marks."""
 
 import re
 from collections.abc import Collection
@@ -24,8 +24,6 @@ _MARK = re.compile(
     r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?)\s*(?=\S)|^\d+[.)]\s*(?=[^\W\d])|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
 )
 """What lists put before or behind a label: stars, ticks, numbers of footnotes."""
-_WEAK_MARK = re.compile(r"(?<=\w)\s*(?:[!?]+|\((?:new|new!|first|wip)\))$", re.IGNORECASE)
-"""Marks that are also usual parts of labels, unless the label without them exists, too."""
 HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
 
 
@@ -57,7 +55,6 @@ def notes_about(labels: Collection[str]) -> list[str]:
         *note_of_missing(labels),
         *note_of_numbers(labels),
         *note_of_marks(labels),
-        *_note_of_html(labels),
     ]
 
 
@@ -97,8 +94,7 @@ def note_of_numbers(labels: Collection[str]) -> list[str]:
 
 def note_of_marks(labels: Collection[str]) -> list[str]:
     """Return a remark, or none, about labels with marks of lists, such as a star."""
-    known = set(labels)
-    marked = sorted(label for label in labels if _has_mark(label, known))
+    marked = sorted(filter(_has_mark, labels))
     if not marked:
         return []
     return [
@@ -107,22 +103,12 @@ def note_of_marks(labels: Collection[str]) -> list[str]:
     ]
 
 
-def _has_mark(label: str, known: Collection[str]) -> bool:
+def _has_mark(label: str) -> bool:
     # Most labels begin with a letter and end in one, and need no pattern.
     if label[0].isalpha() and label[-1].isalpha():
         return False
     bare = _MARK.sub("", label)
-    if bare != label:
-        return any(char.isalnum() for char in bare)
-    bare = _WEAK_MARK.sub("", label)
-    return bare != label and bare in known
-
-
-def _note_of_html(labels: Collection[str]) -> list[str]:
-    html = [label for label in labels if "&" in label and HTML_ENTITY.search(label)]
-    if not html:
-        return []
-    return [f"{len(html):,} labels with HTML entities, such as {html[0][:60]!r}"]
+    return bare != label and any(map(str.isalnum, bare))
 
 
 def _quoted(label: str) -> str:

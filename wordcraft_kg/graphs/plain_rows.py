@@ -21,7 +21,6 @@ def number_plain_rows(
     text: str,
     start: int,
     delimiter: str,
-    quote: str,
     has_fault: Callable[[str], object],
 ) -> RecipeRows | None:
     """Return the rows of a plain table, in file order, or None if any row is not plain.
@@ -30,7 +29,6 @@ def number_plain_rows(
         text: text of the file.
         start: place of the first row in it.
         delimiter: one character between cells.
-        quote: character around cells that are not plain.
         has_fault: returns a true value for a cell that is no label; each cell is judged once.
 
     Returns:
@@ -47,7 +45,7 @@ def number_plain_rows(
         end = text.find("\n", start + _PIECE) + 1 or len(text)
         piece = text[start:end]
         start = end
-        if not _is_plain(piece, delimiter, quote):
+        if not _is_plain(piece, delimiter):
             return None
         # All cells of the piece in one list: a line end parts cells as a delimiter does.
         cells = piece.removesuffix("\n").replace("\n", delimiter).split(delimiter)
@@ -62,11 +60,11 @@ def number_plain_rows(
     return RecipeRows(number_of, ids)
 
 
-def _is_plain(piece: str, delimiter: str, quote: str) -> bool:
+def _is_plain(piece: str, delimiter: str) -> bool:
     """Return whether whole lines consist of three cells each, without blanks and quotes."""
     blanks = (f" {delimiter}", f"{delimiter} ", " \n", "\n ")
     # A byte order mark, and line ends of other systems, have their own rules.
-    if any(sign in piece for sign in (quote, "\r", "\ufeff", *blanks)):
+    if any(sign in piece for sign in ('"', "\r", "\ufeff", *blanks)):
         return False
     if piece[0] == " " or piece[-1] == " ":
         return False

@@ -21,7 +21,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         container: compression or archive around the file, such as "gzip"; empty without one.
         encoding: encoding of the text; empty if it is not text, such as a folder.
         delimiter: column delimiter of a table; empty for other shapes.
-        quote: character around the cells of a table, if it is not the double quote.
         header: whether a table's first row names the columns.
         columns: columns, keys or fields with the ingredients and, last, the results.
         num_results: number of ``columns`` with results.
@@ -41,7 +40,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
     container: str = ""
     encoding: str = ""
     delimiter: str = ""
-    quote: str = ""
     header: bool = True
     columns: tuple[str, ...] = ()
     num_results: Count = 1
@@ -81,8 +79,6 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         if self.delimiter:
             shape = f"{shape} with delimiter {self.delimiter!r}"
         yield shape
-        if self.quote:
-            yield f"quotes {self.quote}"
         if self.columns:
             ingredients = self.columns[: -self.num_results]
             results = self.columns[-self.num_results :]

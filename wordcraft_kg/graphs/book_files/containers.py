@@ -1,11 +1,10 @@
 """The bytes of a recipe book: from a file, gzip or an archive; nothing is unpacked to disk."""
 
 import hashlib
-import json
 import os
 import re
 import stat
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -91,12 +90,11 @@ def read_bytes(path: Path) -> bytes:
         raise RecipeFileError(f"{path} cannot be read: {error.strerror}.") from None
 
 
-def read_content(path: Path, is_recipe: Callable[[str, bytes], bool]) -> Content:
+def read_content(path: Path) -> Content:
     """Read a file or folder, out of gzip or an archive with one book if it is in one.
 
     Args:
         path: a file, or a folder of a data pack.
-        is_recipe: returns whether a JSON file, by name and bytes, may be a recipe of a data pack.
 
     Raises:
         RecipeFileError: if it cannot be read, for other compressed or binary files, which it names,
@@ -106,17 +104,15 @@ def read_content(path: Path, is_recipe: Callable[[str, bytes], bool]) -> Content
     if path.is_dir():
         files = tuple(_folder_files(path))
         if any(map(_is_recipe_file, dict(files))):
-            return Content(path.name, b"", _hash_of(files), pack=files)
+            sums = [f"{hashlib.sha256(each).hexdigest()}  {name}\n" for name, each in files]
+            sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
+            return Content(path.name, b"", sha256, pack=files)
     data = read_bytes(path)
     name, container, sha256 = path.name, "", hashlib.sha256(data).hexdigest()
     if is_zip(data):
         archive = ZipArchive(path, data, _error)
         names = _names_of_files(path, archive)
-        recipes = list(filter(_is_recipe_file, names))
-        # A single file may be a recipe book, in a folder called recipes.
-        if len(recipes) > 1 or (
-            recipes and is_recipe(recipes[0], archive.read(recipes[0], MAX_FILE))
-        ):
+        if _is_pack(names):
             members = [name for name in sorted(names) if _is_pack_file(name)]
             pack = tuple((name, archive.read(name, MAX_FILE)) for name in members)
             return Content(name, b"", sha256, "zip", pack)
@@ -142,6 +138,13 @@ def read_content(path: Path, is_recipe: Callable[[str, bytes], bool]) -> Content
 
 def _error(message: str) -> RecipeFileError:
     return RecipeFileError(f"{message} See {GUIDE}#compressed.")
+
+
+def _is_pack(names: Sequence[str]) -> bool:
+    """Return whether an archive is that of a data pack, by the names of its files."""
+    recipes = list(filter(_is_recipe_file, names))
+    # A single file in a folder called recipes may be a recipe book.
+    return len(recipes) > 1 or any("data" in PurePosixPath(name).parts for name in recipes)
 
 
 def _is_recipe_file(name: str) -> bool:
@@ -203,12 +206,3 @@ def _folder_files(folder: Path) -> Iterator[tuple[str, bytes]]:
                 if path.stat().st_size > MAX_FILE:
                     raise RecipeFileError(f"{path}: more than {MAX_FILE:,} bytes for one recipe.")
                 yield name, read_bytes(path)
-
-
-def _hash_of(contents: Iterable[tuple[str, bytes]]) -> str:
-    """Return a hash of files' names and bytes."""
-    digest = hashlib.sha256()
-    for name, data in contents:
-        digest.update(json.dumps([name, len(data)]).encode())
-        digest.update(data)
-    return digest.hexdigest()

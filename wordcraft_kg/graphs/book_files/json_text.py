@@ -1,13 +1,20 @@
 """Parse JSON and JSON lines, with errors that name the line."""
 
 import json
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
 
-_JUDGED_LINES = 1_000  # lines by which JSON lines are told from damaged JSON
+_START = re.compile(r'\s*(?:[\[{]\s*)+"')
+"""Brackets before a text in quotes, as at the start of lists of labels and of objects."""
+
+
+def is_json(text: str) -> bool:
+    """Return whether a text begins as JSON does, whatever its file's ending."""
+    return _START.match(text) is not None
 
 
 def load_json(path: Path, text: str) -> tuple[Any, bool]:
@@ -27,11 +34,13 @@ def load_json(path: Path, text: str) -> tuple[Any, bool]:
     try:
         return _loads(path, text), False
     except json.JSONDecodeError as error:
-        # A second value after the first one is what JSON lines look like to a parser.
-        begins_another = error.msg == "Extra data" and error.lineno > 1
-        if begins_another and _are_json_lines(text):
-            return _parsed_lines(path, text), True
-        raise _not_json(path, error.lineno, error) from None
+        # JSON lines look to a parser like a value in the first line, and more behind it.
+        first_value = text[: error.pos].strip()
+        if error.msg != "Extra data" or error.lineno == 1 or "\n" in first_value:
+            raise _not_json(path, error.lineno, error) from None
+    # Only line feeds: other separators, such as U+2028, may stand in a text.
+    lines = enumerate(text.split("\n"), start=1)
+    return [parsed_json(path, line, number) for number, line in lines if line.strip()], True
 
 
 def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
@@ -50,25 +59,6 @@ def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
         return _loads(path, text)
     except json.JSONDecodeError as error:
         raise _not_json(path, error.lineno if line is None else line, error) from None
-
-
-def _lines_of(text: str) -> list[str]:
-    """Return lines between line feeds; other separators, such as U+2028, may stand in a text."""
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
-def _are_json_lines(text: str) -> bool:
-    filled = [line for line in _lines_of(text) if line.strip()]
-    judged = filled[:_JUDGED_LINES]
-    return len(filled) > 1 and all(line.lstrip()[:1] in "{[" for line in judged)
-
-
-def _parsed_lines(path: Path, text: str) -> list[Any]:
-    values = []
-    for number, line in enumerate(_lines_of(text), start=1):
-        if line.strip():
-            values.append(parsed_json(path, line, number))
-    return values
 
 
 def _not_json(path: Path | str, line: int, error: json.JSONDecodeError) -> RecipeFileError:
@@ -99,19 +89,3 @@ def _loads(path: Path | str, text: str) -> Any:
         raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
     except ValueError as error:  # such as a number of thousands of digits
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
-
-
-def is_json(path: Path, text: str) -> bool:
-    """Return whether a text is JSON or JSON lines, whatever its file's ending.
-
-    Args:
-        path: the file, for errors.
-        text: its text.
-    """
-    if text.lstrip()[:1] not in ("{", "["):
-        return False
-    try:
-        load_json(path, text)
-    except RecipeFileError as error:
-        return "not JSON" not in str(error)
-    return True

@@ -1,27 +1,25 @@
 """JSON layouts with keys of their own: ours, the paper's, HIF, dumps of Infinite Craft."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.rows import (
-    FROM_NOTHING,
     INFINITE_CRAFT_BASE,
-    WITH_NOTHING,
     Entry,
     Fault,
     FileRows,
     Row,
     refusal,
+    without_nothing,
 )
 from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
 from wordcraft_kg.graphs.label_notes import NOTHING
-from wordcraft_kg.graphs.recipes import RecipeRows, check_label, label_fault, shown
+from wordcraft_kg.graphs.recipes import check_label, label_fault, shown
 
 
 def known_layout(path: Path, document: Any) -> FileRows | None:
@@ -68,14 +66,11 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
     if kinds is not None and (not isinstance(kinds, list) or len(kinds) != len(rows)):
         expected = 'expected a list with a kind, or "", for each recipe.'
         raise RecipeFileError(f"{path}: kinds is {shown(kinds)}; {expected}")
-
-    def raws() -> Iterator[tuple[str, Any, Any]]:
-        for index, row in enumerate(rows):
-            yield f"recipes[{index}]", row, kinds[index] if kinds else ""
-
     source = FileRows("our own JSON", is_exact=True)
     _list(source, path, document["entities"], base)
-    source.entries = _exact(raws(), source.listed, "[ingredient, ingredient, result]")
+    places = (f"recipes[{index}]" for index in range(len(rows)))
+    raws = zip(places, rows, kinds or repeat(""), strict=False)
+    source.entries = _exact(raws, source.listed, "[ingredient, ingredient, result]")
     return source
 
 
@@ -83,19 +78,20 @@ def _official_layout(path: Path, entities: Mapping[str, Mapping[str, Any]]) -> F
     """Read the layout of the paper's code: pairs below each entity."""
     source = FileRows("the paper's JSON", is_exact=True)
     _list(source, path, list(entities), None)
-
-    def raws() -> Iterator[tuple[str, Any, Any]]:
-        for result, entry in entities.items():
-            place = f"entities['{result}']"
-            if not isinstance(entry["recipes"], list):
-                yield f"{place}.recipes", entry["recipes"], ""
-                continue
-            for index, pair in enumerate(entry["recipes"]):
-                row = [*pair, result] if isinstance(pair, list) and pair else pair
-                yield f"{place}.recipes[{index}]", row, ""
-
-    source.entries = _exact(raws(), source.listed, "a list of ingredients")
+    source.entries = _exact(_pairs_below(entities), source.listed, "a list of ingredients")
     return source
+
+
+def _pairs_below(entities: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Any, Any]]:
+    for result, entry in entities.items():
+        place = f"entities['{result}'].recipes"
+        pairs = entry["recipes"]
+        if not isinstance(pairs, list):
+            yield place, pairs, ""
+            continue
+        for index, pair in enumerate(pairs):
+            row = [*pair, result] if isinstance(pair, list) and pair else pair
+            yield f"{place}[{index}]", row, ""
 
 
 def _list(source: FileRows, path: Path, entities: Iterable[Any], base: list[Any] | None) -> None:
@@ -106,17 +102,19 @@ def _list(source: FileRows, path: Path, entities: Iterable[Any], base: list[Any]
     if base is not None:
         source.base = {}
         for index, label in enumerate(base):
-            fault = _unknown(label, source.listed, f"base[{index}]")
+            fault = _unknown(label, source.listed)
             if fault:
-                raise RecipeFileError(f"{path}: {fault}")
+                raise RecipeFileError(f"{path}: base[{index}]: {fault}")
             source.base[label] = f"base[{index}]"
 
 
-def _unknown(label: Any, known: Mapping[str, Any], where: str) -> str | None:
-    fault = label_fault(label)
-    if fault is None and label not in known:
-        fault = f"'{label}' is not among the file's entities.{nearest(label, known)}"
-    return None if fault is None else f"{where}: {fault}"
+def _unknown(label: Any, known: Mapping[str, Any]) -> str | None:
+    """Return why a value is none of the labels that a file lists; these were checked already."""
+    if isinstance(label, str) and label in known:
+        return None
+    return label_fault(label) or (
+        f"'{label}' is not among the file's entities.{nearest(label, known)}"
+    )
 
 
 def _exact(
@@ -124,29 +122,17 @@ def _exact(
 ) -> Iterator[Entry]:
     """Yield the recipes of rows of labels that a file lists."""
     for place, row, kind in raws:
-        # The frequent case: labels of the list, which were looked at already.
-        if kind == "" and isinstance(row, list) and len(row) > 1 and _are_known(row, known):
-            yield Row(place, row[:-1], row[-1])
-            continue
         if not isinstance(row, list) or len(row) < 2:
             yield Fault(place, "row", f"{place} is {shown(row)}; expected {expected}.", "own row")
             continue
-        faults = [_unknown(label, known, place) for label in row]
+        faults = [_unknown(label, known) for label in row]
         if kind != "":
-            kind_fault = label_fault(kind)
-            faults.append(kind_fault and f"{place}: {kind_fault}")
+            faults.append(label_fault(kind))
         fault = next(filter(None, faults), None)
         if fault is None:
             yield Row(place, row[:-1], row[-1], kind)
         else:
-            yield Fault(place, "label", fault)
-
-
-def _are_known(row: list[Any], known: Mapping[str, Any]) -> bool:
-    try:
-        return all(label in known for label in row)
-    except TypeError:  # an object or a list, which is not hashable
-        return False
+            yield Fault(place, "label", f"{place}: {fault}")
 
 
 def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
@@ -164,33 +150,20 @@ def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
 
 def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:
     """Read a dump of Infinite Craft: rows of indices of two ingredients, and of the result."""
+    source = FileRows("a dump of Infinite Craft", is_exact=True)
     labels = [
         item.get("text", item.get("name")) if isinstance(item, dict) else item for item in items
     ]
     names = [check_label(trim_unseen(label), f"{path}: items") for label in map(str, labels)]
-    ids = np.array(rows, dtype=np.int64)
-    if ids.min() < 0 or ids.max() >= len(names):
-        seen = f"the index {ids.max():,} in recipes, of {len(names):,} items"
-        raise refusal(path, seen, "infinite-craft")
-    # Of items of one name, the first one stands for all.
-    first = {name: index for index, name in reversed(list(enumerate(names)))}
-    ids = np.array([first[name] for name in names])[ids]
-    source = FileRows("a dump of Infinite Craft")
-    if NOTHING in first:
-        makes_nothing = ids[:, 2] == first[NOTHING]
-        from_nothing = (ids[:, :2] == first[NOTHING]).any(axis=1) & ~makes_nothing
-        source.left_out = {
-            FROM_NOTHING: int(from_nothing.sum()),
-            WITH_NOTHING: int(makes_nothing.sum()),
-        }
-        ids = ids[~makes_nothing & ~from_nothing]
-    # Nothing is no entity, and ids are those of the names that stay.
-    kept = [name for name in dict.fromkeys(names) if name != NOTHING]
-    number_of = {name: number for number, name in enumerate(kept)}
-    source.listed = dict.fromkeys(kept, "items")
-    if set(INFINITE_CRAFT_BASE) <= number_of.keys():
+    for place in chain.from_iterable(rows):
+        if not 0 <= place < len(names):
+            seen = f"the index {place:,} in recipes, of {len(names):,} items"
+            raise refusal(path, seen, "infinite-craft")
+    source.listed = {name: "items" for name in names if name != NOTHING}
+    if source.listed.keys() >= set(INFINITE_CRAFT_BASE):
         source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
-    source.numbered = RecipeRows(kept, np.array([number_of.get(name, 0) for name in names])[ids])
-    numbered = enumerate(source.numbered)
-    source.entries = (Row(f"recipe {number}", each[:2], each[2]) for number, each in numbered)
+    source.entries = without_nothing(
+        Row(f"recipes[{number}]", [names[a], names[b]], names[made])
+        for number, (a, b, made) in enumerate(rows)
+    )
     return source

@@ -47,6 +47,7 @@ _MARK = re.compile(
 )
 """Marks of a list before a line: bullets, numbers, boxes, quotes."""
 _END_MARK = re.compile(r"\s*(?:;|<br\s*/?>|\\|[✓✔✅]\ufe0f?)\s*$", re.IGNORECASE)
+_QUOTED = re.compile(r"""(["'])((?:(?!\1).)+)\1""")
 _WIDE_SIGNS = str.maketrans("＋＝：，", "+=:,")
 """Signs as East Asian keyboards write them."""
 _HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,}|`{3}|\[[^\]+=]*\]\s*$|[^+=:]*:\s*$)")
@@ -62,8 +63,6 @@ _SUFFIX = re.compile(r"(?<=.)(?:\s*[\[(][^\[\]()]*[\])]|\s+[-–—]\s+.*|\s*[^\
 """Beginnings and ends of lines that may be marks, or parts of labels."""
 _OFTEN = 0.2  # share of the lines with a beginning or end
 _SELDOM = 0.1  # how many times rarer it must be in other labels
-_OTHER_SUM = re.compile(r"(.+?)\s(x|×|&|and)\s(.+?\s(?:[-=]+>|→|=)\s.+)")
-"""A line whose ingredients are parted by another sign than a plus."""
 _ENOUGH = 0.5  # share of the lines that are recipes, in a file of this shape
 _SAMPLE_LINES = 200
 
@@ -74,17 +73,6 @@ class _Sides(NamedTuple):
     left: str
     right: str
     is_backward: bool = False
-
-
-def with_pluses(text: str) -> str:
-    """Return a text with pluses in place of another sign, if each of its lines has it once."""
-    lines = text.splitlines()
-    content = [line.strip() for line in lines if line.strip() and not _is_heading(line)]
-    found = [_OTHER_SUM.fullmatch(line) for line in content[:_SAMPLE_LINES]]
-    signs = {match and match[2] for match in found}
-    if "+" in text or len(signs) != 1 or None in signs:
-        return text
-    return "\n".join(_OTHER_SUM.sub(r"\1 + \3", line) for line in lines)
 
 
 def looks_like_lines(text: str, *, is_table: bool) -> bool:
@@ -249,9 +237,7 @@ def _summands(text: str) -> list[str]:
 def _unwrapped(text: str) -> str:
     """Return a text without quotes or markup around all of it."""
     text = without_markup(text.strip())
-    for quote in ('"', "'"):
-        inner = text.removeprefix(quote).removesuffix(quote)
-        # Two quoted labels stay as they are, and are refused.
-        if len(text) - len(inner) == 2 and quote not in inner and inner.strip():
-            return inner.strip()
-    return text
+    # Two quoted labels stay as they are, and are refused.
+    quoted = _QUOTED.fullmatch(text)
+    inner = quoted[2].strip() if quoted else ""
+    return inner or text

@@ -19,8 +19,6 @@ _MAX_CHOICES = 256
 """Recipes that one file may stand for, where each ingredient may be one of several items."""
 _ENTITY_KEYS = ("item", "id", "tag", "fluid")
 _RESULT_KEYS = ("result", "output", "results", "outputs")
-_PARTS = frozenset({"type", "pattern", "ingredients", "ingredient", *_RESULT_KEYS})
-"""Keys of which a recipe has at least one."""
 _MOST_LEVELS = 8  # tags within tags
 Tags = dict[str, list[str]]
 """Items by tag."""
@@ -50,17 +48,6 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
     if tags:
         source.notes.append(f"{len(tags):,} tags of the pack are choices of their items")
     return source
-
-
-def looks_like_recipe(name: str, data: bytes) -> bool:
-    """Return whether a JSON file may be a recipe of Minecraft, rather than a recipe book.
-
-    Args:
-        name: its name, for errors.
-        data: its bytes; what is not JSON may have been a recipe.
-    """
-    value = _parsed(name, data)
-    return isinstance(value, Fault) or (isinstance(value, dict) and not _PARTS.isdisjoint(value))
 
 
 def _parsed(name: str, data: bytes) -> Any:

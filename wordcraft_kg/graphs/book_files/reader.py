@@ -21,16 +21,15 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.cells import Cells, trim_unseen, without_markup
 from wordcraft_kg.graphs.book_files.containers import Content, read_content
 from wordcraft_kg.graphs.book_files.entries import Document
-from wordcraft_kg.graphs.book_files.foreign import foreign_format
 from wordcraft_kg.graphs.book_files.json_books import as_records, rows_of_document
 from wordcraft_kg.graphs.book_files.json_text import is_json, load_json
 from wordcraft_kg.graphs.book_files.layouts import known_layout
-from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines, with_pluses
-from wordcraft_kg.graphs.book_files.packs import looks_like_recipe, read_pack
+from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines
+from wordcraft_kg.graphs.book_files.packs import read_pack
 from wordcraft_kg.graphs.book_files.rows import GUIDE, Fault, FileRows, LeftOut, Place, Row, refusal
 from wordcraft_kg.graphs.book_files.rule import BookReading
 from wordcraft_kg.graphs.book_files.tables import ENDINGS, delimiter_of, read_table
-from wordcraft_kg.graphs.book_files.text import check_encoding, decode
+from wordcraft_kg.graphs.book_files.text import check_encoding, decode, foreign_format
 from wordcraft_kg.graphs.chains import (
     HALF,
     MOST_INGREDIENTS,
@@ -87,7 +86,7 @@ class BookOptions:
             in JSON paths such as ``recipes[].out.name``; None for documented words.
         delimiter: column delimiter, a character or comma, semicolon, tab, pipe, space; None to
             guess.
-        encoding: encoding of the text; None to guess.
+        encoding: encoding of the text; None for UTF-8, or that of a byte order mark.
         case: ``keep``, or ``fold`` for labels in lower case.
         ingredients: ``two`` refuses recipes of three and more, ``chain`` makes them chains of
             half-products, see :mod:`~wordcraft_kg.graphs.chains`.
@@ -207,7 +206,7 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
         ConfigError: if the option `columns` names no column.
     """
     try:
-        content = read_content(path, looks_like_recipe)
+        content = read_content(path)
         if content.pack is not None:
             return BookRows(content, read_pack(content.pack), options)
         decoded = decode(path, content.data, options.encoding)
@@ -234,7 +233,7 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         fold=options.case == "fold",
         allows_single=options.single_ingredient is not None,
     )
-    if ending in _JSON_ENDINGS or is_json(path, text):
+    if ending in _JSON_ENDINGS or is_json(text):
         value, is_lines = load_json(path, text)
         # A list of a + b = c, alone or below a key.
         inner = value.values() if isinstance(value, dict) else [value]
@@ -249,7 +248,6 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         source.shape += " lines" if is_lines else ""
         return source
     # Lines are often saved under the ending of a table.
-    text = with_pluses(text)
     if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
         if options.columns is not None:
             seen = "lines a + b = c, which have no columns"
@@ -326,9 +324,8 @@ class BookRows:
         numbered = self.source.numbered
         if numbered is None or self._changes:
             return None
-        self.rows += len(numbered) + sum(self.source.left_out.values())
+        self.rows += len(numbered)
         self.arities[2] += len(numbered)
-        self.left_out.update(self.source.left_out)
         return numbered
 
     @property
@@ -359,8 +356,6 @@ class BookRows:
 
         A chain is several recipes; its first ones make half-products.
         """
-        self.left_out.update(self.source.left_out)
-        self.rows += sum(self.source.left_out.values())
         for entry in self.source.entries:
             if isinstance(entry, Row):
                 self.rows += 1
@@ -524,7 +519,6 @@ class BookRows:
             container=self.content.container,
             encoding=self.encoding,
             delimiter=source.delimiter,
-            quote=source.quote,
             header=source.header,
             columns=source.columns,
             num_results=source.num_results,

@@ -89,11 +89,10 @@ class FileRows:
         entries: recipes, faults and rows left out, in the file's order; iterated once.
         base: declared base entities with their places; None without a declaration.
         listed: entities that the file lists outside of recipes, with their places.
-        delimiter, quote, header, columns, num_results, ignored: see
+        delimiter, header, columns, num_results, ignored: see
             :class:`~wordcraft_kg.graphs.reading.Reading`.
         is_exact: whether cells are labels as they stand, as in our own shapes.
         numbered: all recipes at once, if each row is a plain recipe of two ingredients.
-        left_out: number of rows left out by reason, beside those among ``entries``.
         trimmed: cells without the characters at their ends that cannot be seen.
         counts_dropped: ingredients whose number of pieces was dropped.
         several_outputs: entries with several results.
@@ -106,14 +105,12 @@ class FileRows:
     base: dict[str, Place] | None = None
     listed: dict[str, Place] = field(default_factory=dict)
     delimiter: str = ""
-    quote: str = ""
     header: bool = True
     columns: tuple[str, ...] = ()
     num_results: int = 1
     ignored: tuple[str, ...] = ()
     is_exact: bool = False
     numbered: RecipeRows | None = None
-    left_out: dict[str, int] = field(default_factory=dict)
     trimmed: int = 0
     counts_dropped: int = 0
     several_outputs: int = 0
@@ -149,13 +146,8 @@ def without_nothing(entries: Iterable[Entry]) -> list[Entry]:
     for entry in entries:
         reason = ""
         if isinstance(entry, Row) and entry.result == NOTHING:
-            reason = WITH_NOTHING
+            reason = "with the result Nothing"
         elif isinstance(entry, Row) and NOTHING in entry.ingredients:
-            reason = FROM_NOTHING
+            reason = "with Nothing as ingredient"
         kept.append(LeftOut(entry.place, reason) if reason else entry)
     return kept
-
-
-WITH_NOTHING = "with the result Nothing"
-FROM_NOTHING = "with Nothing as ingredient"
-"""Reasons for which rows of Infinite Craft are left out."""

@@ -7,7 +7,7 @@ reading that does. A reading that the user names is taken at their word.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -50,13 +50,12 @@ class BookReading:
         entries: recipes, faults and rows left out.
         is_documented: whether its keys are documented words, or its shape is documented.
         is_named: whether results are named as results, rather than only as things.
-        shape: name of the shape, for people.
         num_results: number of ``columns`` with results.
         by_place: whether only the places of labels tell which one is the result.
         num_unmade: number of rows with ingredients and without a result.
         needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
             properties.
-        ignored, notes, counts_dropped, several_outputs: see
+        ignored, counts_dropped, several_outputs: see
             :class:`~wordcraft_kg.graphs.book_files.rows.FileRows`.
     """
 
@@ -64,10 +63,8 @@ class BookReading:
     entries: Sequence[Entry]
     is_documented: bool = True
     is_named: bool = True
-    shape: str = ""
     num_results: int = 1
     ignored: tuple[str, ...] = ()
-    notes: list[str] = field(default_factory=list)
     counts_dropped: int = 0
     several_outputs: int = 0
     by_place: bool = False

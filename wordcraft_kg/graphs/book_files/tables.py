@@ -52,12 +52,10 @@ class Dialect(NamedTuple):
 
     Attributes:
         delimiter: one character between cells.
-        quote: character around cells that may hold the delimiter.
         is_framed: whether delimiters also begin and end each row, as in Markdown.
     """
 
     delimiter: str
-    quote: str = '"'
     is_framed: bool = False
 
 
@@ -130,30 +128,27 @@ def cells_of(line: str, dialect: Dialect) -> list[str]:
     Raises:
         csv.Error: if a quote does not end, or text follows its end.
     """
-    delimiter, quote, is_framed = dialect
+    delimiter = dialect.delimiter
     line = line.rstrip("\r\n")
-    if is_framed:
+    if dialect.is_framed:
         line = line.strip().removeprefix(delimiter).removesuffix(delimiter)
-    line = trimmed(line, delimiter, quote)
+    line = trimmed(line, delimiter)
     if not line:
         return []
-    if quote not in line:
+    if '"' not in line:
         return line.split(delimiter)
     # Lines end where the file's lines end, which csv takes for several rows at lone \r only.
-    rows = csv.reader(
-        io.StringIO(line, newline=""), delimiter=delimiter, quotechar=quote, strict=True
-    )
+    rows = csv.reader(io.StringIO(line, newline=""), delimiter=delimiter, strict=True)
     (cells,) = rows
     return cells
 
 
-def trimmed(line: str, delimiter: str, quote: str = '"') -> str:
+def trimmed(line: str, delimiter: str) -> str:
     """Strip spaces around the cells in a table row; spaces within quotes stay.
 
     Args:
         line: the row, with or without its line end.
         delimiter: one character between cells.
-        quote: character around cells that may hold the delimiter.
     """
     has_inner_space = f"{delimiter} " in line or f" {delimiter}" in line
     has_outer_space = line.startswith(" ") or line.rstrip("\r\n").endswith(" ")
@@ -161,19 +156,17 @@ def trimmed(line: str, delimiter: str, quote: str = '"') -> str:
     if not has_inner_space and not has_outer_space:
         return line
     # Group 1 is the cell after any spaces, with those at its end if it has no quotes.
-    return _cell_pattern(delimiter, quote).sub(lambda cell: cell[1].strip(" "), line)
+    return _cell_pattern(delimiter).sub(lambda cell: cell[1].strip(" "), line)
 
 
 @cache
-def _cell_pattern(delimiter: str, quote: str) -> re.Pattern[str]:
+def _cell_pattern(delimiter: str) -> re.Pattern[str]:
     """Return a pattern for a cell after any spaces.
 
     A quoted cell goes up to the spaces before its end, any other up to its end.
     """
     d = re.escape(delimiter)
-    return re.compile(
-        rf" *+({quote}(?:[^{quote}]|{quote}{quote})*+{quote}(?= *+(?:[{d}\r\n]|$))|[^{d}\r\n]*+)"
-    )
+    return re.compile(rf' *+("(?:[^"]|"")*+"(?= *+(?:[{d}\r\n]|$))|[^{d}\r\n]*+)')
 
 
 def _tolerant_cells(line: str, dialect: Dialect) -> list[str]:
@@ -185,16 +178,12 @@ def _tolerant_cells(line: str, dialect: Dialect) -> list[str]:
 
 
 def _dialect(lines: Sequence[str], delimiter: str) -> Dialect:
-    """Return the dialect with a delimiter: its quotes and frames, by lines that are not blank."""
+    """Return the dialect with a delimiter, by lines that are not blank."""
+    if delimiter != "|":
+        return Dialect(delimiter)
     stripped = [line.strip() for line in lines]
     framed = [line.startswith("|") and line.count("|") > 1 for line in stripped]
-    is_framed = delimiter == "|" and (all(framed) or any(map(_is_rule, stripped)))
-    if is_framed and not any(framed):
-        is_framed = False
-    # A label may hold an apostrophe; quotes of a dialect begin and end every row.
-    inner = [line.strip(f"{delimiter} ") for line in stripped]
-    is_single = all(len(line) > 1 and line[0] == line[-1] == "'" for line in inner)
-    return Dialect(delimiter, "'" if is_single else '"', is_framed)
+    return Dialect(delimiter, all(framed) or (any(framed) and any(map(_is_rule, stripped))))
 
 
 def _is_rule(line: str) -> bool:
@@ -209,7 +198,6 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
     """
     with_header: list[Dialect] = []
     even: list[Dialect] = []
-    mostly: list[Dialect] = []
     for candidate in DELIMITERS:
         dialect = _dialect(lines, candidate)
         rows = [_tolerant_cells(line, dialect) for line in lines if not _is_rule(line.strip())]
@@ -218,10 +206,7 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
             with_header.append(dialect)
         if width >= 3 and number >= _EVEN * len(rows):
             even.append(dialect)
-        # Of a few rows, one that is spoilt is many.
-        if width >= 3 and number > len(rows) / 2:
-            mostly.append(dialect)
-    fitting = with_header or even or mostly or [_dialect(lines, usual)]
+    fitting = with_header or even or [_dialect(lines, usual)]
     if len(fitting) > 1:
         readings = []
         for dialect in fitting[:2]:
@@ -255,21 +240,15 @@ def _are_unknown_names(body: Sequence[Line]) -> bool:
 # --- the table -----------------------------------------------------------------------------------
 
 
-def _read_head(
-    source: FileRows, file: io.StringIO
-) -> tuple[list[Fault], tuple[int, str] | None, str | None]:
-    """Read comments up to the first row; return faults, this row, and the delimiter of ``sep=``."""
+def _read_head(source: FileRows, file: io.StringIO) -> tuple[list[Fault], tuple[int, str] | None]:
+    """Read comments up to the first row; return faults and this row."""
     faults: list[Fault] = []
-    named = None
     for number, line in enumerate(file, start=1):
-        separator = re.fullmatch(r'"?sep=(.)"?', line.strip("\r\n "))
         if line.startswith("//") or _is_comment(line):
             faults += filter(None, [read_directive(source, number, line)])
-        elif separator and named is None:
-            named = separator[1]
         elif line.strip():
-            return faults, (number, line), named
-    return faults, None, named
+            return faults, (number, line)
+    return faults, None
 
 
 def _is_comment(line: str) -> bool:
@@ -306,7 +285,7 @@ def _parsed(
                 yield Fault(number, "row", message, "quote")
                 continue
             # A table that we write has quotes around cells that begin or end with blanks.
-            if not line.isascii() and dialect.quote not in line:
+            if not line.isascii() and '"' not in line:
                 seen = list(map(trim_unseen, cells))
                 source.trimmed += sum(map(ne, seen, cells))
                 cells = seen
@@ -338,7 +317,7 @@ def read_table(
     """
     source = FileRows("table")
     file = io.StringIO(text, newline="")
-    faults, first, separator = _read_head(source, file)
+    faults, first = _read_head(source, file)
     if first is None:
         raise refusal(path, "no row of a table, only comments", "table")
     start = file.tell()
@@ -346,19 +325,25 @@ def read_table(
     sample = [line for _, line in lines if line.strip()][:_SAMPLE_ROWS]
     if max(map(len, sample)) > MAX_LINE_LENGTH:
         raise refusal(path, f"no table: {too_long(max(sample, key=len))[:-1]}", "table")
-    known = delimiter or separator
-    is_own = tuple(_tolerant_cells(first[1], Dialect(known or usual))) in _OWN
-    if is_own:
-        dialect = Dialect(known or usual)
-    else:
-        dialect = _dialect(sample, known) if known else _guess_dialect(path, sample, usual)
+    if all(map(_is_single_quoted, sample)):
+        remedy = "Write double quotes, or none."
+        raise refusal(path, "a table with single quotes around its cells", "table", remedy)
+    dialect = Dialect(delimiter or usual)
+    is_own = tuple(_tolerant_cells(first[1], dialect)) in _OWN
+    if not is_own:
+        dialect = _dialect(sample, delimiter) if delimiter else _guess_dialect(path, sample, usual)
     source.delimiter = dialect.delimiter
-    source.quote = dialect.quote.strip('"')
     source.is_exact = is_own
     # Blanks at the ends that cannot be seen are slips, unless they are in quotes.
     if is_own and KIND not in first[1] and not faults and not has_unseen(text):
-        source.numbered = number_plain_rows(text, start, dialect.delimiter, '"', _is_odd)
+        source.numbered = number_plain_rows(text, start, dialect.delimiter, _is_odd)
     return source, _document(path, source, [*faults, *_parsed(source, lines, dialect)], is_named)
+
+
+def _is_single_quoted(line: str) -> bool:
+    """Return whether a row begins and ends with single quotes, which are no part of labels."""
+    cells = line.strip(",;|\t\r\n ")
+    return len(cells) > 1 and cells[0] == cells[-1] == "'"
 
 
 def _is_odd(label: str) -> bool:
@@ -381,11 +366,6 @@ def _document(
     header = _header(path, body, is_named)
     number_of_header = header.number if header else 0
     names = _without_blanks(header.cells) if header else []
-    # In R's tables, numbers of rows have no name.
-    below = [_without_blanks(row.cells) for row in body if row.number > number_of_header]
-    is_shifted = all(len(cells) == len(names) + 1 and cells[0].isdecimal() for cells in below)
-    if names and names[0] and below and is_shifted:
-        names = ["", *names]
     keys = _different(names) if names else [str(number + 1) for number in range(width)]
     document = Document([], is_table=True)
     known = {name.casefold() for name in names if is_documented(name)}

@@ -1,16 +1,11 @@
-"""The text of a recipe book: which encoding its bytes are in.
+"""The text of a recipe book: UTF-8, UTF-16 with a mark, or the encoding that the user names.
 
-A byte order mark decides, then UTF-8. Other bytes are read in each encoding that programs still
-write; the words of a wrong reading mix scripts or have capitals inside. If several readings remain,
-the file is refused with two of them. A detector was judged: of 18 short texts in 13 encodings,
-charset-normalizer 3.5 took a wrong reading in silence for 5; the rule here for none, and refuses 6.
+No encoding is guessed: many fit the same bytes, and give other labels. Text formats that are no
+recipe books have names for refusals.
 """
 
 import codecs
 import re
-import unicodedata
-from contextlib import suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,34 +13,32 @@ from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.graphs.book_files.rows import refusal
 
-# UTF-32 first: its little-endian mark begins with that of UTF-16.
 _MARKS = {
-    codecs.BOM_UTF8: "utf-8-sig",
-    codecs.BOM_UTF32_LE: "utf-32",
-    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
-_SAMPLE = 2**14  # bytes of lines with non-ASCII characters for the guess
-_ENCODINGS = (
-    *("cp1252", "cp1250", "cp1251", "cp1253", "cp1254", "cp1257", "iso8859_2", "iso8859_15"),
-    *("koi8_r", "cp437", "cp850", "cp852", "cp866", "mac_roman"),
-    *("shift_jis", "euc_jp", "gb18030", "big5", "cp949"),
-)
-"""Encodings of text files other than Unicode's: Windows, Unix, DOS, Macintosh, East Asia."""
 _NOT_OF_FILES = frozenset(
     {"punycode", "idna", "unicode_escape", "raw_unicode_escape", "undefined", "mbcs", "oem"}
     | {"unicode-escape", "raw-unicode-escape"}
 )
 """Python's encodings of names and source code, not of files."""
-_WORD = re.compile(r"[^\s,;|\t\"=+()\[\]{}:/-]+")
-_PUNCTUATION = frozenset(
-    "\u2019\u2018\u201c\u201d\u2013\u2014\u2026\u20ac\u00b0\u00bd\u00b2\u00b3\u00ab\u00bb"
-)
-_JAPANESE = ("CJK", "HIRAGANA", "KATAKANA", "KATAKANA-HIRAGANA", "IDEOGRAPHIC")
-_SHORT_WORD = 3
-_REMEDY = "Name the file's encoding with --encoding, or save the file as UTF-8."
-_MANY_ZEROS = 0.3  # of the bytes at even or odd places: text in UTF-16
+_SAMPLE = 2**16  # characters at the start of a text
+_FORMATS = {
+    "HTML": r"\A\s*<(?:!doctype html|html|head|body|table|div|ul|ol|p)\b",
+    "XML": r"\A\s*<[?!\w]",
+    "SQL": r"^\s*(?:INSERT\s+INTO|CREATE\s+TABLE)\b",
+    "a table of MediaWiki": r"\A\s*\{\|",
+    "a table of DokuWiki": r"\A\s*\^.+\^\s*$",
+    "a table of Jira": r"\A\s*\|\|.+\|\|\s*$",
+    "a table that a database printed": r"^\s*(?:\+-[+-]+\+|-+\+-[+-]+)\s*$",
+    "a table of reStructuredText": r"^={2,} +={2,}[ =]*$",
+    "LaTeX": r"\\(?:begin|end)\{",
+    "program code": r"^\s*(?:const|let|var|function|def|class|import|local) ",
+    "TOML": r"^\s*\[{1,2}[\w.\"' -]+\]{1,2}\s*$",
+    "YAML": r"^(?:---\s*$|[^\s,:;|]+:\s*(?:[\[{|>].*)?$|\s*- [^,;|]+:)",
+}
+"""Signs of formats, the more certain ones first."""
 
 
 class Decoded(NamedTuple):
@@ -66,7 +59,7 @@ def check_encoding(encoding: str | None) -> None:
     """Check that Python knows a text encoding.
 
     Args:
-        encoding: its name; None, which stands for a guess, is always right.
+        encoding: its name; None, for UTF-8 or the encoding of a mark, is always right.
 
     Raises:
         ConfigError: if it does not, or the encoding is one of names or source code, not of files.
@@ -92,98 +85,56 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
     Args:
         path: the file, for errors.
         data: the bytes.
-        encoding: the encoding, one that :func:`check_encoding` accepts; None to guess.
+        encoding: the encoding, one that :func:`check_encoding` accepts; None for that of a byte
+            order mark, or UTF-8.
 
     Raises:
-        RecipeFileError: for an empty or binary file, for bytes that do not fit ``encoding``, and if
-            several encodings fit and give different texts; the message shows two readings.
+        RecipeFileError: for an empty or binary file, and for bytes that do not fit the encoding.
+            The message shows the first such line as another encoding reads it.
     """
     mark = next((mark for mark in _MARKS if data.startswith(mark)), b"")
     marked = _MARKS.get(mark, "")
-    name = codecs.lookup(encoding).name if encoding else marked or _guess(path, data)
-    if marked and not name.startswith(marked.removesuffix("-sig")):
-        family = marked.removesuffix("-sig")
-        seen = f"it begins with the byte order mark of {family}, and `encoding` is {encoding}"
+    name = codecs.lookup(encoding or marked or "utf-8").name.removesuffix("-sig")
+    if not name.startswith(marked):
+        seen = f"it begins with the byte order mark of {marked}, and `encoding` is {encoding}"
         raise refusal(path, seen, "encodings", "Leave --encoding out.")
+    if name == "utf-8" and b"\x00" in data:
+        seen = "a binary file (it holds zero bytes), not text"
+        remedy = "If it is text in UTF-16, name it with --encoding utf-16-le."
+        raise refusal(path, seen, "encodings", remedy)
     try:
-        text = data.removeprefix(codecs.BOM_UTF8).decode(name.removesuffix("-sig"))
+        text = data.decode(name).removeprefix("\ufeff")
     except UnicodeDecodeError as error:
-        seen = _not(path, data, name.removesuffix("-sig"), error)
-        raise refusal(path, seen, "encodings", _REMEDY) from None
-    # A decoder with a byte order in its name leaves the mark.
-    text = text.removeprefix("\ufeff") if mark and encoding else text
+        seen = _not(data, name, error)
+        remedy = "Name the file's encoding, such as --encoding cp1252, or save the file as UTF-8."
+        raise refusal(path, seen, "encodings", remedy) from None
     if text.startswith("\ufeff"):
         raise refusal(path, "two byte order marks", "encodings", "Remove them.")
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
-    return Decoded(text, name.removesuffix("-sig"), bool(mark))
+    return Decoded(text, name, bool(mark))
 
 
-def _not(path: Path, data: bytes, name: str, error: UnicodeDecodeError) -> str:
+def _not(data: bytes, name: str, error: UnicodeDecodeError) -> str:
+    """Return where bytes are not in an encoding, and what the usual other one makes of them."""
     line = data.count(b"\n", 0, error.start) + 1
-    return f"line {line} is not {name} (byte 0x{data[error.start]:02x})"
+    line_start = data.rfind(b"\n", 0, error.start) + 1
+    around = data[line_start : error.start + 30].decode("cp1252", errors="replace")
+    shown = for_terminal(around.splitlines()[0][:60])
+    byte = f"byte 0x{data[error.start]:02x}"
+    expected = name.replace("utf", "UTF")
+    return f"line {line} is not {expected} ({byte}); as cp1252 it begins {shown!r}"
 
 
-def _guess(path: Path, data: bytes) -> str:
-    """Return the encoding of bytes, if all plausible ones give one text."""
-    if b"\x00" in data:
-        return _wide(path, data)
-    try:
-        data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        start = error.start
-        seen = _not(path, data, "UTF-8", error)
-    else:
-        return "utf-8"
-    # All lines with bytes outside of ASCII, each once, are all that a guess can go by.
-    lines = dict.fromkeys(line for line in data.splitlines() if not line.isascii())
-    sample = b"\n".join(lines)[:_SAMPLE]
-    texts: dict[str, str] = {}
-    for name in _ENCODINGS:
-        # A sample may end within a character of several bytes.
-        with suppress(UnicodeDecodeError):
-            text = codecs.getincrementaldecoder(name)().decode(sample)
-            if all(word.isascii() or _is_word(word) for word in set(_WORD.findall(text))):
-                texts.setdefault(text, name)
-    if len(texts) == 1:
-        return next(iter(texts.values()))
-    if texts:
-        two = [_reading(data, name, start) for name in list(texts.values())[:2]]
-        seen = f"{seen}; its encoding is not certain: {' or '.join(two)}"
-    raise refusal(path, seen, "encodings", _REMEDY)
+def foreign_format(text: str) -> str | None:
+    r"""Return the format of a text that is neither a table nor lines nor JSON, or None.
 
-
-def _wide(path: Path, data: bytes) -> str:
-    """Return which kind of UTF-16 bytes with zeros are, or refuse them as binary."""
-    # In most scripts many characters, such as spaces and line ends, are below 256. One byte of
-    # their two is zero: the second one in little endian, the first one in big endian. The other
-    # byte is never zero in usual text, but often in binary files.
-    even, odd = data[::2].count(0), data[1::2].count(0)
-    if min(even, odd) or max(even, odd) <= _MANY_ZEROS * (len(data) // 2):
-        raise refusal(path, "a binary file (it holds zero bytes), not text", "encodings")
-    return "utf-16-le" if odd else "utf-16-be"
-
-
-def _is_word(word: str) -> bool:
-    """Return whether a word looks as people write it.
-
-    It has one script, no capitals after small letters, no signs inside, and in Latin script at most
-    half of the letters with accents.
+    Example:
+        >>> foreign_format("mud:\n  - [water, earth]"), foreign_format("a,b,c")
+        ('YAML', None)
     """
-    foreign = [char for char in word if not char.isascii() and char not in _PUNCTUATION]
-    if not all(char.isalpha() or char.isdigit() for char in foreign):
-        return False
-    if any(a.islower() and b.isupper() and not b.isascii() for a, b in pairwise(word)):
-        return False
-    # A letter's name begins with its script, as in LATIN SMALL LETTER A.
-    names = [unicodedata.name(char, "").partition(" ")[0] for char in word if char.isalpha()]
-    scripts = {"CJK" if name in _JAPANESE else name for name in names}
-    is_latin = scripts == {"LATIN"} and len(word) > _SHORT_WORD
-    return len(scripts) <= 1 and not (is_latin and 2 * len(foreign) > len(word))
-
-
-def _reading(data: bytes, name: str, start: int) -> str:
-    """Return the line around a byte as an encoding reads it, for a refusal."""
-    line_start = data.rfind(b"\n", 0, start) + 1
-    around = data[line_start : start + 30].decode(name, errors="replace")
-    return f"{for_terminal(around.splitlines()[0][:60])!r} as {name}"
+    sample = text[:_SAMPLE]
+    for name, sign in _FORMATS.items():
+        if re.search(sign, sample, re.IGNORECASE | re.MULTILINE):
+            return name
+    return None

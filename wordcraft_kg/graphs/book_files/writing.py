@@ -1,10 +1,7 @@
 """Write recipe books: tables with our own header, or our own JSON."""
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cache, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -95,22 +92,15 @@ def recipe_table(
     header = (*CSV_HEADER, KIND) if kinds else CSV_HEADER
     yield delimiter.join(header) + "\n"
     rows = RecipeRows.of(recipes)
-    has_quotes = any(_needs_quotes(label, delimiter) for label in rows.labels)
-    if not kinds and not has_quotes:
-        cells = [label + delimiter for label in rows.labels]
-        last_cells = [label + "\n" for label in rows.labels]
-        yield from row_text(rows.ids, (cells, cells, last_cells))
+    if kinds:
+        for recipe in rows:
+            yield csv_line((*recipe, kinds.get(recipe, "")), delimiter)
         return
     # A label is looked at once, not in each of its recipes.
-    needs_quotes = cache(partial(_needs_quotes, delimiter=delimiter))
-    for recipe in rows:
-        row: tuple[str, ...] = recipe
-        if kinds:
-            row = (*recipe, kinds.get(recipe, ""))
-        if any(map(needs_quotes, row)):
-            yield csv_line(row, delimiter)
-        else:
-            yield delimiter.join(row) + "\n"
+    texts = [_cell(label, delimiter) for label in rows.labels]
+    cells = [text + delimiter for text in texts]
+    last_cells = [text + "\n" for text in texts]
+    yield from row_text(rows.ids, (cells, cells, last_cells))
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
@@ -142,28 +132,22 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
 
 
 def csv_line(labels: Iterable[str], delimiter: str) -> str:
-    """Return a row, with quotes only where they are needed: around all of its cells.
+    """Return a row, with quotes only around the cells that need them.
 
     Args:
         labels: the cells.
         delimiter: one character between them.
     """
-    cells = list(labels)
-    if not any(_needs_quotes(cell, delimiter) for cell in cells):
-        return delimiter.join(cells) + "\n"
-    # csv.writer only writes to files.
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL)
-    writer.writerow(cells)
-    return buffer.getvalue()
+    return delimiter.join(_cell(label, delimiter) for label in labels) + "\n"
 
 
-def _needs_quotes(cell: str, delimiter: str) -> bool:
-    """Return whether the reader would take a cell without quotes for something else."""
-    if delimiter in cell or '"' in cell:
-        return True
-    # A comment, or the mark at the start of a file.
-    if cell.startswith(("#", "\ufeff")):
-        return True
+def _cell(label: str, delimiter: str) -> str:
+    """Return a label, in quotes if the reader would take it for something else without them."""
     # The reader strips blanks around a cell that has no quotes.
-    return cell != cell.strip() or cell != trim_unseen(cell)
+    is_stripped = label == label.strip() == trim_unseen(label)
+    # A comment, or the mark at the start of a file.
+    is_comment = label.startswith(("#", "//", "\ufeff"))
+    if is_stripped and not is_comment and delimiter not in label and '"' not in label:
+        return label
+    doubled = label.replace('"', '""')
+    return f'"{doubled}"'

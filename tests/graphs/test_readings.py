@@ -303,6 +303,7 @@ def test_two_readings_are_refused_with_both_commands(put):
     assert len(found) == 2
 
 
+NO_WORDS = "no documented words name ingredients and a result"
 REFUSED = {
     # Numbers of pieces in forms that are not read never stay in labels.
     **{
@@ -334,6 +335,18 @@ REFUSED = {
     ),
     "addresses": (cells("a,b,result", lambda a, b, c: f"https://x.org/{a}", second, result), "://"),
     "tags": (cells("a,b,result", lambda a, b, c: f"<b>{a}</b>", second, result), "holds markup"),
+    "choices in a list": (
+        [
+            {"parts": [{"item": a, "n": 2}, {"item": [b, "oak"], "n": 1}], "result": c}
+            for a, b, c in ROWS
+        ],
+        "may be choices of an ingredient",
+    ),
+    "numbers beside words of columns": (
+        "Ingredient Name,First Effect,Strength,Second Effect\n"
+        + "".join(f"{a},Weakness to {b},3,30\n" for a, b, c in ROWS),
+        NO_WORDS,
+    ),
     "choices of two": (
         cells("a,b,result", lambda a, b, c: f"{a} or oak", second, result),
         "holds a choice",
@@ -352,9 +365,12 @@ REFUSED = {
     ),
     "properties": (
         {"water": {"emoji": "W", "kind": "wet"}, "mud": {"emoji": "M", "kind": "x"}},
-        "",
+        NO_WORDS,
     ),
-    "numbers that are properties": ({"axe": {"damage": 7, "speed": 2}, "bow": {"damage": 9}}, ""),
+    "numbers that are properties": (
+        {"axe": {"damage": 7, "speed": 2}, "bow": {"damage": 9}},
+        NO_WORDS,
+    ),
     "effects as result": ([{"ingredients": ["herb", "salt"], "result": {"energy": 40}}], "energy"),
     "potions by effects": ([{"name": n, "effects": ["heal", "rest"]} for n in NAMES], "effects"),
     "uses": ([{"name": a, "usedIn": [c]} for a, _, c in ROWS], "usedIn"),
@@ -372,8 +388,11 @@ REFUSED = {
         "id,ingredient,result\n" + "".join(f"1,{a},{c}\n1,{b},{c}\n" for a, b, c in ROWS),
         "most rows have one ingredient",
     ),
-    "choices beside ingredients": ([{"ingredients": [["oak", "fir"], "coal"], "result": "x"}], ""),
-    "numbers as results": ("a,b,result\nwater,earth,12\nfire,sand,13\n", ""),
+    "choices beside ingredients": (
+        [{"ingredients": [["oak", "fir"], "coal"], "result": "x"}],
+        NO_WORDS,
+    ),
+    "numbers as results": ("a,b,result\nwater,earth,12\nfire,sand,13\n", NO_WORDS),
     "weights": ("a,b,weight\nwater,earth,0.5\nfire,sand,0.25\n", "weight"),
     "merged cells": ("a,b,result\nwater,earth,mud\n,fire,steam\n", "line 3: a blank cell before"),
     "a missing value": ("a,b,result\nice,NA,water\n", "line 2: 'NA' may be a missing value"),
@@ -395,7 +414,7 @@ REFUSED = {
         },
         "'1' belongs to several things",
     ),
-    "many labels under keys": ({"x": list("abcdef"), "y": list("klmnop")}, ""),
+    "many labels under keys": ({"x": list("abcdef"), "y": list("klmnop")}, NO_WORDS),
     "two lists": (
         {"one": listed("parents", "child"), "two": listed("inputs", "output", rows=KITCHEN)},
         "two readings fit",

@@ -211,6 +211,12 @@ def _ingredients(raw: Raw, joiner: str | None) -> tuple[list[str], str | None]:
         labels = _labels(cell)
         if labels is None:
             message = f"{shown(value)} holds no label under a documented key."
+        elif isinstance(cell, list) and len(labels) > 1 and len(raw.parts) > 1:
+            # A list in the place of one of several ingredients.
+            message = (
+                f"{shown(value)} may be choices of an ingredient or several ingredients; write "
+                "each choice as a recipe of its own."
+            )
         elif not isinstance(cell, str) or not cell or joiner == "":
             parts += labels
         elif joiner is None:

@@ -133,6 +133,7 @@ def rows_of_document(
         parts = tuple((EACH, f".{name}") for name in ("ingredient_a", "ingredient_b"))
         best = reader(ColumnRoles(parts, ((EACH, ".result"),)))
     else:
+        _check_choices(path, labels)
         ways = list(islice(_readings(labels), _MOST_READINGS))
         found = [reader(way) for way in ways if way.is_documented]
         guesses: Iterable[BookReading] = (reader(way) for way in ways if not way.is_documented)
@@ -159,6 +160,25 @@ def rows_of_document(
     source.several_outputs = best.several_outputs
     source.counts_dropped += best.counts_dropped
     return source
+
+
+def _check_choices(path: FilePath, labels: _Labels) -> None:
+    """Refuse a document in which an ingredient is a text in some places, and a list in others.
+
+    Raises:
+        RecipeFileError: if there is such a key: its lists may be choices, or several ingredients.
+    """
+    for lists in labels:
+        texts = lists[:-1]
+        if lists[-1:] != (EACH,) or texts not in labels:
+            continue
+        # Within one loop, a key holds what belongs to a thing, such as its result or results.
+        num_loops = sum(step in LOOPS for step in texts)
+        # A map's values have no key: {"water": {"earth": ["mud", "clay"]}} has several results.
+        if num_loops > 1 and texts[-1].startswith("."):
+            seen = f"the lists of {path_text(texts)!r} may be choices of an ingredient or several"
+            remedy = "Write each choice as a recipe of its own, or name columns with --columns."
+            raise refusal(path, seen, "json", remedy)
 
 
 def _note_craft(source: FileRows, labels: _Labels, best: BookReading) -> None:

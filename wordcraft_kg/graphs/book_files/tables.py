@@ -18,7 +18,12 @@ from typing import NamedTuple
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.cells import formula_fault, has_unseen, trim_unseen
+from wordcraft_kg.graphs.book_files.cells import (
+    formula_fault,
+    has_unseen,
+    is_number,
+    trim_unseen,
+)
 from wordcraft_kg.graphs.book_files.entries import Document
 from wordcraft_kg.graphs.book_files.paths import EACH
 from wordcraft_kg.graphs.book_files.rows import (
@@ -219,6 +224,9 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
 
 def _are_names(cells: Sequence[str]) -> bool:
     """Return whether cells are documented words for ingredients and a result."""
+    # Amounts stand in rows, such as "Weakness to Frost,3,30": words beside them are labels.
+    if sum(map(is_number, cells)) > 1:
+        return False
     paths = [(EACH, f".{cell}") for cell in cells]
     sure = [each for each in readings(paths) if each.is_documented]
     return any(each.is_named or is_name(each.results[0][-1][1:]) for each in sure)

@@ -3,6 +3,7 @@ its life cycle."""
 
 import json
 import re
+import shutil
 import signal
 import sys
 from dataclasses import fields, replace
@@ -30,7 +31,12 @@ from wordcraft_kg.agents.config import TABLES
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import AgentTraining, _warn_of_self_pairs
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    TrainingError,
+)
 from wordcraft_kg.envs.world import open_world_graph
 from wordcraft_kg.models.policies.states import States
 
@@ -224,6 +230,28 @@ def test_settings_that_were_changed_after_the_start_are_refused(config, interrup
     for use in (open_agent, lambda folder: train_agent(config, folder)):
         with pytest.raises(ArtefactError, match=r"policy\.json is damaged or was changed"):
             use(path.parent)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda policy: {"entities": policy["entities"][::-1]},
+        lambda policy: {"graph": "0" * len(policy["graph"])},
+    ],
+    ids=["other entities", "another graph"],
+)
+def test_a_policy_of_other_entities_than_the_run_is_refused(done, tmp_path, change):
+    folder = tmp_path / "forged"
+    shutil.copytree(done, folder)
+    path = folder / "policy.json"
+    policy = json.loads(path.read_text())
+    path.write_text(json.dumps(policy | change(policy)))
+    run = json.loads((folder / "run.json").read_text())
+    # The forger also records the hash of the changed file.
+    run["outputs"]["policy.json"] = sha256_of(path)
+    (folder / "run.json").write_text(json.dumps(run))
+    with pytest.raises(GraphMismatchError, match="has other entities than"):
+        open_agent(folder)
 
 
 @pytest.mark.slow

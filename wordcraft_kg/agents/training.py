@@ -129,11 +129,11 @@ def train_agent(
         LeakError: if a model of the scorer has seen all recipes of a train task's plan.
 
     Example:
-        >>> trainer = ImpalaConfig(steps=512, eval_every=0)
+        >>> trainer = ImpalaConfig(steps=1_024, eval_every=0)
         >>> config = AgentConfig("kitchen", "models/kitchen", trainer=trainer)
         >>> trained = train_agent(config, "runs/kitchen")
         >>> trained.step
-        512
+        1024
     """
     config.check_preset()
     return train(

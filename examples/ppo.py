@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg import evaluate, open_graph
+from wordcraft_kg.envs.batch import State
 from wordcraft_kg.models.scorers.features import make_features
 
 ENVS, STEPS, EPOCHS, MINIBATCH = 256, 8, 3, 1024
@@ -68,9 +69,8 @@ def train(graph: str, steps: int, seed: int = 0) -> Network:
         for _ in range(STEPS):
             with torch.no_grad():
                 logits, value = network(seen)
-            chosen = torch.distributions.Categorical(logits=logits)
-            action = chosen.sample()
-            played.append({**seen, "action": action, "log_prob": chosen.log_prob(action)})
+            action = torch.multinomial(logits.softmax(1), 1)[:, 0]
+            played.append({**seen, "action": action, "log_prob": log_probs_of(logits, action)})
             values.append(value)
             following, reward, terminated, _, _ = envs.step(action.numpy())
             rewards.append(torch.tensor(reward, dtype=torch.float32))
@@ -83,7 +83,7 @@ def train(graph: str, steps: int, seed: int = 0) -> Network:
         batch = {name: torch.cat([step[name] for step in played]) for name in played[0]}
         batch |= {"gain": gains.flatten(), "return": (gains + every[:-1]).flatten()}
         for _ in range(EPOCHS):
-            for rows in torch.randperm(ENVS * STEPS).split(MINIBATCH):
+            for rows in torch.randperm(ENVS * STEPS).chunk(ENVS * STEPS // MINIBATCH):
                 learn(network, optimizer, {name: values[rows] for name, values in batch.items()})
     return network
 
@@ -91,16 +91,23 @@ def train(graph: str, steps: int, seed: int = 0) -> Network:
 def learn(network: Network, optimizer: torch.optim.Adam, batch: dict[str, Tensor]) -> None:
     """Take a step of the clipped policy gradient, with losses of value and entropy."""
     logits, value = network(batch)
-    chosen = torch.distributions.Categorical(logits=logits)
-    ratio = (chosen.log_prob(batch["action"]) - batch["log_prob"]).exp()
+    ratio = (log_probs_of(logits, batch["action"]) - batch["log_prob"]).exp()
     gain = (batch["gain"] - batch["gain"].mean()) / (batch["gain"].std() + 1e-8)
     clipped = ratio.clamp(1 - CLIP, 1 + CLIP)
     loss = -torch.minimum(ratio * gain, clipped * gain).mean()
-    loss = loss + (value - batch["return"]).square().mean() / 2 - ENTROPY * chosen.entropy().mean()
+    # Empty slots have probability 0, and a logarithm of -inf.
+    log_probs = logits.log_softmax(1).clamp(min=-50)
+    entropy = -(log_probs.exp() * log_probs).sum(1).mean()
+    loss = loss + (value - batch["return"]).square().mean() / 2 - ENTROPY * entropy
     optimizer.zero_grad()
     loss.backward()
     nn.utils.clip_grad_norm_(network.parameters(), 0.5)
     optimizer.step()
+
+
+def log_probs_of(logits: Tensor, action: Tensor) -> Tensor:
+    """Return the log-probabilities (B,) of actions (B,) under logits (B, A)."""
+    return logits.log_softmax(1).gather(1, action[:, None])[:, 0]
 
 
 def tensors(seen: dict[str, np.ndarray]) -> dict[str, Tensor]:
@@ -112,10 +119,11 @@ def tensors(seen: dict[str, np.ndarray]) -> dict[str, Tensor]:
 def success(graph: str, network: Network) -> str:
     """Return the success of greedy play on the test tasks, with its interval."""
 
-    def player(state, rng):
+    def player(state: State, rng: np.random.Generator) -> np.ndarray:
         seen = {name: getattr(state, name).copy() for name in ("goal", "selection", "table")}
         logits, _ = network(tensors({**seen, "action_mask": state.action_masks()}))
-        return logits.argmax(1).numpy()
+        slots: np.ndarray = logits.argmax(1).numpy()
+        return slots
 
     figures = evaluate(player, open_graph(graph), part="test").metrics()
     return f"test success {figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]"

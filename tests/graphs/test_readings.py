@@ -335,6 +335,10 @@ REFUSED = {
     ),
     "addresses": (cells("a,b,result", lambda a, b, c: f"https://x.org/{a}", second, result), "://"),
     "tags": (cells("a,b,result", lambda a, b, c: f"<b>{a}</b>", second, result), "holds markup"),
+    "ids of rows beside an unknown key of results": (
+        [{"id": f"{a}-{b}-{c}", "ingredients": [a, b], "gizmo": c} for a, b, c in ROWS[:6]],
+        "0 of 6 results are ingredients of other recipes",
+    ),
     "choices in a list": (
         [
             {"parts": [{"item": a, "n": 2}, {"item": [b, "oak"], "n": 1}], "result": c}

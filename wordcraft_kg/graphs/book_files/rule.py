@@ -27,6 +27,7 @@ LEAST_REUSED = 0.05
 """Share of the results that must be ingredients of other recipes."""
 FEWEST_RESULTS = 20
 """Results of the smallest book that the share judges."""
+_FEWEST_UNUSED = 5  # of fewer recipes, none may use another's result by chance
 _LIKE = 0.5  # share of the rows by which two readings are one
 _MOST_READINGS = 4  # in a refusal
 _FEWEST_ELEMENTS = 2  # one alone, such as water, is a usual thing to make
@@ -262,7 +263,10 @@ def choose(
             f"read as {_shown(best)}, most rows have one ingredient: they may be parts of recipes"
         )
         raise _several(path, seen, rivals, anchor)
-    if share <= LEAST_REUSED and best.num_made >= FEWEST_RESULTS:
+    # Names of rows may be no results if none is used, and another key may hold the results.
+    is_name_unused = not best.is_named and bool(best.ignored) and best.num_made >= _FEWEST_UNUSED
+    is_judged = best.num_made >= FEWEST_RESULTS or (is_name_unused and not share)
+    if share <= LEAST_REUSED and is_judged:
         raise _loose(path, best, share, rivals, anchor)
     # In a book that hangs together, a much looser reading is none, and neither is a guess.
     close = [each for each in rivals if shares[id(each)] > share * _LIKE]

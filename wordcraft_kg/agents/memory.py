@@ -24,7 +24,14 @@ class Successes:
         self.keys = torch.empty(0, dtype=torch.int64, device=device)
 
     def add(self, goal: Tensor, left: Tensor, one: Tensor, other: Tensor) -> None:
-        """Remember pairs of entities; shape (n,), int64, each: goal, attempts left and both ids."""
+        """Remember pairs of entities that led to a goal.
+
+        Args:
+            goal: ids, shape (n,), int64.
+            left: attempts left before the pair, shape (n,), int64.
+            one: ids of an entity of each pair, shape (n,), int64.
+            other: ids of its partner, shape (n,), int64; the order of a pair has no meaning.
+        """
         new = self._keys(goal, left, one, other)
         self.keys = torch.cat([self.keys, new]).unique()
 

@@ -29,7 +29,13 @@ class MLPPolicy(Policy):
         vectors: EntityVectors,
         num_slots: int,
     ):
-        """Draw a network for tables with ``num_slots`` slots, without knowledge sources."""
+        """Draw a network by torch's global generator, without knowledge sources.
+
+        Args:
+            config: settings.
+            vectors: entity vectors.
+            num_slots: slots of all tables.
+        """
         super().__init__(config, vectors)
         self.num_slots = num_slots
         self.hidden = nn.Linear((2 + num_slots) * vectors.dim, config.hidden_size)

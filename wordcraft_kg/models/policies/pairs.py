@@ -73,7 +73,12 @@ class PairPolicy(Policy):
         vectors: EntityVectors,
         sources: Iterable[Source] = (),
     ):
-        """Draw a network by torch's global generator; the arguments as in :class:`Policy`.
+        """Draw a network by torch's global generator.
+
+        Args:
+            config: settings.
+            vectors: entity vectors.
+            sources: knowledge sources in mixing order; without sources there is no mixture.
 
         Raises:
             ConfigError: for ``kg_only``, or another ``mixing`` than residual.

@@ -268,7 +268,12 @@ class Policy(nn.Module):
     ) -> Tensor:
         """Return the slot that a greedy player takes in each state, shape (B,).
 
-        The first of equally good slots; the arguments and errors are those of :meth:`forward`.
+        The first of equally good slots.
+
+        Args:
+            states: B states, as in :meth:`forward`.
+            weights: result of :meth:`weights`; None computes it.
+            external_scores: result of :meth:`external_scores`; None computes it.
 
         Raises:
             ArtefactError: if the policy's numbers overflow.

@@ -27,7 +27,7 @@ help:
 	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, directions of imports, generated pages"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/terms.md from the glossary"
-	@echo "make results  train the next missing cells of docs/results/cells for MINUTES=30; of some studies with STUDY='splits'"
+	@echo "make results  train the next missing runs of all studies into results/ for MINUTES=30; of some with STUDY='splits'"
 	@echo "make notebooks  run the notebooks of docs/notebooks and store their outputs; of some with NOTEBOOKS='graphs planning'"
 	@echo "make site     the guides, notebooks, Python reference and the demo in the explorer as a website, in site/"
 	@echo "make check-site  every page of the website in Chromium: widths, colours, links, requests, sizes"
@@ -109,10 +109,10 @@ docs: install
 	$(BIN)/python docs/make_evidence.py
 	$(BIN)/python docs/make_notebooks.py --text
 
-# 124: the time is over. All finished cells are stored, and the next call resumes the unfinished trainings.
+# 124: the time is over. Finished trainings stay in results/, and the next call resumes the unfinished ones.
 results: install
 	timeout --foreground --signal=INT $(MINUTES)m nice -n 19 $(BIN)/wordcraft-kg reproduce $(STUDY) \
-		--store docs/results/cells --out results --keep metrics || [ $$? = 124 ]
+		--out results --keep metrics || [ $$? = 124 ]
 
 .venv/installed-docs: .venv/installed
 	$(BIN)/python $(PIP_INSTALL) --constraint constraints.txt --editable ".[docs]"

@@ -1,12 +1,11 @@
 """Write docs/results.md, the evidence pages of the studies and their pictures from docs/results/.
 
-    python docs/make_results.py [--check | --take FOLDER | --cells [FOLDER] | --pack [FOLDER]]
+    python docs/make_results.py [--check | --take FOLDER]
 
-The committed results hold figures and hashes, and nothing of a book. Of a store of cells, a study
-with at least three seeds of all variants takes the place of its file; docs/results/left.json counts
-the cells, and has the hours of the missing ones. --pack moves the loose files of a store into a zip
-archive for each study and book. Further tables come from docs/study-players.json,
-docs/agents-against-scorers.json and docs/interval-coverage.json.
+The committed results hold figures and hashes, and nothing of a book. With --take, a built-in study
+of a results folder takes the place of its file if it has at least three seeds of all variants.
+Further tables come from docs/study-players.json, docs/agents-against-scorers.json and
+docs/interval-coverage.json.
 
 docs/results.md has a row for each claim with its verdicts; a study of both books is a page of
 docs/evidence/, with its long tables folded.
@@ -16,7 +15,6 @@ import argparse
 import json
 import re
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
@@ -27,21 +25,16 @@ import numpy as np
 from charts import Mark, chart, read_mark
 
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
+from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.statistics import FEWEST_PAIRS, holm
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.splits import SplitConfig
-from wordcraft_kg.studies.cells import exchange_cells
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
-from wordcraft_kg.studies.engine import estimated_hours
-from wordcraft_kg.studies.packs import CellFiles, pack_files, write_pack
-from wordcraft_kg.studies.perform import is_done, make_graph
-from wordcraft_kg.studies.plan import Plan, make_plan
 from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
-from wordcraft_kg.studies.store import collect_study, own_results, studies_of, write_plan
-from wordcraft_kg.studies.study import Study, Values, adapted, built_in, read_study
+from wordcraft_kg.studies.store import collect_study, studies_of
+from wordcraft_kg.studies.study import Study, Values, built_in, read_study
 from wordcraft_kg.studies.variants import PointMetrics, ScorerScatter, VariantMetrics
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
@@ -49,7 +42,6 @@ HERE = Path(__file__).parent
 BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"
 MOST_COVERED = "<!-- coverage in short -->\n", "<!-- end of coverage in short -->"
 COVERAGE = "<!-- coverage -->\n", "<!-- end of coverage -->"
-LEFT = "<!-- left -->\n", "<!-- end of left -->"
 SHORT = "<!-- agents and scorers -->\n", "<!-- end of agents and scorers -->"
 AGAINST = "<!-- agents against scorers -->\n", "<!-- end of agents against scorers -->"
 INTERVALS, ACTING = "evidence/intervals.md", "evidence/acting.md"
@@ -62,10 +54,8 @@ MOST_BYTES = 4 * 1024 * 1024
 """Of all committed results together."""
 ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csrl", "training-data")
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
-SEEDS = {"little-alchemy-2": 5, "everyday": 3}
-"""Declared seeds by book."""
 FEWEST = 3
-"""Seeds from which on a study of cells takes the place of an earlier file."""
+"""Seeds from which on a study takes the place of an earlier file."""
 WIDE = 0.05
 """Standard deviation of success over seeds from which on the page shows each seed."""
 NO_AGENT = (
@@ -172,15 +162,6 @@ def without_paths(results: StudyResults) -> StudyResults:
     )
 
 
-def take(folder: Path, target: Path) -> None:
-    """Copy the results of all studies of a results folder, as far as they are there."""
-    target.mkdir(parents=True, exist_ok=True)
-    for name in studies_of(folder):
-        results = collect_study(folder, name)
-        if results.runs:
-            write_atomically(target / f"{name}.json", results_text(without_paths(results)))
-
-
 def of_first_seeds(results: StudyResults, seeds: int) -> StudyResults:
     """Return results with the first ``seeds`` seeds only: their origins, graphs and hours of
     agents.
@@ -211,123 +192,20 @@ def of_first_seeds(results: StudyResults, seeds: int) -> StudyResults:
     )
 
 
-def collect(store: Path, target: Path) -> None:
-    """Collect all built-in studies from a store of cells, and list the missing trainings."""
-    left = []
-    cells = CellFiles(store)
-    for name in ORDER:
-        for book, seeds in SEEDS.items():
-            study = adapted(read_study(name), book=book, seeds=seeds)
-            plan = make_plan(study, f"{name}-{book}")
-            with tempfile.TemporaryDirectory() as folder, own_results(Path(folder)):
-                for task in (task for task in plan.tasks.values() if task.kind == "graphs"):
-                    make_graph(task, Path(folder), plan.books[task.address])
-                exchange_cells(plan, Path(folder), cells)
-                refuse_damaged(plan, Path(folder), cells)
-                hours = estimated_hours(plan, Path(folder), store)
-                write_plan(
-                    Path(folder),
-                    plan,
-                    f"wordcraft-kg reproduce {name} --book {book} --store docs/results/cells",
-                )
-                results = collect_study(Path(folder), plan.name)
-            row = {
-                "study": study.title,
-                "book": BOOKS[book],
-                "trainings": len(plan.cells),
-                "here": len(results.runs),
-            }
-            left.append(row | {"hours": round(hours, 1)})
-            complete = min((lost.seed for lost in results.missing), default=seeds)
-            if complete >= FEWEST:
-                whole = without_paths(of_first_seeds(results, complete))
-                write_atomically(target / f"{plan.name}.json", results_text(whole))
-    write_atomically(target / "left.json", "[\n" + ",\n".join(map(json.dumps, left)) + "\n]\n")
-
-
-def refuse_damaged(plan: Plan, folder: Path, cells: CellFiles) -> None:
-    """Raise ArtefactError for a cell that was not taken: its study would silently lose seeds."""
-    for task in plan.tasks.values():
-        where = cells.where(task.address)
-        if task.kind != "graphs" and where is not None and not is_done(task, folder):
-            raise ArtefactError(
-                f"{where} is damaged, see the warning above. Restore the cell, or remove it."
-            )
-
-
-def pack(store: Path) -> str:
-    """Move the loose cells of a store into its packs, one for each built-in study and book.
-
-    A cell that several studies share lies in the pack of the first of them, in the order of
-    ``ORDER`` and ``BOOKS``. A packed cell that no study needs any more stays in its pack, and a
-    loose one stays loose. Loose files are removed only after all packs were written, so an
-    interrupted call loses nothing.
-
-    Returns:
-        A sentence for the terminal.
+def take(folder: Path, target: Path) -> None:
+    """Copy the results of a results folder's studies: of a built-in one the seeds that all variants
+    have, from ``FEWEST`` on.
     """
-    cells = CellFiles(store)
-    files = cells.addresses()
-    places = places_of(files)
-    contents: dict[Path, dict[str, bytes]] = {path: {} for path in pack_files(store)}
-    for address, name in places.items():
-        contents.setdefault(store / name, {})[address] = cells.read(address)
-    for path in contents:
-        if contents[path]:
-            write_pack(path, contents[path])
-    for path in contents:
-        if not contents[path]:
-            path.unlink()
-    moved = [address for address in places if files[address].suffix == ".json"]
-    for address in moved:
-        files[address].unlink()
-    left = len(files) - len(places)
-    return (
-        f"{counted(len(moved), 'cell')} moved into {counted(len(contents), 'pack')} of '{store}'; "
-        f"{counted(left, 'loose cell')} of no built-in study stayed."
-    )
-
-
-def places_of(files: dict[str, Path]) -> dict[str, str]:
-    """Return the file name of the pack for each cell, in the order of ``files``; loose cells of no
-    study are left out.
-
-    Args:
-        files: all cells of a store, each with its file.
-    """
-    first: dict[str, str] = {}
-    for name in ORDER:
-        for book, seeds in SEEDS.items():
-            plan = make_plan(adapted(read_study(name), book=book, seeds=seeds), f"{name}-{book}")
-            for address in plan.tasks:
-                first.setdefault(address, f"{plan.name}.zip")
-    for address, path in files.items():
-        if path.suffix == ".zip":
-            first.setdefault(address, path.name)
-    return {address: first[address] for address in files if address in first}
-
-
-def left_table(path: Path) -> Iterator[str]:
-    """Yield a sentence if all declared trainings are there, or else the lines of a table of the
-    missing ones.
-    """
-    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    declared, here = (sum(row[name] for row in rows) for name in ("trainings", "here"))
-    if here == declared:
-        yield f"All {declared:,} declared trainings are there."
-        return
-    yield f"{here:,} of {declared:,} declared trainings are there. The others:"
-    yield ""
-    yield (
-        "| study | book | declared trainings | there | hours of one core for the rest, estimated |"
-    )
-    yield "|---|---|---|---|---|"
-    for row in rows:
-        if row["here"] < row["trainings"]:
-            yield (
-                f"| {row['study']} | {row['book']} | {row['trainings']} | {row['here']} | "
-                f"{row['hours']:.1f} |"
-            )
+    target.mkdir(parents=True, exist_ok=True)
+    for name in studies_of(folder):
+        results = collect_study(folder, name)
+        complete = min((lost.seed for lost in results.missing), default=results.study.seeds)
+        if name_of(results) in ORDER:
+            if complete < FEWEST:
+                continue
+            results = of_first_seeds(results, complete)
+        if results.runs:
+            write_atomically(target / f"{name}.json", results_text(without_paths(results)))
 
 
 def against_table(path: Path, *, is_short: bool = False) -> Iterator[str]:
@@ -369,7 +247,7 @@ def against_table(path: Path, *, is_short: bool = False) -> Iterator[str]:
 
 def read_all(folder: Path) -> list[StudyResults]:
     """Return the committed results in the order of the page."""
-    paths = [path for path in sorted(folder.glob("*.json")) if path.name != "left.json"]
+    paths = sorted(folder.glob("*.json"))
     found = [read_record(path, StudyResults) for path in paths]
     size = sum(path.stat().st_size for path in paths)
     if size > MOST_BYTES:
@@ -605,8 +483,8 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
     yield "```"
     yield ""
     yield (
-        f"{MEASURED}, {origins_of([results for results, _ in of])}. Without `--store`, the command "
-        f"trains again. Figures: {', '.join(stored(results) for results, _ in of)}."
+        f"{MEASURED}, {origins_of([results for results, _ in of])}. "
+        f"Figures: {', '.join(stored(results) for results, _ in of)}."
     )
     for results, view in of:
         yield ""
@@ -889,7 +767,7 @@ def written(found: list[StudyResults], text: str) -> dict[str, str]:
     coverage = HERE / "interval-coverage.json"
     covered = replaced(read_page(INTERVALS), MOST_COVERED, coverage_short(coverage))
     files = {
-        "results.md": replaced(text, LEFT, left_table(HERE / "results" / "left.json")),
+        "results.md": text,
         INTERVALS: replaced(covered, COVERAGE, coverage_table(coverage)),
     }
     against = HERE / "agents-against-scorers.json"
@@ -926,44 +804,10 @@ def main() -> None:
     choice.add_argument(
         "--take", type=Path, metavar="FOLDER", help="first copy the studies of a results folder"
     )
-    cells = HERE / "results" / "cells"
-    choice.add_argument(
-        "--cells",
-        type=Path,
-        nargs="?",
-        const=cells,
-        metavar="FOLDER",
-        help=(
-            "first collect the built-in studies from a store of cells (default: "
-            "docs/results/cells), without training"
-        ),
-    )
-    choice.add_argument(
-        "--pack",
-        type=Path,
-        nargs="?",
-        const=cells,
-        metavar="FOLDER",
-        help=(
-            "only move the loose cells of a store into an archive for each study and book "
-            "(default: as for --cells)"
-        ),
-    )
     options = parser.parse_args()
-    store = options.cells or options.pack
-    if store and not store.is_dir():
-        sys.exit(
-            f"'{store}' is not a folder; expected a store of cells (`wordcraft-kg reproduce "
-            "--store`)."
-        )
     try:
-        if options.pack:
-            sys.stdout.write(pack(options.pack) + "\n")
-            return
         if options.take:
             take(options.take, HERE / "results")
-        if options.cells:
-            collect(options.cells, HERE / "results")
         files = written(
             read_all(HERE / "results"), (HERE / "results.md").read_text(encoding="utf-8")
         )

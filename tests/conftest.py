@@ -24,7 +24,6 @@ from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
 from wordcraft_kg.graphs import RecipeGraph, library, open_book, open_graph, read_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
-from wordcraft_kg.runs.parallel import THREADS_VARIABLES
 
 # Ray reads these once, when it is imported, which torchrl does; a token in the home folder would
 # count otherwise.
@@ -39,6 +38,8 @@ settings.register_profile("quick", deadline=None, max_examples=5, print_blob=Tru
 settings.register_profile("thorough", settings.get_profile("quick"), max_examples=100)
 settings.load_profile("quick")
 
+THREADS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""Numbers of threads, which numerical libraries read at import."""
 DATA_FOLDER = os.environ.get(DATA_VARIABLE)
 OFFICIAL_FILE = "alchemy2.json"
 

@@ -11,10 +11,8 @@ import msgspec
 import pytest
 from fabricated import fabricate
 
-from wordcraft_kg.studies.packs import CellFiles
-from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.results import Missing, Origin, results_text
-from wordcraft_kg.studies.study import Claim, adapted, built_in, parse_study, read_study
+from wordcraft_kg.studies.study import Claim, built_in, parse_study, read_study
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = "# Results\n\n<!-- results -->\nold\n<!-- end of results -->\n\nThe end.\n"
@@ -198,8 +196,7 @@ def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script
     )
 
 
-def test_the_page_names_uneven_seeds_and_counts_verdicts(script, tmp_path):
-    """The pages name uneven seeds, count verdicts and say that all is there."""
+def test_the_page_names_uneven_seeds_and_counts_verdicts(script):
     text = text_of(script, results_of({"none": [1, 1], "guided": [1, 4]}))
     assert "Seeds of *guided* differ much: .200, .800." in text
     chips = (
@@ -207,12 +204,6 @@ def test_the_page_names_uneven_seeds_and_counts_verdicts(script, tmp_path):
         '<span class="verdict not-run">1 not run</span>'
     )
     assert f"*(Somewhere)* | {chips} |" in text
-    (tmp_path / "left.json").write_text(
-        '[{"study": "A", "book": "B", "trainings": 4, "here": 4, "hours": 0.0}]'
-    )
-    assert list(script.left_table(tmp_path / "left.json")) == [
-        "All 4 declared trainings are there."
-    ]
 
 
 def test_agents_against_their_scorers_have_corrected_p_values(script, tmp_path):
@@ -257,54 +248,19 @@ def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(
     assert text.count("*no agent: ") == 2
 
 
-@pytest.mark.slow
-def test_packing_moves_each_cell_into_the_first_study_that_needs_it(script, tmp_path, monkeypatch):
-    monkeypatch.setattr(script, "ORDER", ("embeddings", "knowledge"))
-    monkeypatch.setattr(script, "SEEDS", {"everyday": 1})
-    plans = []
-    for name in script.ORDER:
-        study = adapted(read_study(name), book="everyday", seeds=1)
-        plans.append({task.address for task in make_plan(study, name).tasks.values()})
-    needed = {address for plan in plans for address in plan if not address.startswith("graphs/")}
-    assert any(address in plans[0] and address in plans[1] for address in needed)
-    unknown = "runs/" + "0" * 16
-    cells = CellFiles(tmp_path)
-    for address in [*needed, unknown]:
-        cells.loose(address).parent.mkdir(exist_ok=True)
-        cells.loose(address).write_text(address)
-    assert f"{len(needed):,} cells moved into 2 packs" in script.pack(tmp_path)
-    files = CellFiles(tmp_path).addresses()
-    assert files.pop(unknown) == cells.loose(unknown), "no study needs this cell"
-    assert files == {
-        address: tmp_path / f"{'embeddings' if address in plans[0] else 'knowledge'}-everyday.zip"
-        for address in sorted(needed)
-    }
-    before = {path: path.read_bytes() for path in tmp_path.glob("*.zip")}
-    assert "0 cells moved" in script.pack(tmp_path)
-    assert {path: path.read_bytes() for path in tmp_path.glob("*.zip")} == before
-    # A training that was repeated replaces its packed cell.
-    again = max(needed)
-    cells.loose(again).write_text("again")
-    assert "1 cell moved" in script.pack(tmp_path)
-    assert not cells.loose(again).exists()
-    assert CellFiles(tmp_path).read(again) == b"again"
-    assert len(CellFiles(tmp_path).addresses()) == len(needed) + 1
-
-
-@pytest.mark.slow
-def test_a_study_of_cells_takes_the_place_of_its_file_from_three_seeds_on(
+def test_a_study_takes_the_place_of_its_file_with_three_seeds_of_all_variants(
     script, tmp_path, monkeypatch
 ):
     lost = Missing("guided", {"distractors": 8}, 3, "not trained yet")
-    monkeypatch.setattr(script, "ORDER", ("knowledge",))
-    monkeypatch.setattr(script, "SEEDS", {"everyday": 4})
+    monkeypatch.setattr(script, "studies_of", lambda folder: ["knowledge-everyday"])
     for missing, expected in (((lost,), 3), ((msgspec.structs.replace(lost, seed=1),), None)):
         made = results_of({"none": [1, 1, 1, 1], "guided": [3, 3, 3]}, missing=missing)
-        made = msgspec.structs.replace(made, origins=(Origin(True, "Linux", {}, 7),))
+        made = msgspec.structs.replace(
+            made, name="knowledge-everyday", origins=(Origin("Linux", {}, 7),)
+        )
         monkeypatch.setattr(script, "collect_study", lambda folder, name, made=made: made)
         target = tmp_path / str(expected)
-        target.mkdir()
-        script.collect(tmp_path / "cells", target)
+        script.take(tmp_path / "results", target)
         path = target / "knowledge-everyday.json"
         assert path.exists() == (expected is not None)
         if expected:
@@ -313,10 +269,3 @@ def test_a_study_of_cells_takes_the_place_of_its_file_from_three_seeds_on(
             assert taken.command.endswith("--seeds 3")
             assert taken.hours == round(sum(run.seconds for run in taken.runs) / 3600, 4)
             assert [of.runs for of in taken.origins] == [6]
-        (row,) = json.loads((target / "left.json").read_text())
-        assert (row["trainings"], row["here"]) == (80, 7)
-        assert row["hours"] > 0
-        assert any(
-            line.startswith("| Full and partial")
-            for line in script.left_table(target / "left.json")
-        )

@@ -10,7 +10,7 @@ import time
 import pytest
 from fabricated import fabricate
 
-from tests.studies.small_study import Inline, pretend
+from tests.studies.small_study import pretend
 from wordcraft_kg.studies.results import results_text
 from wordcraft_kg.studies.study import built_in
 
@@ -37,13 +37,7 @@ def study(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_sweep_trains_missing_runs_and_writes_its_results(
-    printed, run, study, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(
-        "wordcraft_kg.studies.local_workers.LocalWorkers",
-        lambda root, jobs, work, threads: Inline(root, work),
-    )
+def test_a_sweep_trains_missing_runs_and_writes_its_results(printed, run, study, tmp_path):
     out = tmp_path / "results"
     assert printed("reproduce", study, "--out", out, "--jobs", 1)["studies"]["study"]["done"] == 6
     results = json.loads((out / "reports/study/results.json").read_text())
@@ -69,12 +63,12 @@ def test_an_address_is_for_ray_alone(refused, study):
 
 
 def test_a_study_file_that_changed_while_it_ran_is_named(run, study, tmp_path, monkeypatch, caplog):
-    def edited(root, jobs, work, threads):
+    def edited(task, root, keep_all):
         study.write_text(STUDY.replace("seeds = 2", "seeds = 3"))
-        return Inline(root, pretend)
+        return pretend(task, root)
 
-    monkeypatch.setattr("wordcraft_kg.studies.local_workers.LocalWorkers", edited)
-    run("reproduce", study, "--out", tmp_path / "results")
+    monkeypatch.setattr("wordcraft_kg.studies.perform.perform", edited)
+    run("reproduce", study, "--out", tmp_path / "results", "--jobs", 1)
     assert "has changed since the study began" in caplog.text
     caplog.clear()
     run("reproduce", study, "--out", tmp_path / "results")

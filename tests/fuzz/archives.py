@@ -42,15 +42,6 @@ def _read_submission(path):
         read_submission_file(path, name)
 
 
-def _read_pack(path):
-    from wordcraft_kg.studies.packs import CellFiles, write_pack
-
-    cells = CellFiles(path.parent)
-    for address in cells.addresses():
-        cells.read(address)
-    write_pack(path, {"runs/0123456789abcdef": b"1"})
-
-
 def _read_book(path):
     from wordcraft_kg.graphs.book_files import read_book
 
@@ -77,7 +68,6 @@ def _read_conceptnet(path):
 
 READERS = {
     "submission.zip": (_read_submission, ("submission.json", "games.jsonl"), "{}\n" * 50),
-    "pack.zip": (_read_pack, CELLS, json.dumps({"figures": list(range(50))})),
     "book.zip": (_read_book, ("book.csv",), BOOK),
     "recipes.zip": (
         _read_book,

@@ -1,6 +1,5 @@
 """Jobs in processes of their own: light ones, which start in a moment."""
 
-import multiprocessing
 import os
 import time
 from dataclasses import dataclass
@@ -8,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, TrainingError
-from wordcraft_kg.runs.parallel import Ended, Workers, train_in_processes
+from wordcraft_kg.runs.parallel import train_in_processes
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ def test_all_jobs_are_done_and_say_how_far_they_are(workers):
     train_in_processes(
         [Light(0), Light(1), Light(2)], workers, lambda *message: noted.append(message)
     )
-    assert sorted(filter(None, noted)) == [(fold, epoch) for fold in range(3) for epoch in (1, 2)]
+    assert sorted(filter(None, noted)) == [(fold, 2) for fold in range(3)]
 
 
 @pytest.mark.parametrize(
@@ -47,53 +46,27 @@ def test_all_jobs_are_done_and_say_how_far_they_are(workers):
     [
         pytest.param("refuses", ConfigError, "`dim` 0", marks=pytest.mark.slow),
         ("raises", TrainingError, "the oven is broken"),
-        pytest.param("is killed", TrainingError, "code -9", marks=pytest.mark.slow),
+        pytest.param(
+            "is killed", TrainingError, "a process that trained folds ended", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_an_error_and_the_death_of_a_process_are_told_and_end_the_others(how, kind, said):
+    began = time.monotonic()
     with pytest.raises(kind, match=said):
         train_in_processes([Light(0, how), Light(1, "takes long")], 2, lambda *_: None)
-    assert not multiprocessing.active_children()
+    assert time.monotonic() - began < 30
 
 
 def test_an_interruption_ends_the_processes_at_once():
-    def press(*message):
-        if message:
-            assert len(multiprocessing.active_children()) == 2
+    began = time.monotonic()
+    looks = []
+
+    def press():
+        looks.append(1)
+        if len(looks) == 3:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         train_in_processes([Light(0, "takes long"), Light(1, "takes long")], 2, press)
-    assert not multiprocessing.active_children()
-
-
-def dies_where_it_should(job, note):
-    """Die at the first attempt at job 1 and at every attempt at job 2; else return the process."""
-    number, folder = job
-    mark = folder / f"{number}"
-    was_begun = mark.exists()
-    mark.touch()
-    note(number)
-    if number == 2 or (number == 1 and not was_begun):
-        os.kill(os.getpid(), 9)
-    return os.getpid()
-
-
-@pytest.mark.slow
-def test_a_process_is_reused_and_a_job_is_begun_again_after_a_death(tmp_path):
-    begun = []
-    pool = Workers(1, dies_where_it_should, attempts=2, progress=begun.append)
-    ended = {}
-    try:
-        for number in (0, 3, 1, 2):
-            pool.start((number, tmp_path))
-            assert pool.num_busy == pool.number == 1
-            while pool.num_busy:
-                for one in pool.wait(1.0):
-                    ended[number] = one
-    finally:
-        pool.stop()
-    assert ended[0].result == ended[3].result != ended[1].result
-    assert ended[2] == Ended((2, tmp_path), None, -9)
-    assert begun == [0, 3, 1, 1, 2, 2]
-    assert not multiprocessing.active_children()
+    assert time.monotonic() - began < 30

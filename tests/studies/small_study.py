@@ -1,12 +1,11 @@
-"""A study of the kitchen that takes seconds, and workers that perform tasks where they are asked
-to."""
+"""A study of the kitchen that takes seconds."""
 
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.runs.record import end_run, start_run
-from wordcraft_kg.studies.engine import run_plan
+from wordcraft_kg.studies.engine import Pool, run_plan
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.results import RunMetrics, ScorerMetrics, write_metrics
@@ -71,28 +70,13 @@ def pretend(task, root):
     return Outcome(task.address, "done")
 
 
-class Inline:
-    """Performs one task after the other in this process."""
+def run_small(root, plan=None, work=perform):
+    """Run a study in this process; return the titles of the tasks that were begun."""
+    began = []
 
-    def __init__(self, root, work=perform):
-        self.root, self.work = root, work
-        self.began: list[str] = []
-        self.stopped = False
+    def noted(task, folder):
+        began.append(task.title)
+        return work(task, folder)
 
-    def outcomes(self, take):
-        try:
-            while (task := take()) is not None:
-                self.began.append(task.title)
-                yield self.work(task, self.root)
-        finally:
-            self.stop()
-
-    def stop(self):
-        self.stopped = True
-
-
-def run_small(root, plan=None, work=perform, store=None):
-    """Run a study inline; return the workers, which know what was begun."""
-    workers = Inline(root, work)
-    run_plan(plan or small_plan(), root, workers, store=store)
-    return workers
+    run_plan(plan or small_plan(), root, Pool(1), work=noted)
+    return began

@@ -1,30 +1,28 @@
 import itertools
 import json
-import multiprocessing
 import os
 import shutil
 import signal
+import threading
 import time
 from errno import ENOSPC
 from functools import partial
 
 import msgspec
 import pytest
-from refusals import refuses
 from small_study import (
     HALF,
     KITCHEN,
     RUN_METRICS,
     TEXT,
     TRAINED,
-    Inline,
     pretend,
     run_small,
     small_plan,
 )
 
 from wordcraft_kg.base.artefacts import TEMPORARY
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, TrainingError
 from wordcraft_kg.base.records import as_values, parse_record
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -34,10 +32,7 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import end_run, start_run
-from wordcraft_kg.studies.cells import read_cell
-from wordcraft_kg.studies.engine import FullDiskError, estimated_hours, run_plan
-from wordcraft_kg.studies.local_workers import LocalWorkers
-from wordcraft_kg.studies.packs import CellFiles
+from wordcraft_kg.studies.engine import FullDiskError, Pool, estimated_hours, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
 from wordcraft_kg.studies.report import make_study_report
@@ -51,7 +46,6 @@ from wordcraft_kg.studies.results import (
 )
 from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
-from wordcraft_kg.studies.tables import lines_of
 from wordcraft_kg.studies.tasks import Outcome
 from wordcraft_kg.studies.view import view_study
 
@@ -112,7 +106,7 @@ def test_a_study_gives_figures_of_every_cell(done):
 
 def test_what_is_done_is_not_done_again(done):
     before = figures(done)
-    assert run_small(done).began == []
+    assert run_small(done) == []
     assert figures(done) == before
 
 
@@ -129,7 +123,7 @@ def test_a_study_that_replaces_another_of_its_name_says_so(tmp_path, caplog):
 def test_two_studies_share_what_is_equal(done):
     more = small_plan('[variants.more]\nscorer = "partial"\nuse = "v"', name="larger")
     new = [f"more, distractors {amount}, seed {seed}" for seed in (0, 1) for amount in (2, 1)]
-    assert run_small(done, more).began == new
+    assert run_small(done, more) == new
 
 
 def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
@@ -148,7 +142,7 @@ def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
 
 @pytest.mark.slow
 def test_processes_give_the_figures_of_one(done, tmp_path):
-    run_plan(small_plan(), tmp_path, LocalWorkers(tmp_path, 2, partial(perform, keep_all=False)))
+    run_plan(small_plan(), tmp_path, Pool(2), work=partial(perform, keep_all=False))
     assert figures(tmp_path) == figures(done)
     assert not list(tmp_path.glob("runs/*/constants.safetensors")), "figures alone were to be kept"
 
@@ -167,7 +161,7 @@ def test_damaged_figures_are_noticed_and_made_again(done, tmp_path, caplog):
     path.write_text(path.read_text().replace('"distractor_seeds": 5', '"distractor_seeds": 4'))
     (missing,) = collect_study(done, "small").missing
     assert "the hash does not fit" in missing.why
-    assert len(run_small(done).began) == 1
+    assert len(run_small(done)) == 1
     assert "is repeated now" in caplog.text
     assert figures(done) == before
 
@@ -177,9 +171,9 @@ def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
     plan = small_plan()
     scorer = the("scorers", plan)
     (scorer.folder(done) / "model.safetensors").write_bytes(b"damaged")
-    assert run_small(done).began == [], "nobody needs it any more"
+    assert run_small(done) == [], "nobody needs it any more"
     (done / plan.runs[2] / "figures.json").unlink()
-    assert run_small(done).began == [scorer.title, "guided, distractors 2, seed 0"]
+    assert run_small(done) == [scorer.title, "guided, distractors 2, seed 0"]
 
 
 def test_a_run_with_a_remade_scorer_is_begun_again(done, tmp_path):
@@ -201,7 +195,7 @@ def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
     graph = the("graphs", plan).folder(done) / "graph.json"
     before = graph.read_bytes()
     graph.write_bytes(b"{")
-    assert run_small(done).began == ["none, distractors 2, seed 0"]
+    assert run_small(done) == ["none, distractors 2, seed 0"]
     assert not collect_study(done, "small").missing
     assert graph.read_bytes() == before
 
@@ -243,13 +237,13 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
             else pretend(task, root)
         )
 
-    state = run_plan(plan, tmp_path, Inline(tmp_path, work))
+    state = run_plan(plan, tmp_path, Pool(1), work=work)
     assert (state.done, len(state.failed), state.kept, state.total) == (5, 5, 0, 10)
     assert failure_of(tmp_path, broken) == "the oven is broken"
     run = next(address for address, task in plan.tasks.items() if broken in task.needs)
     assert failure_of(tmp_path, run) == f"{plan.tasks[broken].title} failed: the oven is broken"
-    assert run_plan(plan, tmp_path, Inline(tmp_path, work)).kept == 5
-    assert len(run_small(tmp_path, plan, pretend).began) == 5
+    assert run_plan(plan, tmp_path, Pool(1), work=work).kept == 5
+    assert len(run_small(tmp_path, plan, pretend)) == 5
     assert failure_of(tmp_path, run) is None
 
 
@@ -267,7 +261,7 @@ def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):
     with pytest.raises(FullDiskError):
         run_small(tmp_path, plan, work)
     assert len(began) == 3
-    assert len(run_small(tmp_path, plan, pretend).began) == 7
+    assert len(run_small(tmp_path, plan, pretend)) == 7
     assert set(times_made(tmp_path)) == {1}
 
 
@@ -284,27 +278,32 @@ def test_a_full_disk_is_recognised_behind_the_error_that_names_the_run(done, tmp
     assert outcome.error == "cannot be written"
 
 
-@pytest.mark.parametrize("again", [False, True])
-def test_ctrl_c_ends_a_study_and_says_what_is_done(tmp_path, monkeypatch, again):
-    """Ctrl c once or again ends a study and its workers and says what is done."""
+def test_an_interrupted_training_ends_the_study_which_says_what_is_done(tmp_path):
+    began = []
 
-    def stop(self):
-        self.stopped = True
-        if again:
-            raise KeyboardInterrupt
+    def work(task, root):
+        began.append(task)
+        return pretend(task, root) if len(began) < 3 else Outcome(task.address, "interrupted")
 
-    monkeypatch.setattr(Inline, "stop", stop)
-    workers = Inline(tmp_path, lambda task, root: Outcome(task.address, "interrupted"))
-    with pytest.raises(KeyboardInterrupt, match="repeat the command"):
-        run_plan(small_plan(), tmp_path, workers)
-    assert (workers.stopped, len(workers.began)) == (True, 1)
+    with pytest.raises(KeyboardInterrupt, match="3 of 10 tasks are done, repeat the command"):
+        run_plan(small_plan(), tmp_path, Pool(1), work=work)
+    assert len(began) == 3
+    assert len(run_small(tmp_path, work=pretend)) == 7, "nothing stops the same command"
+
+
+def test_a_second_ctrl_c_ends_the_study_at_once(tmp_path):
+    def work(task, root):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="1 of 10 tasks are done"):
+        run_plan(small_plan(), tmp_path, Pool(1), work=work)
 
 
 def test_two_engines_do_not_work_in_one_folder(tmp_path):
     # The lock belongs to an open file, so that this process stands for any other.
     with own_results(tmp_path), pytest.raises(ArtefactError, match="another study runs in"):
         run_small(tmp_path, work=pretend)
-    assert run_small(tmp_path, work=pretend).began
+    assert run_small(tmp_path, work=pretend)
 
 
 def test_a_study_whose_first_file_cannot_be_written_leaves_no_folder(tmp_path):
@@ -321,56 +320,51 @@ def test_files_that_a_killed_study_left_half_written_are_removed(tmp_path, folde
     assert not left.exists()
 
 
-def die_once(task, root):
-    if not (root / "died").exists():
-        (root / "died").touch()
+def die(task, root):
+    if task.kind == "runs" and task.settings["settings"]["seed"] == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return pretend(task, root)
-
-
-def die(task, root):
-    os.kill(os.getpid(), signal.SIGKILL)
-    raise AssertionError
 
 
 def endless(task, root):
     """A training that takes Ctrl-C as a request to write a checkpoint."""
     asked = []
-    signal.signal(signal.SIGINT, lambda *_: asked.append(1))
+    before = signal.signal(signal.SIGINT, lambda *_: asked.append(1))
     (root / "begun").touch()
     while not asked:
         time.sleep(0.01)
-    (root / "checkpoint").touch()
+    signal.signal(signal.SIGINT, before)
+    (root / f"{task.folder(root).name}.checkpoint").touch()
     return Outcome(task.address, "interrupted")
 
 
-@pytest.mark.slow
-def test_a_task_whose_process_is_killed_is_begun_again(tmp_path):
-    state = run_plan(small_plan(), tmp_path, LocalWorkers(tmp_path, 2, die_once))
-    assert (state.done, state.failed) == (10, {})
-    assert set(times_made(tmp_path)) == {1}, "nothing lost, nothing double"
+def only_runs(task, root):
+    return endless(task, root) if task.kind == "runs" else pretend(task, root)
 
 
 @pytest.mark.slow
-def test_a_task_that_is_always_killed_fails(tmp_path):
-    plan = small_plan(
-        text='title = "One run"\nseeds = 1\n[settings]\nbook = "kitchen"\n[variants.none]\n'
-    )
-    state = run_plan(plan, tmp_path, LocalWorkers(tmp_path, 1, die))
-    assert len(state.failed) == 1
-    assert "memory is too small" in next(iter(state.failed.values())).error
-
-
-@pytest.mark.slow
-def test_workers_that_are_stopped_write_a_checkpoint_first(tmp_path):
+def test_the_death_of_a_process_ends_the_study_with_what_is_done_safe(tmp_path):
     plan = small_plan()
-    workers = LocalWorkers(tmp_path, 1, endless)
-    outcomes = workers.outcomes(iter([plan.tasks[plan.runs[0]], None]).__next__)
-    while not (tmp_path / "begun").exists():
-        assert next(outcomes) is None
-    outcomes.close()
-    assert (tmp_path / "checkpoint").exists()
-    assert multiprocessing.active_children() == []
+    with pytest.raises(TrainingError, match="fewer `jobs`"):
+        run_plan(plan, tmp_path, Pool(2), work=die)
+    done = len(list(tmp_path.glob("*/*/figures.json")))
+    assert 2 <= done < 10
+    assert len(run_small(tmp_path, plan, pretend)) == 10 - done
+    assert not collect_study(tmp_path, "small").missing
+
+
+@pytest.mark.slow
+def test_ctrl_c_lets_workers_write_a_checkpoint_first(tmp_path):
+    threading.Thread(target=press_when_begun, args=(tmp_path / "begun",), daemon=True).start()
+    with pytest.raises(KeyboardInterrupt, match="2 of 10 tasks are done"):
+        run_plan(small_plan(), tmp_path, Pool(2), work=only_runs)
+    assert 1 <= len(list(tmp_path.glob("*.checkpoint"))) <= 2, "no other task began"
+
+
+def press_when_begun(file):
+    while not file.exists():
+        time.sleep(0.05)
+    signal.raise_signal(signal.SIGINT)
 
 
 def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
@@ -399,88 +393,17 @@ def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
     assert len(results.runs) == 7
 
 
-@pytest.fixture
-def store(tmp_path):
-    """A store with the cells of a study that was pretended to run."""
-    run_small(tmp_path / "first", work=pretend, store=tmp_path / "cells")
-    return tmp_path / "cells"
-
-
 def the_run(plan=None):
     """The last task of a study, a guided agent."""
     plan = plan or small_plan()
     return plan.tasks[plan.runs[-1]]
 
 
-@pytest.mark.slow
-def test_a_remade_cell_has_the_same_bytes_and_a_remade_scorer(tmp_path):
-    """A cell that is made again has the same bytes and needs its scorer trained again."""
-    plan = small_plan(text=TRAINED.replace("seeds = 2", "seeds = 1"))
-    run_small(tmp_path / "one", plan, store=tmp_path / "cells")
-    cells = {path: path.read_bytes() for path in tmp_path.glob("cells/*/*.json")}
-    assert len(cells) == 5
-    CellFiles(tmp_path / "cells").loose(the_run(plan).address).unlink()
-    began = run_small(tmp_path / "two", plan, store=tmp_path / "cells").began
-    assert began == [plan.tasks[the_run(plan).needs[1]].title, the_run(plan).title]
-    assert {path: path.read_bytes() for path in tmp_path.glob("cells/*/*.json")} == cells
-    kept = [(run.won, run.curve, run.mrr) for run in collect_study(tmp_path / "one", "small").runs]
-    assert [
-        (run.won, run.curve, run.mrr) for run in collect_study(tmp_path / "two", "small").runs
-    ] == kept
-
-
-def test_results_from_the_store_are_marked_with_platform_and_versions(tmp_path, store):
-    plan = small_plan()
-    assert (
-        0
-        == estimated_hours(plan, tmp_path / "first", store)
-        < estimated_hours(plan, tmp_path / "second")
-    )
-    CellFiles(store).loose(the_run().address).unlink()
-    assert len(run_small(tmp_path / "second", work=pretend, store=store).began) == 2
-    results = collect_study(tmp_path / "second", "small")
-    expected = [
-        {"stored": stored, "platform": "here", "versions": {"torch": "2"}}
-        for stored in (True, False)
-    ]
-    assert as_values(results.origins) == [
-        {**origin, "runs": n} for origin, n in zip(expected, (7, 1), strict=True)
-    ]
-    assert [run.origin for run in results.runs] == [0] * 7 + [1]
-    view = view_study(results)
-    page = " ".join(render(make_study_report(view)).split())
-    assert "<dt>7 trainings from the store</dt> <dd>here; torch 2</dd>" in page
-    assert "<dt>1 training in this folder</dt>" in page
-    assert "7 trainings from the store: here; torch 2" in list(lines_of(view, "success"))
-    assert results.hours == pytest.approx(2 / 3600, abs=1e-4), "a run and its scorer"
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda text: text[:-9],
-        lambda text: text.replace('"won":"4', '"won":"8'),
-        lambda text: text.replace('"distractors":1', '"distractors":2'),
-        lambda text: text.replace('"graph":', '"grahp":'),
-        lambda text: "[]",
-    ],
-    ids=["cut", "another result", "of other settings", "another key", "no cell"],
-)
-def test_a_damaged_or_edited_cell_is_made_again_with_a_warning(tmp_path, store, caplog, damage):
-    path = CellFiles(store).loose(the_run().address)
-    text = path.read_text()
-    path.write_text(damage(text))
-    assert path.read_text() != text
-    assert the_run().title in run_small(tmp_path / "second", work=pretend, store=store).began
-    assert f"{path} is damaged" in caplog.text
-    assert path.read_text() == text
-
-
 ALL_WON = HALF["won"]
 
 
 def forged(**changes):
-    """Return a change of a cell's figures; a dictionary changes some keys of a figure."""
+    """Return a change of figures; a dictionary changes some keys of a figure."""
 
     def change(figures):
         for name, value in changes.items():
@@ -517,8 +440,6 @@ FORGERIES = {
     "curve above": (forged(curve=[[0, 7.0], [10, 0.5]]), "a success outside 0 to 1"),
     "another kind of split": (forged(graph={"kind": "evil"}), "has results of a split 'evil'"),
     "a reason of its own": (forged(terminations={"<b>": 0.0}), "'terminations' has '<b>'"),
-    "a negative duration": (forged(seconds=-5.0), "'seconds' is -5.0; expected 0.0 in a cell"),
-    "a speed": (forged(steps_per_second=10**9), "'steps_per_second' is 1000000000"),
     "another split": (forged(graph={"split": "0" * 64}), "has results of graph"),
 }
 
@@ -531,9 +452,16 @@ LIKE_OTHERS = (
     "more than all",
     "no tables",
     "curve above",
-    "a speed",
 )
 """Forgeries that fail by the same check as another one."""
+
+
+@pytest.fixture(scope="module")
+def pretended(tmp_path_factory):
+    """A results folder with a study that was pretended to run."""
+    root = tmp_path_factory.mktemp("pretended")
+    run_small(root, work=pretend)
+    return root
 
 
 @pytest.mark.parametrize(
@@ -543,28 +471,31 @@ LIKE_OTHERS = (
         for name, case in FORGERIES.items()
     ],
 )
-def test_a_cell_whose_figures_contradict_each_other_is_refused_by_name(
-    tmp_path, store, caplog, forge, message
-):
-    path = CellFiles(store).loose(the_run().address)
-    cell = json.loads(path.read_text())
-    forge(cell["figures"])
+def test_results_that_contradict_each_other_are_missing_with_the_reason(pretended, forge, message):
+    path = pretended / the_run().address / "figures.json"
+    text = path.read_text()
+    figures = json.loads(text)["figures"]
+    forge(figures)
     # The forger computes the hash anew, so only the figures tell.
-    cell["sha256"] = hash_of([cell["settings"], cell["figures"]])
-    path.write_text(json.dumps(cell))
-    assert the_run().title in run_small(tmp_path / "second", work=pretend, store=store).began
-    assert str(path) in caplog.text
-    assert message.format(tasks=len(ALL_WON)) in caplog.text
+    path.write_text(json.dumps({"sha256": hash_of(figures), "figures": figures}))
+    (lost,) = collect_study(pretended, "small").missing
+    path.write_text(text)
+    assert message.format(tasks=len(ALL_WON)) in lost.why
 
 
-def test_what_cannot_be_recomputed_from_single_tasks_is_taken_as_it_is(tmp_path, store):
-    path = CellFiles(store).loose(the_run().address)
-    cell = json.loads(path.read_text())
-    cell["figures"]["by_plan"] = {"test": 0.4}
-    cell["figures"]["curve"] = [[0, 0.3], [10, 0.5]]
-    cell["sha256"] = hash_of([cell["settings"], cell["figures"]])
-    path.write_text(json.dumps(cell))
-    assert the_run().title not in run_small(tmp_path / "second", work=pretend, store=store).began
+def test_the_hours_are_those_of_missing_tasks(pretended, tmp_path):
+    plan = small_plan()
+    assert estimated_hours(plan, pretended) == 0 < estimated_hours(plan, tmp_path)
+
+
+def test_the_report_names_platform_and_versions(pretended):
+    results = collect_study(pretended, "small")
+    assert as_values(results.origins) == [
+        {"platform": "here", "versions": {"torch": "2"}, "runs": 8}
+    ]
+    page = " ".join(render(make_study_report(view_study(results))).split())
+    assert "<dt>8 trainings</dt> <dd>here; torch 2</dd>" in page
+    assert results.hours == pytest.approx(9 / 3600, abs=1e-4), "runs and a scorer"
 
 
 def test_results_of_fewer_tasks_are_missing_with_a_reason(tmp_path):
@@ -610,39 +541,3 @@ def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
     assert len({*zip(groups, goals.tolist(), strict=True)}) == len(set(groups))
     assert results.groups_of(results.runs[0]).tolist() == list(groups)
     assert parse_record(results_text(results).encode(), StudyResults, "results.json") == results
-
-
-def test_other_results_on_one_platform_give_a_warning(tmp_path, store, caplog):
-    """Other results of the same platform are warned of and the cell stays."""
-
-    def another(task, root, platform="here"):
-        outcome = pretend(task, root)
-        if task.kind == "runs":
-            won = "35" + RUN_METRICS.won[2:]
-            figures = msgspec.structs.replace(RUN_METRICS, won=won, seconds=9.0, platform=platform)
-            write_metrics(task.folder(root), figures)
-        return outcome
-
-    before = read_cell(the_run(), CellFiles(store))
-    run_small(tmp_path / "elsewhere", work=lambda task, root: another(task, root, "elsewhere"))
-    run_small(tmp_path / "elsewhere", store=store)
-    assert not caplog.text, "other platforms may round otherwise"
-    run_small(tmp_path / "here", work=another)
-    assert run_small(tmp_path / "here", store=store).began == []
-    assert "raise VERSIONS" in caplog.text
-    assert read_cell(the_run(), CellFiles(store)) == before
-
-
-def test_a_store_that_is_a_file_is_refused_before_anything_starts(tmp_path):
-    (tmp_path / "cells").touch()
-    with refuses("store"):
-        run_small(tmp_path / "results", work=pretend, store=tmp_path / "cells")
-    assert not list(tmp_path.glob("results/*/*/figures.json"))
-
-
-def test_results_that_were_there_before_the_store_are_added(tmp_path):
-    run_small(tmp_path / "results", work=pretend)
-    run_small(tmp_path / "results", store=tmp_path / "cells")
-    cells = list(tmp_path.glob("cells/*/*.json"))
-    assert len(cells) == 9
-    assert all(json.loads(path.read_text())["figures"]["seconds"] == 0 for path in cells)

@@ -15,9 +15,7 @@ import torch
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.records import as_values, read_record
 from wordcraft_kg.graphs import RecipeGraph, open_book
-from wordcraft_kg.studies.engine import run_plan
-from wordcraft_kg.studies.local_workers import LocalWorkers
-from wordcraft_kg.studies.perform import perform
+from wordcraft_kg.studies.engine import Pool, run_plan
 from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.results import RunResult, StudyResults, results_text
 from wordcraft_kg.studies.store import collect_study
@@ -56,7 +54,7 @@ def untimed(results):
 
 def remade(study, root):
     plan = make_plan(study, "kitchen")
-    state = run_plan(plan, root, LocalWorkers(root, 1, perform), command=COMMAND)
+    state = run_plan(plan, root, Pool(1), command=COMMAND)
     assert not state.failed
     return collect_study(root, plan.name)
 

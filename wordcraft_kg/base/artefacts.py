@@ -48,21 +48,6 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def package_hash() -> str:
-    """Return a SHA-256 hash of this package's files, the same on machines with the same code.
-
-    It covers built-in recipe books and templates, but neither compiled modules nor other packages.
-    """
-    root = Path(__file__).parents[1]
-    files = {path.relative_to(root).as_posix(): path for path in root.rglob("*.*")}
-    hashes = [
-        f"{name} {sha256_of(path)}\n"
-        for name, path in sorted(files.items())
-        if path.is_file() and "__pycache__" not in path.parts
-    ]
-    return hashlib.sha256("".join(hashes).encode()).hexdigest()
-
-
 def json_text(value: Any, **settings: Any) -> str:
     """Return a value as JSON text in a line; names keep their order.
 

@@ -65,8 +65,6 @@ class EngineOptions:
         address: with ray, host:port of the head node, or auto for this machine's cluster. Default:
             a cluster on this machine that ends with the study.
         keep: all run files, or metrics: without weights and episodes (tens of megabytes).
-        store: folder of finished cells (docs/results/cells in the repository): its results are
-            taken, missing cells are trained and added.
         dry_run: list the tasks and the run time without running anything.
     """
 
@@ -75,7 +73,6 @@ class EngineOptions:
     engine: Literal["processes", "ray"] = "processes"
     address: str | None = None
     keep: Literal["all", "metrics"] = "all"
-    store: Path | None = None
     dry_run: Flag = False
 
 
@@ -197,7 +194,7 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
             # The published book is missing; for the hours, the built-in book will do.
             plan = make_plan(adapted(study, book="everyday"), name)
         tasks |= plan.tasks
-        hours = estimated_hours(plan, engine.out, engine.store) / plan.jobs(engine.jobs)
+        hours = estimated_hours(plan, engine.out) / plan.jobs(engine.jobs)
         trainings = len(cells_of(study))
         listed[name] = {
             "title": study.title,
@@ -209,7 +206,7 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
         rows += [(name, f"{study.title}: {left}"), ("", study.source)]
     # Not the sum of the hours: studies share trainings, and tasks with one key run once.
     everything = replace(plan, tasks=tasks)
-    hours = estimated_hours(everything, engine.out, engine.store) / everything.jobs(engine.jobs)
+    hours = estimated_hours(everything, engine.out) / everything.jobs(engine.jobs)
     rows.append((ALL, f"about {duration(hours)} left: shared trainings run once"))
     following = "run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3"
     values = {"studies": listed, "hours": round(hours, 2)}
@@ -304,31 +301,21 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
 def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyProgress":
     """Run a study's tasks in processes on this machine or on a Ray cluster."""
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
-    from wordcraft_kg.studies.engine import run_plan
-    from wordcraft_kg.studies.local_workers import LocalWorkers
+    from wordcraft_kg.studies.engine import Pool, run_plan
     from wordcraft_kg.studies.perform import perform
-    from wordcraft_kg.studies.ray_workers import RayWorkers
-    from wordcraft_kg.studies.tasks import TaskWorkers
 
     work = partial(perform, keep_all=options.keep == "all")
     # Results name the command that made them, so that others can repeat it.
     command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
     # A cluster ends jobs by SIGTERM; finished tasks are kept as after Ctrl-C.
     with sigterm_as_interrupt():
-        jobs = plan.jobs(options.jobs)
-        workers: TaskWorkers
-        if options.engine == "ray":
-            most = None if options.jobs is None else jobs
-            workers = RayWorkers(plan, options.out, work, options.address, most)
-        else:
-            workers = LocalWorkers(options.out, jobs, work, plan.threads)
         return run_plan(
             plan,
             options.out,
-            workers,
+            Pool(options.jobs, options.engine, options.address),
+            work=work,
             command=command,
             watch=_watch(plan, output),
-            store=options.store,
         )
 
 
@@ -336,7 +323,7 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
     """Return what a study would do, as JSON values and as lines of text."""
     from wordcraft_kg.studies.engine import estimated_hours
 
-    hours = estimated_hours(plan, options.out, options.store)
+    hours = estimated_hours(plan, options.out)
     jobs = plan.jobs(options.jobs)
     kinds = Counter(task.kind for task in plan.tasks.values())
     counts = []
@@ -385,9 +372,8 @@ def _reported(
     failures = {
         plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()
     }
-    from_store = f" ({state.taken:,} of them in '{options.store}')" if state.taken else ""
-    already = f"{state.kept:,} already done{from_store}"
-    text = [f"{counted(state.done, 'task')} done, {already}, {len(failures):,} failed"]
+    done = f"{counted(state.done, 'task')} done, {state.kept:,} already done"
+    text = [f"{done}, {len(failures):,} failed"]
     reasons = [f"  {title}: {error}" for title, error in failures.items()]
     text += _first(reasons, f"in {options.out / 'failed'}/")
     try:
@@ -403,7 +389,6 @@ def _reported(
     values = {
         "done": state.done,
         "kept": state.kept,
-        "from_store": state.taken,
         "failed": failures,
         "report": None if page is None else str(folder),
     }
@@ -424,6 +409,6 @@ def _watch(plan: "Plan", output: Output) -> "Watch":
         failed = len(state.failed)
         # A failed task is over, too: the bar counts what needs no more time.
         over = state.kept + state.done + failed
-        progress(over, state.total, {"running": len(state.running), "failed": failed})
+        progress(over, state.total, {"failed": failed})
 
     return watch

@@ -9,16 +9,21 @@ from typing import Any
 
 
 @contextmanager
-def first_interrupt() -> Iterator[threading.Event]:
+def first_interrupt(action: Callable[[], None] | None = None) -> Iterator[threading.Event]:
     """Yield an event that the first Ctrl-C sets; the second Ctrl-C stops at once.
 
     The training looks at the event after each step or epoch, where its state is whole.
+
+    Args:
+        action: called by the first Ctrl-C, for a wait that looks at no event.
     """
     requested = threading.Event()
     before = signal.getsignal(signal.SIGINT)
 
     def request(signum: int, frame: Any) -> None:
         requested.set()
+        if action is not None:
+            action()
         signal.signal(signal.SIGINT, before)
 
     with _handling(signal.SIGINT, request):
@@ -28,7 +33,11 @@ def first_interrupt() -> Iterator[threading.Event]:
 @contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
     """Treat SIGTERM (the stop signal of cluster and service managers) as Ctrl-C in this block."""
-    with _handling(signal.SIGTERM, signal.default_int_handler):
+
+    def interrupt(signum: int, frame: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    with _handling(signal.SIGTERM, interrupt):
         yield
 
 

@@ -6,11 +6,9 @@ Read ``study`` first: it says what a study is. Then follow a study through the r
 |---|---|
 | ``study``, ``builtin/`` | the TOML file: variants, grid, seeds, claims; the package's studies |
 | ``plan``, ``tasks`` | tasks that make graphs, scorers and runs; equal tasks are planned once |
-| ``engine``, ``perform`` | performing missing tasks, inputs first; what a worker does with one |
-| ``local_workers``, ``ray_workers`` | workers: processes of this machine, nodes of a Ray cluster |
-| ``node_check`` | whether a node has the study's package, results folder and graphs |
+| ``engine``, ``perform`` | missing tasks by joblib, inputs first; what a worker does with one |
+| ``ray_cluster`` | the connection to a Ray cluster, another backend of joblib |
 | ``store``, ``results``, ``played_tasks`` | the results folder, and the record with all results |
-| ``cells``, ``packs`` | a store of results that machines and the repository share |
 | ``variants``, ``view``, ``claims`` | means, intervals, comparisons and verdicts |
 | ``tables``, ``report`` | the same as text, CSV, pictures and page |
 

@@ -1,35 +1,44 @@
-"""The engine: performs a study's missing tasks, inputs first, and estimates their duration."""
+"""The engine: performs a study's missing tasks with joblib: graphs, then scorers, then runs."""
 
 import logging
+import os
 import shutil
-import time
-from collections import defaultdict
-from collections.abc import Callable
-from contextlib import closing
-from dataclasses import dataclass, field
+import sys
+import threading
+from _thread import interrupt_main
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from statistics import median
+from typing import Any, Literal
 
 from wordcraft_kg.agents.config import ImpalaConfig
-from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
+from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGError, reason
+from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.runs.record import RUN_FILE
-from wordcraft_kg.studies.cells import exchange_cells, keep_cell, read_cell
-from wordcraft_kg.studies.local_workers import LocalWorkers
-from wordcraft_kg.studies.packs import CellFiles
-from wordcraft_kg.studies.perform import METRICS, check_whole, is_done, make_graph, perform
+from wordcraft_kg.runs.interruption import first_interrupt
+from wordcraft_kg.studies.perform import check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
-from wordcraft_kg.studies.results import StudyResults, read_metrics
+from wordcraft_kg.studies.ray_cluster import ray_cluster
+from wordcraft_kg.studies.results import METRICS_FILE, StudyResults
 from wordcraft_kg.studies.store import (
     collect_study,
     forget_failure,
     note_failure,
     own_results,
+    stop_file,
     write_plan,
 )
 from wordcraft_kg.studies.study import Study, check_study
-from wordcraft_kg.studies.tasks import Outcome, Task, TaskWorkers
+from wordcraft_kg.studies.tasks import Kind, Outcome, Task
+
+Engine = Literal["processes", "ray"]
+"""Processes of this machine, or the nodes of a Ray cluster; both by joblib."""
+_WAVES: tuple[Kind, ...] = ("graphs", "scorers", "runs")
+"""A task's inputs are made in an earlier wave."""
+_TICK = 0.5
+"""Seconds between a worker's looks at the stop file."""
 
 
 @dataclass
@@ -39,20 +48,18 @@ class StudyProgress:
     Attributes:
         total: tasks of the study.
         kept: tasks that were finished before the start.
-        taken: those of ``kept`` that were copied from the store of cells.
         done: tasks finished since the start.
         failed: outcomes by task address, also for tasks whose inputs failed.
-        running: start times by task address, by :func:`time.monotonic`.
     """
 
     total: int
     kept: int = 0
-    taken: int = 0
     done: int = 0
     failed: dict[str, Outcome] = field(default_factory=dict)
-    running: dict[str, float] = field(default_factory=dict)
 
 
+Perform = Callable[[Task, Path], Outcome]
+"""Performs a task in a results folder; returns errors as an outcome, and can be pickled."""
 Watch = Callable[[Plan, StudyProgress], None]
 
 
@@ -60,14 +67,32 @@ class FullDiskError(WordCraftKGError, OSError):
     """The disk is full; finished tasks are safe."""
 
 
+@dataclass(frozen=True)
+class Pool:
+    """The workers of a study.
+
+    Attributes:
+        jobs: number of parallel tasks; None for as many as the cores of the machine or the cluster
+            allow. A single job runs in this process.
+        engine: processes of this machine, or a Ray cluster, whose nodes see the results folder
+            under the same absolute path.
+        address: of the Ray cluster, host:port or auto; None starts one on this machine that ends
+            with the study.
+    """
+
+    jobs: int | None = None
+    engine: Engine = "processes"
+    address: str | None = None
+
+
 def run_plan(
     plan: Plan,
     root: Path,
-    workers: TaskWorkers,
+    pool: Pool = Pool(),
     *,
+    work: Perform = perform,
     command: str = "",
     watch: Watch | None = None,
-    store: Path | None = None,
 ) -> StudyProgress:
     """Perform the tasks in a study without results in the folder ``root``; return the final state.
 
@@ -76,157 +101,244 @@ def run_plan(
     Args:
         plan: the study.
         root: results folder.
-        workers: perform the tasks; started only if there are tasks for them.
+        pool: the workers.
+        work: performs a task.
         command: command line, for the study's record.
-        watch: called regularly with the plan and its progress.
-        store: folder of cells, whose results are taken and to which new results are added; None for
-            none.
+        watch: called with the plan and its progress after each task.
 
     Raises:
-        ArtefactError: if a different study runs in the folder, or a pack of the store is damaged.
-        ConfigError: if ``store`` is a file.
+        ArtefactError: if a different study runs in the folder.
+        ConfigError: if the number of jobs is out of range, or there is no such cluster.
+        MissingExtraError: for a Ray cluster without Ray.
+        TrainingError: if a worker process or node was lost; finished tasks are safe.
         FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; running trainings keep a checkpoint.
     """
-    # A store that cannot be read is refused before the results folder is touched.
-    cells = None if store is None else CellFiles(store)
+    root = root.resolve()
+    plan.jobs(pool.jobs)  # refused before the folder is touched
     with own_results(root):
         write_plan(root, plan, command)
-        engine = _Engine(plan, root, watch, cells)
-        engine.state.taken = 0 if cells is None else exchange_cells(plan, root, cells)
-        return engine.run(workers)
+        state = StudyProgress(len(plan.tasks))
+        missing = _missing(plan, root)
+        state.kept = len(plan.tasks) - len(missing)
+        for task in missing:
+            if (task.folder(root) / METRICS_FILE).exists():  # damaged
+                shutil.rmtree(task.folder(root))
+        with _connected(pool, plan) as cluster, _stop_file(root):
+            for kind in _WAVES:
+                wave = [task for task in missing if task.kind == kind]
+                ready = _ready(wave, plan, root, state)
+                outcomes = _outcomes(plan, root, ready, cluster, work)
+                _receive(outcomes, plan, root, state, watch)
+    return state
 
 
-class _Engine:
-    def __init__(self, plan: Plan, root: Path, watch: Watch | None, store: CellFiles | None):
-        self.plan = plan
-        self.root = root
-        self.watch = watch
-        self.store = store
-        self.state = StudyProgress(len(plan.tasks))
-        self._present: set[str] = set()
-        self._waiting: dict[str, Task] = {}
-        self._is_full = False
+@contextmanager
+def _connected(pool: Pool, plan: Plan) -> Iterator[Pool]:
+    """Yield the pool with its number of jobs, connected to its cluster."""
+    jobs = plan.jobs(pool.jobs)
+    if pool.engine == "processes":
+        yield replace(pool, jobs=jobs)
+        return
+    with ray_cluster(pool.address) as cores:
+        # Ray refuses more workers than fit its cores.
+        places = max(cores // plan.threads, 1)
+        yield replace(pool, jobs=places if pool.jobs is None else min(jobs, places))
 
-    def run(self, workers: TaskWorkers) -> StudyProgress:
-        tasks = self.plan.tasks
-        self._waiting = self._missing()
-        self._present = tasks.keys() - self._waiting.keys()
-        self.state.kept = len(self._present)
-        # Graphs are made quickly, so no process has to start for them.
-        graphs = [task for task in self._waiting.values() if task.kind == "graphs"]
-        for task in graphs:
-            make_graph(task, self.root, self.plan.books[task.address])
-            del self._waiting[task.address]
-            self._end(Outcome(task.address, "done"))
-        if self._waiting:
-            try:
-                self._work(workers)
-            except KeyboardInterrupt:  # a second Ctrl-C skips the checkpoints
-                done = self.state.kept + self.state.done
-                raise KeyboardInterrupt(
-                    f"interrupted; {done:,} of {len(tasks):,} tasks are done, repeat the command "
-                    "to perform the rest"
-                ) from None
-        self._show()
-        return self.state
 
-    def _missing(self) -> dict[str, Task]:
-        """Return the tasks to perform: those without results, and their inputs that lack files."""
-        missing: dict[str, Task] = {}
-        for address, task in self.plan.tasks.items():
-            if not self._is_present(task, is_done):
+@contextmanager
+def _stop_file(root: Path) -> Iterator[None]:
+    """Remove the file that stops the workers, also one that a killed study left."""
+    stop_file(root).unlink(missing_ok=True)
+    try:
+        yield
+    finally:
+        stop_file(root).unlink(missing_ok=True)
+
+
+def _missing(plan: Plan, root: Path) -> list[Task]:
+    """Return the tasks to perform: those without results, and their inputs that lack files."""
+    missing: dict[str, Task] = {}
+    for address, task in plan.tasks.items():
+        if not _passes(is_done, task, root):
+            missing[address] = task
+    # Scorers first: a damaged scorer is trained again, and so needs a whole graph.
+    for kind in ("scorers", "graphs"):
+        needed = {address for task in missing.values() for address in task.needs}
+        for address in needed - missing.keys():
+            task = plan.tasks[address]
+            if task.kind == kind and not _passes(check_whole, task, root):
                 missing[address] = task
-        # Scorers first: a damaged scorer is trained again, and so needs a whole graph.
-        for kind in ("scorers", "graphs"):
-            for task in self._inputs_of(missing):
-                if task.kind == kind and not self._is_present(task, check_whole):
-                    shutil.rmtree(task.folder(self.root))
-                    missing[task.address] = task
-        return missing
+    # In the order of the plan, which has the first seeds of all variants first.
+    return [task for address, task in plan.tasks.items() if address in missing]
 
-    def _inputs_of(self, missing: dict[str, Task]) -> set[Task]:
-        needed: set[str] = set()
-        for task in missing.values():
-            needed.update(task.needs)
-        return {self.plan.tasks[address] for address in needed - missing.keys()}
 
-    def _is_present(self, task: Task, check: Callable[[Task, Path], bool]) -> bool:
-        try:
-            return check(task, self.root)
-        except ArtefactError as error:
-            logging.getLogger(__name__).warning("%s The task is repeated now.", error)
-            return False
+def _passes(check: Callable[[Task, Path], bool], task: Task, root: Path) -> bool:
+    try:
+        return check(task, root)
+    except ArtefactError as error:
+        logging.getLogger(__name__).warning("%s The task is repeated now.", error)
+        return False
 
-    def _work(self, workers: TaskWorkers) -> None:
-        # Closed in any case: running trainings then write a checkpoint.
-        with closing(workers.outcomes(self._take)) as outcomes:
-            for outcome in outcomes:
-                if outcome is not None:
-                    self._receive(outcome)
-                self._show()
-        if self._is_full:
-            raise FullDiskError(
-                f"the disk of '{self.root}' is full. All finished tasks are safe, and trainings "
-                "have kept their last checkpoint; free some space, then repeat the command."
-            )
 
-    def _take(self) -> Task | None:
-        """Return a task that a worker starts now; None if there is none now."""
-        # Running tasks may still end well on a full disk; no new ones are started.
-        task = None if self._is_full else self._next()
-        if task is not None:
-            forget_failure(self.root, task.address)  # from an earlier call
-            self.state.running[task.address] = time.monotonic()
-        return task
-
-    def _receive(self, outcome: Outcome) -> None:
-        self._is_full = self._is_full or outcome.disk_full
-        del self.state.running[outcome.address]
-        if outcome.termination == "interrupted":
-            raise KeyboardInterrupt
-        self._end(outcome)
-
-    def _next(self) -> Task | None:
-        """Return the first waiting task of the plan whose inputs are there.
-
-        The result is None if there is none now.
-        """
-        for task in self._waiting.values():
-            if self._present.issuperset(task.needs):
-                return self._waiting.pop(task.address)
-        return None
-
-    def _end(self, outcome: Outcome) -> None:
-        task = self.plan.tasks[outcome.address]
-        if outcome.termination == "done":
-            self._present.add(task.address)
-            self.state.done += 1
-            forget_failure(self.root, task.address)
-            if self.store:
-                keep_cell(task, self.root, self.store)
-            return
-        self._fail(task, outcome)
-        # Only runs have inputs that can fail, so no task waits for one that is removed here.
-        others = [other for other in self._waiting.values() if task.address in other.needs]
-        why = f"{task.title} failed: {outcome.error}"
+def _ready(wave: Sequence[Task], plan: Plan, root: Path, state: StudyProgress) -> list[Task]:
+    """Return the tasks whose inputs are there, and note the others as failed."""
+    ready = []
+    for task in wave:
+        forget_failure(root, task.address)  # of an earlier call
+        broken = [address for address in task.needs if address in state.failed]
+        if not broken:
+            ready.append(task)
+            continue
         # Named as failed, too: otherwise the study would seem to wait for them.
-        for other in others:
-            del self._waiting[other.address]
-            self._fail(other, Outcome(other.address, "failed", why))
+        why = f"{plan.tasks[broken[0]].title} failed: {state.failed[broken[0]].error}"
+        _fail(Outcome(task.address, "failed", why), plan, root, state)
+    return ready
 
-    def _fail(self, task: Task, outcome: Outcome) -> None:
-        self.state.failed[task.address] = outcome
+
+def _outcomes(
+    plan: Plan, root: Path, tasks: list[Task], pool: Pool, work: Perform
+) -> Iterator[Outcome]:
+    """Perform tasks of one wave; yield their outcomes as they come."""
+    if tasks and tasks[0].kind == "graphs":
+        # Made quickly, so no process has to start for them.
+        for task in tasks:
+            make_graph(task, root, plan.books[task.address])
+            yield Outcome(task.address, "done")
+        return
+    if pool.jobs == 1:
+        for task in tasks:
+            yield _performed(task, root, work)
+        return
+    from joblib import Parallel, delayed, parallel_config
+
+    # Ray's backend returns results only together, and shows progress itself.
+    settings: dict[str, Any] = {"inner_max_num_threads": plan.threads}
+    form: dict[str, Any] = {"return_as": "generator_unordered"}
+    if pool.engine == "ray":
+        gpus = int(any(task.device.startswith("cuda") for task in tasks))
+        settings = {"ray_remote_args": {"num_cpus": plan.threads, "num_gpus": gpus}}
+        form = {"return_as": "list", "verbose": 10}
+    backend = "ray" if pool.engine == "ray" else "loky"
+    calls = [delayed(_performed_by_worker)(task, root, work, sys.argv) for task in tasks]
+    ask = partial(stop_file(root).touch, exist_ok=True)
+    with parallel_config(backend=backend, n_jobs=pool.jobs, **settings), first_interrupt(ask):
         try:
-            note_failure(self.root, task, outcome)
-        except OSError as error:  # the disk may be full
-            logging.getLogger(__name__).warning(
-                "why '%s' failed cannot be kept (%s).", task.title, error.strerror
-            )
+            # One by one: joblib would group tasks that end quickly.
+            yield from Parallel(batch_size=1, **form)(calls)
+        except Exception as error:
+            if stop_file(root).exists():
+                # A worker had not begun to listen when Ctrl-C reached it.
+                yield Outcome(tasks[0].address, "interrupted")
+                return
+            raise TrainingError(
+                f"a process of the study in '{root}' was lost ({reason(error)}). All finished "
+                "tasks are safe, and trainings have kept their last checkpoint; repeat the "
+                "command, perhaps with fewer `jobs`, if memory is too small for so many."
+            ) from error
 
-    def _show(self) -> None:
-        if self.watch:
-            self.watch(self.plan, self.state)
+
+def _performed(task: Task, root: Path, work: Perform) -> Outcome:
+    """Perform a task, unless the study stops."""
+    if stop_file(root).exists():
+        return Outcome(task.address, "interrupted")
+    # A study's settings are meant as they are, and hundreds of trainings would repeat warnings.
+    logger = logging.getLogger("wordcraft_kg")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        return work(task, root)
+    finally:
+        logger.setLevel(level)
+
+
+def _performed_by_worker(task: Task, root: Path, work: Perform, command: list[str]) -> Outcome:
+    # Out of reach of Ctrl-C on a terminal: the study asks by its stop file, also on other machines.
+    if hasattr(os, "setpgrp"):
+        os.setpgrp()
+    # The record of the run has the command of the study, not that of the worker.
+    sys.argv = command
+    # So that a training starts no processes of its own beside the other workers.
+    os.environ[CORES_VARIABLE] = str(task.threads)
+    with _stopping(stop_file(root)):
+        return _performed(task, root, work)
+
+
+@contextmanager
+def _stopping(stop: Path) -> Iterator[None]:
+    """Interrupt this worker when the study stops, and end it with its parent."""
+    ended = threading.Event()
+    parent = os.getppid()
+
+    def look() -> None:
+        while not ended.wait(_TICK):
+            if os.getppid() != parent:
+                # At once: an orderly exit would wait for the training, and keep its folder locked.
+                os._exit(1)
+            if stop.exists():
+                interrupt_main()
+                return
+
+    thread = threading.Thread(target=look, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _receive(
+    outcomes: Iterator[Outcome],
+    plan: Plan,
+    root: Path,
+    state: StudyProgress,
+    watch: Watch | None,
+) -> None:
+    """Note how the tasks of a wave ended.
+
+    Raises:
+        FullDiskError, KeyboardInterrupt: see :func:`run_plan`.
+    """
+    is_full = False
+    is_interrupted = False
+    try:
+        for outcome in outcomes:
+            if outcome.termination == "done":
+                state.done += 1
+            elif outcome.termination == "failed":
+                _fail(outcome, plan, root, state)
+            is_full = is_full or outcome.disk_full
+            is_interrupted = is_interrupted or outcome.termination == "interrupted"
+            if is_full or is_interrupted:
+                # Running trainings write a checkpoint, and no other task begins.
+                with suppress(OSError):
+                    stop_file(root).touch()
+            if watch:
+                watch(plan, state)
+    except KeyboardInterrupt:  # a second Ctrl-C skips the checkpoints
+        is_interrupted = True
+    if is_full:
+        raise FullDiskError(
+            f"the disk of '{root}' is full. All finished tasks are safe, and trainings have kept "
+            "their last checkpoint; free some space, then repeat the command."
+        )
+    if is_interrupted:
+        raise KeyboardInterrupt(
+            f"interrupted; {state.kept + state.done:,} of {state.total:,} tasks are done, repeat "
+            "the command to perform the rest"
+        )
+
+
+def _fail(outcome: Outcome, plan: Plan, root: Path, state: StudyProgress) -> None:
+    state.failed[outcome.address] = outcome
+    task = plan.tasks[outcome.address]
+    try:
+        note_failure(root, task, outcome)
+    except OSError as error:  # the disk may be full
+        logging.getLogger(__name__).warning(
+            "why '%s' failed cannot be kept (%s).", task.title, error.strerror
+        )
 
 
 _STEPS_PER_SECOND = {
@@ -246,67 +358,28 @@ _START = 3.0
 """Seconds for opening the graph and for the final evaluation."""
 
 
-def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
-    """Estimate the hours of one core that a study still needs.
-
-    The duration of finished tasks in ``root`` corrects the estimates for this machine and book: the
-    median of their ratios to the usual duration, by kind of task.
+def estimated_hours(plan: Plan, root: Path) -> float:
+    """Estimate roughly the hours of one core that a study still needs.
 
     Args:
         plan: the study.
         root: results folder, which may be missing.
-        store: folder of cells, which count as finished; None for none.
-
-    Raises:
-        ConfigError: if ``store`` is a file.
-        ArtefactError: if a pack of the store is damaged.
     """
-    cells = None if store is None else CellFiles(store)
-    left: dict[str, Task] = {}
-    measured = defaultdict(list)
-    for task in plan.tasks.values():
-        try:
-            seconds = read_metrics(task.folder(root), METRICS[task.kind]).seconds
-        except ArtefactError:
-            # Graphs have no cells, but take no time either.
-            if cells is None or task.kind == "graphs" or read_cell(task, cells) is None:
-                left[task.address] = task
-            continue
-        # 0 for graphs and for results from a store.
-        if seconds:
-            measured[_sort(task)].append(seconds / _usual(task))
-    # Results from a store have no files: a scorer that a missing agent needs is trained again.
-    for task in list(left.values()):
-        for address in task.needs:
-            if not (root / address / RUN_FILE).exists():
-                left[address] = plan.tasks[address]
-    factors = {sort: median(ratios) for sort, ratios in measured.items()}
-    seconds_left = 0.0
-    for task in left.values():
-        # A kind of which nothing was measured here takes its usual time.
-        seconds_left += _usual(task) * factors.get(_sort(task), 1.0)
-    return seconds_left / 3600
+    return sum(_seconds(task) for task in _missing(plan, root)) / 3600
 
 
-def _sort(task: Task) -> str:
-    """Return the kind of a task as far as it decides the duration: a key of the tables above."""
+def _seconds(task: Task) -> float:
     if task.kind == "scorers":
-        return str(task.settings["command"])
+        return _SECONDS_OF_SCORER.get(str(task.settings["command"]), 1.0)
     if task.kind == "graphs":
-        return task.kind
+        return 1.0
     settings = task.settings["settings"]
+    features = settings.get("features", PolicyConfig.features)
+    speed = features if features in _STEPS_PER_SECOND else "none"
     if len(task.needs) > 1:
         config = PolicyConfig(use=settings.get("use", PolicyConfig.use))
-        return "w" if "w" in config.sources else "u,v"
-    features = settings.get("features", PolicyConfig.features)
-    return features if features in _STEPS_PER_SECOND else "none"
-
-
-def _usual(task: Task) -> float:
-    if task.kind == "runs":
-        steps = task.settings["settings"].get("steps", ImpalaConfig.steps)
-        return _START + steps / _STEPS_PER_SECOND[_sort(task)]
-    return _SECONDS_OF_SCORER.get(_sort(task), 1.0)
+        speed = "w" if "w" in config.sources else "u,v"
+    return _START + settings.get("steps", ImpalaConfig.steps) / _STEPS_PER_SECOND[speed]
 
 
 def run_study(
@@ -317,7 +390,6 @@ def run_study(
     jobs: int | None = None,
     keep_all: bool = True,
     watch: Watch | None = None,
-    store: Path | None = None,
 ) -> StudyResults:
     """Perform the missing tasks in a study and return its results.
 
@@ -327,16 +399,15 @@ def run_study(
         study: from :func:`~wordcraft_kg.studies.study.read_study`, or made in Python.
         out: results folder; studies in the same folder share equal tasks.
         name: study name.
-        jobs: number of parallel trainings, each in a process. Default: as many as the cores allow.
+        jobs: number of parallel trainings. Default: as many as the cores allow.
         keep_all: keep run weights and episodes, tens of megabytes each.
-        watch: called regularly with the plan and its state.
-        store: folder with cells (results of one training each) to read, and to extend with new
-            results.
+        watch: called with the plan and its state after each training.
 
     Raises:
         ConfigError: for a study fault, or ``jobs`` out of range.
         RecipeFileError: if a recipe book is missing.
-        ArtefactError: if another study runs in the folder, or a pack of the store is damaged.
+        ArtefactError: if another study runs in the folder.
+        TrainingError: if a worker process was lost; finished trainings are safe.
         FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; the same call resumes.
 
@@ -350,7 +421,5 @@ def run_study(
     check_study(study)
     root = Path(out)
     plan = make_plan(study, name)
-    number = plan.jobs(jobs)
-    work = partial(perform, keep_all=keep_all)
-    run_plan(plan, root, LocalWorkers(root, number, work, plan.threads), watch=watch, store=store)
+    run_plan(plan, root, Pool(jobs), work=partial(perform, keep_all=keep_all), watch=watch)
     return collect_study(root, name)

@@ -60,7 +60,7 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> bool:
-    """Return whether a finished task's graph or model exists, not only copied metrics.
+    """Return whether all files of a finished task's graph or model are intact.
 
     Args:
         task: a done task of the kind "graphs" or "scorers".
@@ -73,9 +73,7 @@ def check_whole(task: Task, root: Path) -> bool:
     if task.kind == "graphs":
         open_graph(str(folder))
         return True
-    # A cell of a store has results only; an agent needs the scorer's weights.
-    if read_metrics(folder, ScorerMetrics).stored:
-        return False
+    read_metrics(folder, ScorerMetrics)
     files = RunFiles(folder, read_run(folder))
     for name in files.run.outputs:
         files.bytes(name)

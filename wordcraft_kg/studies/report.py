@@ -7,12 +7,13 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.evaluation.training_curves import CurvePoint
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
-from wordcraft_kg.studies.tables import as_csv, notes, origin_in_words, tables_of, with_bounds
+from wordcraft_kg.studies.tables import as_csv, notes, tables_of, with_bounds
 from wordcraft_kg.studies.variants import Correlation, PointMetrics, ScorerScatter
 from wordcraft_kg.studies.view import StudyView, title_of
 
@@ -55,7 +56,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         shown={
             "tables": tables_of(view),
             "notes": notes(view),
-            "origin_in_words": origin_in_words,
+            "counted": counted,
             "correlation": _correlation,
             "title": title_of,
             "words": in_words,

@@ -150,7 +150,7 @@ class RunResult(Record, frozen=True):
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has
             seen these triples.
         steps: environment steps of the training.
-        seconds: training time; 0 for results from a store.
+        seconds: training time.
         steps_per_second: environment steps per second of acting and learning, without evaluation.
         origin: position in :attr:`StudyResults.origins`.
         groups: position in :attr:`StudyResults.groups`; None in results of earlier versions.
@@ -204,13 +204,11 @@ class Origin(Record, frozen=True):
     """Where agents were trained.
 
     Attributes:
-        stored: whether the results come from a store, not from a training in this results folder.
         platform: system, machine, and instruction set or GPU.
         versions: package versions.
         runs: number of agents.
     """
 
-    stored: bool
     platform: str
     versions: dict[str, str]
     runs: Count
@@ -230,7 +228,7 @@ class StudyResults(Record, frozen=True):
         missing: trainings without results.
         hours: training time in this results folder; a training that several cells share counts
             once.
-        origins: platforms of the trainings, and whether their results are from a store of cells.
+        origins: platforms and package versions of the trainings.
         groups: resampling group of each test task, see :attr:`World.groups`, numbered by first
             appearance; equal groups of several runs are listed once.
     """
@@ -290,16 +288,14 @@ class TaskMetrics(Record, frozen=True, kw_only=True):
     """Results of a graph, a scorer or a run (``figures.json``).
 
     Attributes:
-        seconds: duration; 0 for a graph and for results from a store.
+        seconds: duration; 0 for a graph.
         versions: package versions.
         platform: system, machine, and instruction set or GPU; empty for a graph.
-        stored: whether the results were copied from a store of cells.
     """
 
     seconds: float
     versions: dict[str, str]
     platform: str = ""
-    stored: bool = False
 
 
 class ScorerMetrics(TaskMetrics, frozen=True, kw_only=True):

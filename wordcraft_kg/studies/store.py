@@ -41,6 +41,7 @@ from wordcraft_kg.studies.study import Study, StudyCell
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 _STUDIES = "studies"
+_STOP = ".stop"
 _FAILED = "failed"
 
 
@@ -106,6 +107,11 @@ def own_results(root: Path) -> Iterator[None]:
                 raise
         finally:
             os.close(handle)
+
+
+def stop_file(root: Path) -> Path:
+    """Return the path of the file that asks all workers to save a checkpoint and stop."""
+    return root / _STUDIES / _STOP
 
 
 def write_plan(root: Path, plan: Plan, command: str) -> None:
@@ -288,9 +294,9 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
 
 def _origin(origins: dict[str, tuple[int, Origin]], figures: RunMetrics) -> int:
     """Count a run at its origin, and return the number of the origin."""
-    key = repr((figures.stored, figures.platform, figures.versions))
+    key = repr((figures.platform, figures.versions))
     if key not in origins:
-        new = Origin(figures.stored, figures.platform, figures.versions, runs=0)
+        new = Origin(figures.platform, figures.versions, runs=0)
         origins[key] = (len(origins), new)
     number, origin = origins[key]
     origins[key] = (number, structs.replace(origin, runs=origin.runs + 1))

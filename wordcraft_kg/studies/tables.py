@@ -9,7 +9,6 @@ from itertools import chain
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import ClaimVerdict, in_words
-from wordcraft_kg.studies.results import Origin
 from wordcraft_kg.studies.study import Metric
 from wordcraft_kg.studies.variants import Interval, PointMetrics, VariantMetrics
 from wordcraft_kg.studies.view import StudyView, title_of
@@ -232,10 +231,6 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     if metric == "success":
         yield f"intervals: 95 % over seeds and tasks{_compared(view)}"
         yield from _lines_of_claims(view.claims)
-    for origin in view.origins:
-        if origin.stored:
-            versions = ", ".join(f"{name} {version}" for name, version in origin.versions.items())
-            yield f"{origin_in_words(origin)}: {origin.platform}; {versions}"
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
@@ -285,15 +280,6 @@ def _lines_of_point(point: PointMetrics, metric: Metric) -> Iterator[str]:
         if metric == "success":
             line += _comparison(entry)
         yield line.rstrip()
-
-
-def origin_in_words(origin: Origin) -> str:
-    """Format the number of trainings of an origin, and their place.
-
-    The place is this folder, or a store (folder of shared results).
-    """
-    place = "from the store" if origin.stored else "in this folder"
-    return f"{counted(origin.runs, 'training')} {place}"
 
 
 def _p_value(p: float | None) -> str:

@@ -1,15 +1,14 @@
-"""Tasks in a study, their outcomes, and the interface of workers that perform tasks.
+"""Tasks in a study, and their outcomes.
 
 A task has a folder, named after inputs and settings.
 """
 
 import hashlib
 import json
-from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 Kind = Literal["graphs", "scorers", "runs"]
 """Kind of result that a task makes, and subfolder in the results folder."""
@@ -65,25 +64,3 @@ class Outcome:
     error: str = ""
     detail: str = ""
     disk_full: bool = False
-
-
-class TaskWorkers(Protocol):
-    """Whatever performs the tasks of a study, in processes of this machine or on others.
-
-    This is all that a study knows about machines.
-    """
-
-    def outcomes(self, take: Callable[[], Task | None]) -> Generator[Outcome | None, None, None]:
-        """Perform tasks until there are no more, and yield their outcomes as they come.
-
-        A task's files are written before its outcome is yielded. None is yielded at least twice a
-        second, so that the caller can show progress. Closing the generator ends running tasks;
-        their trainings keep a checkpoint.
-
-        Args:
-            take: returns the next task to start, or None if there is none now. Called whenever a
-                worker is idle; an outcome may make further tasks possible.
-
-        Raises:
-            ConfigError: if the workers cannot start.
-        """

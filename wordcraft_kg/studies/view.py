@@ -43,7 +43,7 @@ class StudyView(Record):
         missing: trainings without results, with reasons.
         versions: package versions of the trainings; the last one's, if several were used.
         hours: training time in the results folder; cells of a store count as 0.
-        origins: platforms of the trainings, and whether their results come from a store.
+        origins: platforms and package versions of the trainings.
     """
 
     format: Literal["wordcraft-kg study report 1"]

@@ -340,7 +340,7 @@ def people_without_goal() -> Iterator[str]:
     plain = json.loads((HERE / DATA / "discovery-plain.json").read_text(encoding="utf-8"))
     known = [f"{plain['people'][n]:.3g}" for n in ("10", "50", "100")]
     yield (
-        f"People know {' / '.join(known)} in another game: {plain['people_source']}. Figures: the [reference pack](../references.md)."
+        f"People know {' / '.join(known)} in another game: {plain['people_source']}. Figures: [published results](../references.md)."
     )
 
 

@@ -192,13 +192,13 @@ def agents_by_depth() -> Iterator[str]:
 
 @cache
 def _reference(book: str) -> list[Row]:
-    """Return the rows of a book's reference pack."""
+    """Return the published results of this package for a book."""
     pack = json.loads((PACKS / f"{book}.json").read_text(encoding="utf-8"))
     return list(pack["rows"])
 
 
 def scripted() -> Iterator[str]:
-    """Yield the table of scripted players, by the reference pack and untrained-players.json."""
+    """Yield the table of scripted players, by the published results and untrained-players.json."""
     points = [(book, n) for book in ("little-alchemy-2", "everyday") for n in (8, 1)]
     rates: dict[tuple[str, str, str, int], float] = {}
     for book, number in points:

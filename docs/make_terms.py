@@ -44,7 +44,6 @@ FURTHER = {
         "prompt template": "The texts that a text agent reads. Their hash is part of every result, because other prompts are another experiment.",
         "look-up": "A question about an entity during a game. The answer lists train recipes or predictions of a scorer, and costs no attempt.",
         "invalid action": "An answer of a text agent that cannot be parsed. The player reads an explanation and may answer again; after several invalid actions in a row the next one costs an attempt.",
-        "external results": "Results of other players that a table compares with the reference pack: runs, people, text agents, Inspect logs.",
         "Model Context Protocol, MCP": "A protocol for programs with a language model that call tools of other programs.",
     },
     "Agents": {

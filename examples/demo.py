@@ -222,7 +222,7 @@ def tour(book: str, steps: int, out: Path) -> None:
 Each task needs a recipe that no train data hold. One attempt: {one} tasks, on a table with
 {DISTRACTORS[1]} distractors; two attempts: {two} tasks, {DISTRACTORS[2]} distractors.
 The agents were trained for one attempt, and shortly: {steps:,} steps, with the recipe scorer
-{min(steps, FLAT):,}. Longer trainings: {program} reference everyday --distractors {DISTRACTORS[1]}
+{min(steps, FLAT):,}. Longer trainings: docs/results.md
 """
     )
     if explained:

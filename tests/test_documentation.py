@@ -395,7 +395,6 @@ NOT_RUN = {
     "import-knowledge graphs/mine --conceptnet": WORDNET,
     "train-complex graphs/mine --with": WORDNET,
     "bench run craft-8-lite --player inspect:": OTHERS,
-    "reference everyday --distractors 8 --external-results": OTHERS,
     "bench run craft-8-lite --player openenv:": "needs games of a server's clients; tests/apps/text_agents has them",
     "explore graphs/everyday --model models/everyday-recipes --model": SERVER,
     "mcp": SERVER,

@@ -463,7 +463,6 @@ IN_ORDER = (
         "train-agent",
         "evaluate-agent",
         "explain",
-        "reference",
     ),
 )
 """Commands whose examples need nothing but the files of earlier examples; play needs a player."""
@@ -559,7 +558,6 @@ BAD_VALUES = {
         "--distractor-seeds=3",
     ],
     "compare {world}/plain": ["--resamples=3"],
-    "reference kitchen": ["--distractors=x", "--distractors=79", "--depth=0", "--base=water"],
     "reproduce knowledge": ["--seeds=0", "--metric=mrr"],
     "reproduce embeddings --book kitchen": ["--jobs=0"],
     "reproduce study.toml": ["--book=kitchen"],
@@ -644,26 +642,6 @@ REFUSED = [
     ("reproduce --show --out nothing", "is not a results folder"),
     ("reproduce --show nothing.json", "no such file"),
     ("reproduce --show study.toml", "expected results"),
-    ("reference everyday --external-results {world}/plain", "was trained on graph 43fe37e2e912"),
-    ("reference kitchen --open-ended --distractors 1", "--open-ended has no tasks"),
-    ("reference kitchen --open-ended --part train", "--open-ended has no tasks"),
-    ("reference kitchen --open-ended --attempts 7", "--open-ended has no tasks"),
-    (
-        "reference kitchen --open-ended --external-results {world}/plain",
-        "expected a folder of 'evaluate-text' or",
-    ),
-    (
-        "reference kitchen --external-results {world}/graph",
-        "is a graph folder; expected a run folder of 'train-agent'",
-    ),
-    (
-        "reference kitchen --external-results nowhere",
-        "does not exist; expected a run folder of 'train-agent'",
-    ),
-    (
-        "reference kitchen --external-results {world}/plain --depth 2",
-        "has test tasks of depth 1 with 1 attempt",
-    ),
     ("describe \udcff", "\\udcff' is not UTF-8. Rename the file or folder"),
     (
         "export kitchen --format=tsv --out=\udcff",

@@ -159,10 +159,7 @@ STUDY = (
     ),
 )
 PLAYED = ("evaluate-text", "in/graph", "--player", "cat", "--distractors", "2", "--tasks", "4")
-TEXT = (
-    ("reference", "in/graph", "--distractors", "2", "--external-results", "{}"),
-    (*PLAYED, "--out", "{}"),
-)
+TEXT = ((*PLAYED, "--out", "{}"),)
 READERS = {
     "graph": GRAPH,
     **dict.fromkeys(("model", "model-table", "model-interrupted"), MODEL),

@@ -50,7 +50,7 @@ CORE = {
     "Recipe books and graphs": ["build-graph", "describe", "check-book", "books", "export"],
     "Link prediction": ["train-recipes", "train-complex", "train-links", "evaluate-links", "score"],
     "Agents": ["train-agent", "evaluate-agent", "explain"],
-    "Comparisons and studies": ["compare", "reference", "reproduce"],
+    "Comparisons and studies": ["compare", "reproduce"],
     "Tasks and play": ["tasks", "discover"],
     "Knowledge from outside the book": ["import-knowledge"],
     "Installation": ["doctor"],

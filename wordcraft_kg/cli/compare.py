@@ -17,7 +17,6 @@ from wordcraft_kg.cli.console import (
     Output,
     aligned,
     check_file,
-    command_line,
     refuse_given,
     whole_numbers,
     write_file,
@@ -131,7 +130,6 @@ def _compare_agents(
     whole("episodes", options.episodes, 0, MAX_SIZE)
     amounts = whole_numbers("distractors", options.distractors) if options.distractors else None
     groups = group_agents([open_agent(folder, graph) for folder in runs])
-    source = next(iter(groups.values()))[0].opened.source
     folder = out or Path("reports") / "-and-".join(groups)
     check_output(folder, force=force)
     view = view_agents(
@@ -143,11 +141,11 @@ def _compare_agents(
     )
     write_report(make_agent_report(view), folder, force=force)
     page = folder / "index.html"
-    text = [*_agents_text(view, source), f"wrote {folder}/   open {page}"]
+    text = [*_agents_text(view), f"wrote {folder}/   open {page}"]
     output.result(summarise_agents(view, str(page)), text)
 
 
-def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
+def _agents_text(view: "AgentsView") -> Iterator[str]:
     from wordcraft_kg.evaluation.agents import by_success
 
     reference = view.agents[0].name
@@ -164,9 +162,13 @@ def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
             if str(amount) not in agent.success:
                 yield f"  {agent.name} plays with {agent.trained_with} distractors only"
     if view.references:
-        amounts = ",".join(map(str, view.distractors))
-        options = ("--part", view.part, "--depth", str(view.depth), "--distractors", amounts)
-        yield f"for comparison: {command_line('reference', graph, *options)}"
+        amounts = ", ".join(map(str, view.distractors))
+        yield f"published, on these tasks with {amounts} distractors"
+        published = []
+        for row in view.references:
+            cells = [row.shown(amount) or "-" for amount in view.distractors]
+            published.append((f"  {row.player}", row.kind, *cells))
+        yield from aligned(published)
 
 
 def _success(success: "AgentSuccess | None", unit: str) -> Iterator[str]:

@@ -1,6 +1,8 @@
 """``wordcraft-kg discover``."""
 
 from collections.abc import Iterator, Sequence
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -127,7 +129,7 @@ def _published(view: "DiscoveryView") -> list["ReferenceRow"]:
     """Return the published results that can stand beside these runs."""
     shown = []
     for row in view.references:
-        is_known = row.origin == "literature" and row.measure == "entities known"
+        is_known = row.play is None and row.measure == "entities known"
         # Published results for fewer attempts are no comparison.
         if is_known and str(view.marks[-1]) in row.figures:
             shown.append(row)
@@ -168,9 +170,8 @@ def _text(view: "DiscoveryView") -> Iterator[str]:
     yield from aligned(_rows(view, published))
     yield ""
     yield f"people: {view.people_source}"
-    for row in published:
-        if row.notes:
-            yield f"{row.player}: {row.source}. {row.notes}"
+    for reference, rows in groupby(published, key=attrgetter("reference")):
+        yield f"{', '.join(row.player for row in rows)}: {reference}"
     if view.knows_recipes:
         seen = "it has seen these combinations"
         yield f"note: {view.scorer} was trained on recipes of {view.graph}: {seen}"

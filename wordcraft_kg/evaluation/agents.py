@@ -18,7 +18,7 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import agent_metrics, training_curves
-from wordcraft_kg.evaluation.reference import ReferenceRow, pack_of, play_of
+from wordcraft_kg.evaluation.reference import ReferenceRow, play_of, reference_rows
 from wordcraft_kg.evaluation.source_gains import SourceGain, source_gains
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -425,11 +425,12 @@ def _references(
     agent: OpenedAgent, part: TaskPart, played: Sequence[int]
 ) -> tuple[ReferenceRow, ...]:
     play = play_of(agent.config.tasks, part)
-    pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
-    if play is None or pack is None:
+    if play is None:
         return ()
+    opened = agent.opened
+    rows = reference_rows(opened.graph.hash, opened.split.hash, play, played)
     # Scripted players are measured on the agents' own tables and would stand in the report twice.
-    return tuple(row for row in pack.rows_of(play, played) if not _is_scripted(row.player))
+    return tuple(row for row in rows if not _is_scripted(row.player))
 
 
 def _is_scripted(player: str) -> bool:

@@ -22,7 +22,7 @@ from wordcraft_kg.agents.discovery import (
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, literature, pack_of
+from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, literature, reference_rows
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.graphs.worlds import WorldStatistics, world_statistics
@@ -437,8 +437,7 @@ def explain_run(
 def _references(
     graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]
 ) -> tuple[ReferenceRow, ...]:
-    pack = pack_of(graph.hash, None)
-    ours = pack.rows_of(OpenPlay(base)) if pack else ()
+    ours = reference_rows(graph.hash, None, OpenPlay(base))
     others = literature(["entities known", "new combinations"])
     # The people's curve is a part of every view, so the same numbers as a row would stand twice.
     shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}

@@ -4,7 +4,7 @@ Read :mod:`~wordcraft_kg.reports.pages` first: it renders templates and writes r
 Reports evaluate nothing. A function takes a view and returns a :class:`~pages.Report` or a page:
 
 - ``link_report``, ``agent_report``, ``discovery_report``: a file for each page, with its template
-  of the same name in ``templates/``. The page of reference results needs a template only.
+  of the same name in ``templates/``.
 - ``agent_pictures``: charts of agents, shared with the explorer.
 - ``charts``: SVG charts from plain numbers.
 - ``glossary`` and ``glossary.toml``: explained terms.

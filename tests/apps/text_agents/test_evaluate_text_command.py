@@ -51,9 +51,7 @@ def test_a_program_plays_all_tasks_and_the_result_is_the_view(play, games):
     lines = outcome.out.splitlines()
     assert f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]" in lines[1]
     assert "63 test tasks of depth 1, 2 distractors, 1 distractor seed each" in lines[2]
-    assert lines[-1].endswith(
-        "reference kitchen --part test --depth 1 --distractors 2 --external-results out"
-    )
+    assert lines[-1] == "wrote out/"
     before = lines_of(games)
     assert len(before) == 64
     assert sum(json.loads(line)["success"] for line in before[1:]) == round(success.mean * 63)

@@ -7,31 +7,24 @@ import numpy as np
 import pytest
 
 from tests.apps.text_agents.scripted import PLAYERS, assert_same, picks_of
-from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph
+from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
 from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge
-from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings
-from wordcraft_kg.apps.text_agents.result_reader import read_games_result
+from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import (
-    append_game,
     chosen_tasks,
     evaluation_of,
-    open_games,
     record_of,
     result_of,
 )
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.base.errors import (
     ActionError,
-    ConfigError,
     EpisodeError,
-    GraphMismatchError,
     LeakError,
 )
-from wordcraft_kg.evaluation.reference import TaskPlay
-from wordcraft_kg.evaluation.result_readers import external_rows
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 
@@ -303,73 +296,3 @@ def test_as_many_tasks_are_played_as_asked_at_even_distances(games, most):
     tasks = chosen_tasks(games.world, most)
     assert len(tasks) == min(most, 63)
     assert len({*np.diff(tasks).tolist()} - {63 // most, -(-63 // most)}) == 0
-
-
-def play(game, answer, number=0):
-    talk = Conversation(game)
-    return record_of(talk, converse(talk, lambda _: answer), number)
-
-
-def all_tasks(games, *answers):
-    return [
-        play(games.begin(task), answer)
-        for task in range(len(games.world.tasks))
-        for answer in answers
-    ]
-
-
-def write(path, settings, lines):
-    open_games(path, GamesHeader(player="MCP clients", settings=settings))
-    for line in lines:
-        append_game(path, line)
-
-
-def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen, games, path):
-    lines, settings = all_tasks(games, "1 2")[::-1], PlayedSettings.of(games.world, kitchen.split)
-    write(path, settings, lines + all_tasks(games, "1 3", "2 3"))
-    before = path.read_bytes() + b'{"torn'
-    path.write_bytes(before)
-    result = read_games_result(path, kitchen)
-    assert result == result_of("MCP clients", settings, lines, games.world.groups)
-    assert 0 < result.success.mean < 1
-    assert path.read_bytes() == before
-
-
-def test_a_figure_over_selected_tasks_is_refused(kitchen, games, path):
-    count, settings = len(games.world.tasks), PlayedSettings.of(games.world, kitchen.split)
-    write(
-        path, settings, [*all_tasks(games, "1 2"), play(games.begin(0, distractor_seed=1), "1 2")]
-    )
-    with pytest.raises(
-        ConfigError, match=f"holds {count + 1} / {2 * count} games for the test tasks"
-    ):
-        read_games_result(path, kitchen)
-    with pytest.raises(GraphMismatchError):
-        read_games_result(path, open_graph("paper-examples"))
-
-
-def test_games_in_the_open_ended_world_count_all(kitchen, path):
-    worlds = DiscoveryGames(kitchen, attempts=3)
-    settings = PlayedSettings.of(worlds.env, kitchen.split)
-    write(path, settings, [])
-    with pytest.raises(ConfigError, match="holds no finished game"):
-        read_games_result(path, kitchen)
-    write(
-        path,
-        settings,
-        [play(worlds.begin(), answer, number) for number, answer in enumerate(("1 2", "2 3"))],
-    )
-    result = read_games_result(path, kitchen)
-    assert (result.games, result.settings.distractor_seeds, result.success) == (2, 2, None)
-    assert result.known[3] >= len(settings.base)
-
-
-def test_figures_are_marked_if_look_ups_in_other_games_name_the_recipes(kitchen, path):
-    games = TaskGames(World(kitchen, WordCraftConfig(part="train", num_distractors=2)))
-    write(
-        path,
-        PlayedSettings.of(games.world, kitchen.split, knowledge="partial"),
-        all_tasks(games, "1 2"),
-    )
-    (row,) = external_rows(kitchen, TaskPlay("train", 1, 1), [2], [path])
-    assert "look-ups in other games name the recipes of the task" in row.notes

@@ -15,7 +15,7 @@ import pytest
 
 import wordcraft_kg
 from tests.apps.text_agents.scripted import PLAYERS, picks_of
-from wordcraft_kg import WordCraftConfig, World, open_graph, save_scorer
+from wordcraft_kg import WordCraftConfig, World, save_scorer
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
@@ -26,8 +26,6 @@ from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.envs.words import prompt_hash
-from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
-from wordcraft_kg.evaluation.result_readers import external_rows
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 
 pytestmark = pytest.mark.filterwarnings(
@@ -292,17 +290,6 @@ def test_a_log_of_repeated_games_is_refused(play):
 
 
 @pytest.mark.slow
-def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play, kitchen):
-    log = play(crafting("kitchen", tasks=3, distractors=2), lambda messages: "1 + 2")
-    success = read_inspect_log(log.location).success
-    (row,) = external_rows(kitchen, TaskPlay("test", 1, 1), [1, 2], [Path(log.location)])
-    assert (row.player, row.kind, row.tasks) == ("mockllm/model", "language model", 3)
-    assert (row.figures["2"].value, row.figures["2"].low) == (success.mean, success.ci_low)
-    with pytest.raises(ConfigError, match="was recorded on tasks"):
-        external_rows(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "track", [pytest.param("depth-2-lite", marks=pytest.mark.slow), "discover-500-lite"]
 )
@@ -327,8 +314,6 @@ def test_a_log_of_a_benchmark_track_becomes_a_submission_that_verifies(play, tmp
         )
     with pytest.raises(ConfigError, match="has its own numbers"):
         bench_run(track, player=f"inspect:{log.location}", out=tmp_path / "other", tokens=(1, 2))
-    with pytest.raises(ConfigError, match="not all tasks"):
-        external_rows(open_graph("everyday"), TaskPlay("test", 2, 2), [4], [Path(log.location)])
 
 
 @pytest.mark.slow

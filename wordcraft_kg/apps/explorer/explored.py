@@ -17,7 +17,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityEr
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.result_readers import TableGame, read_table_games
+from wordcraft_kg.evaluation.recorded_games import TableGame, read_table_games
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.planner import Planner
 from wordcraft_kg.graphs.splits import TEST

@@ -19,7 +19,7 @@ What lies where:
   set), ``openenv_server`` with ``openenv_session`` and ``openenv_tasks`` (OpenEnv), ``text_env``
   (Gymnasium), ``chats`` (conversations to fine-tune on);
 * results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as
-  agent evaluation), ``result_reader`` (rows for the command ``reference``);
+  agent evaluation), ``result_reader`` (recorded games for the explorer);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
   (write and verify), ``second_reading``, ``leaderboard``;
 * ``commands``: the commands, by entry points in ``pyproject.toml``.

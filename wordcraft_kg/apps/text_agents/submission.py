@@ -528,8 +528,8 @@ def acceptable(text: str, most: int = LONGEST_TEXT) -> str:
 def check_kind(path: Path, submission: Submission) -> None:
     """Check that a submission declares no people, also with more words: nobody could verify it.
 
-    Answers of people are in the folder of `people serve`, which checks them, and are compared by
-    `reference --external-results`.
+    Answers of people are in the folder of `people serve`, which checks them, and in
+    `people summary`.
 
     Args:
         path: the file, for the error.

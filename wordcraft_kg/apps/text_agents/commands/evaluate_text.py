@@ -1,7 +1,6 @@
 """``wordcraft-kg evaluate-text``."""
 
 import re
-import shlex
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -21,7 +20,7 @@ from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import Book, Force
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.text_agents.records import PlayedSettings, TextResult
+    from wordcraft_kg.apps.text_agents.records import TextResult
 
 GROUP = "Text agents"
 EXAMPLES = (
@@ -113,7 +112,7 @@ def evaluate_text(
             if isinstance(error, WordCraftKGError) or not (folder / GAMES_FILE).is_file():
                 raise
             raise ArtefactError(f"{folder}: {error.strerror or error}. {goes_on}") from None
-    output.result({"result": result, "out": str(folder)}, _text(result, graph, folder))
+    output.result({"result": result, "out": str(folder)}, _text(result, folder))
 
 
 def _check(folder: Path) -> None:
@@ -132,7 +131,7 @@ def _check(folder: Path) -> None:
         )
 
 
-def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
+def _text(result: "TextResult", folder: Path) -> Iterator[str]:
     settings = result.settings
     rows = [("player", result.player), *_metrics(result)]
     invalid = counted(result.invalid_actions, "invalid action")
@@ -143,8 +142,7 @@ def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
     # Such a scorer answers from memory; the result says nothing about new recipes.
     if settings.kg == "full":
         yield "the scorer was trained on all recipes, including the test recipes."
-    options = f"{_reference_options(settings)} --external-results {folder}"
-    yield f"wrote {folder}/   next: wordcraft-kg reference {graph} {options}"
+    yield f"wrote {folder}/"
 
 
 def _metrics(result: "TextResult") -> list[tuple[str, str]]:
@@ -167,14 +165,3 @@ def _metrics(result: "TextResult") -> list[tuple[str, str]]:
         ("over", f"{tasks}, {distractors}, {seeds} each"),
         ("terminations", ", ".join(terminations)),
     ]
-
-
-def _reference_options(settings: "PlayedSettings") -> str:
-    if settings.is_open_ended:
-        return f"--open-ended --base {shlex.quote(','.join(settings.base))}"
-    options = (
-        f"--part {settings.part} --depth {settings.depth} --distractors {settings.distractors}"
-    )
-    if settings.attempts != settings.depth:  # else the default
-        options += f" --attempts {settings.attempts}"
-    return options

@@ -21,7 +21,7 @@ from wordcraft_kg.studies.view import view_study
 
 def table(root):
     """The table of a study, without the durations."""
-    lines = lines_of(view_study(collect_study(root, "small")), "success")
+    lines = lines_of(view_study(collect_study(root, "small")))
     return [line for line in lines if "hour" not in line]
 
 

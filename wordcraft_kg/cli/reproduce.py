@@ -1,6 +1,5 @@
 """``wordcraft-kg reproduce``."""
 
-import logging
 import shlex
 import sys
 from collections import Counter
@@ -11,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError, RecipeFileError, WordCraftKGError
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.wording import counted, duration
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, Words
-from wordcraft_kg.studies.study import Metric
 
 if TYPE_CHECKING:
     from wordcraft_kg.studies.engine import StudyProgress, Watch
@@ -81,17 +79,12 @@ class ShowOptions:
     """Options for existing results.
 
     Attributes:
-        metric: success, by-plan (success by a plan's last pair), train (success on train tasks),
-            mrr (scorer), or steps (until the reference's final success).
-        plot: write a page with all results, a table (CSV) and plots (SVG).
-        report: page folder; implies --plot. Default: reports/<the study's name> in the results
-            folder.
+        plot: write a page with all results, a table (CSV) and plots (SVG) into reports/<the study's
+            name>, in the results folder or beside the results file.
         force: replace an existing output.
     """
 
-    metric: Metric = "success"
     plot: Flag = False
-    report: Path | None = None
     force: Force = False
 
 
@@ -131,25 +124,7 @@ def reproduce(
         raise ConfigError(
             f"`address` '{engine.address}' is for a Ray cluster; add --engine ray, or leave it out."
         )
-    studies = _chosen(study, changes)
-    code = _run(studies, engine, output)
-    if not engine.dry_run:
-        _warn_of_edits(study, changes, studies)
-    return code
-
-
-def _warn_of_edits(study: str, changes: Changes, began: "dict[str, Study]") -> None:
-    """Warn if a study's file is another one than at the start, days ago."""
-    try:
-        is_same = _chosen(study, changes) == began
-    except WordCraftKGError:
-        is_same = False
-    if not is_same:
-        logging.getLogger(__name__).warning(
-            "'%s' has changed since the study began, and the results are those of the earlier "
-            "file; repeat the command for the new one.",
-            study,
-        )
+    return _run(_chosen(study, changes), engine, output)
 
 
 def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
@@ -223,13 +198,13 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
     file = Path(study) if study is not None and Path(study).is_file() else None
     results = _collect(study, file, root)
     target = None
-    if options.plot or options.report is not None:
+    if options.plot:
         beside = file.parent if file else root
-        target = options.report or beside / "reports" / results.name
+        target = beside / "reports" / results.name
         # Refused before the tables and plots are made.
         check_output(target, force=options.force)
     view = view_study(results)
-    text = [*lines_of(view, options.metric)]
+    text = [*lines_of(view)]
     if target is not None:
         page, *_ = write_study_report(view, target, force=options.force)
         text.append(f"wrote {target}/   open {page}")
@@ -382,7 +357,7 @@ def _reported(
             page, *_ = write_study_report(view, folder, force=True)
             # After the report, which replaces the folder; small enough to keep with the page.
             write_atomically(folder / "results.json", results_text(results))
-            text = [*lines_of(view, "success"), *text, f"wrote {folder}/   open {page}"]
+            text = [*lines_of(view), *text, f"wrote {folder}/   open {page}"]
     except ConfigError as error:
         # Metrics cannot be averaged; go on with the next study.
         text.append(f"no report: {error}")

@@ -430,11 +430,11 @@ def _references(
     opened = agent.opened
     rows = reference_rows(opened.graph.hash, opened.split.hash, play, played)
     # Scripted players are measured on the agents' own tables and would stand in the report twice.
-    return tuple(row for row in rows if not _is_scripted(row.player))
-
-
-def _is_scripted(player: str) -> bool:
-    return player in _SCRIPTED or players.is_words_player(player)
+    return tuple(
+        row
+        for row in rows
+        if row.player not in _SCRIPTED and not players.is_words_player(row.player)
+    )
 
 
 def _conditions(

@@ -45,6 +45,12 @@ class PlayedGraph(Record, frozen=True):
         split = opened.split
         return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
 
+    @property
+    def in_words(self) -> str:
+        """Graph and split as text, with the first digits of the hashes."""
+        split = f"{self.kind} split {self.split[:12]}, seed {self.split_seed}"
+        return f"{self.name} {self.hash[:12]}, {split}"
+
 
 class TaskPlay(Record, frozen=True, tag="tasks"):
     """The condition of a result on crafting tasks.

@@ -11,6 +11,7 @@ from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.studies.results import RunMetrics
@@ -80,24 +81,13 @@ class PlayedTasks:
             ArtefactError: if they are of another graph, split or set of tasks.
             TaskError, ConfigError, RecipeFileError: as :meth:`groups`.
         """
-        opened = self._graph(address)
-        tasks = len(self.groups(address, settings))
-        graph = opened.graph.hash
-        split = opened.split.hash
-        if (figures.graph.hash, figures.graph.split) != (graph, split):
+        expected = PlayedGraph.of(self._graph(address))
+        if figures.graph != expected:
             raise ArtefactError(
-                f"{where} has results of graph {figures.graph.hash[:12]}, split "
-                f"{figures.graph.split[:12]}; expected graph {graph[:12]}, split {split[:12]}. "
+                f"{where} has results of {figures.graph.in_words}; expected {expected.in_words}. "
                 "Train again."
             )
-        # The split's hash is over its parts alone, and pages name the kind and the seed.
-        config = opened.split.config
-        if (figures.graph.kind, figures.graph.split_seed) != (config.kind, config.seed):
-            raise ArtefactError(
-                f"{where} has results of a split {figures.graph.kind!r}, seed "
-                f"{figures.graph.split_seed}; expected "
-                f"{config.kind!r}, seed {config.seed}. Train again."
-            )
+        tasks = len(self.groups(address, settings))
         if len(figures.won) != tasks:
             raise ArtefactError(
                 f"{where} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, "

@@ -1,6 +1,6 @@
 """A study report: page, tables and pictures from a study's summarised results."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -8,7 +8,6 @@ from pathlib import Path
 from markupsafe import Markup
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.evaluation.training_curves import CurvePoint
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
@@ -102,7 +101,7 @@ def _curves(view: StudyView, point: PointMetrics) -> Markup:
         for entry in at.variants:
             colours.setdefault(entry.variant, len(colours))
     series = {
-        entry.variant: _estimates(entry.curve)
+        entry.variant: [(at.step, at.success, at.low, at.high) for at in entry.curve]
         for entry in sorted(point.variants, key=lambda entry: colours[entry.variant])
     }
     return charts.curves(
@@ -113,12 +112,6 @@ def _curves(view: StudyView, point: PointMetrics) -> Markup:
         percent=True,
         colours={name: colours[name] for name in series},
     )
-
-
-def _estimates(
-    curve: Sequence[CurvePoint],
-) -> list[tuple[int, float, float | None, float | None]]:
-    return [(at.step, at.success, at.low, at.high) for at in curve]
 
 
 def _bars(view: StudyView, point: PointMetrics) -> Markup:
@@ -139,13 +132,10 @@ def _bars(view: StudyView, point: PointMetrics) -> Markup:
     )
 
 
-def _has_several_agents(scatter: ScorerScatter) -> bool:
-    return len({at.variant for at in scatter.points}) > 1
-
-
 def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
     """Draw the success of agents by the MRR of their scorers, and that of one without a scorer."""
-    has_several = any(_has_several_agents(scatter) for scatter in scatters)
+    # Labels name the variants only if a chart has agents of several.
+    has_several = any(len({at.variant for at in each.points}) > 1 for each in scatters)
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for scatter in scatters:
         how = "in-sample" if scatter.in_sample else "cross-fitted"

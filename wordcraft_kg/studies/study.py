@@ -34,7 +34,6 @@ Drawing = Literal["curves", "bars", "scatter"]
 Success by training step, each variant's final success, or final success by the scorer's MRR.
 """
 
-Metric = Literal["success", "by-plan", "train", "mrr", "steps"]
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]
 

@@ -9,7 +9,6 @@ from itertools import chain
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import ClaimVerdict, in_words
-from wordcraft_kg.studies.study import Metric
 from wordcraft_kg.studies.variants import Interval, PointMetrics, VariantMetrics
 from wordcraft_kg.studies.view import StudyView, title_of
 
@@ -220,17 +219,13 @@ def _values(point: PointMetrics, at: VariantMetrics, grid: Sequence[str]) -> dic
     }
 
 
-def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
-    """Yield a study's results as lines of text.
-
-    They show ``metric`` of each agent at each grid point, and verdicts on claims.
-    """
-    yield f"{view.title}: {_TITLES[metric]}"
+def lines_of(view: StudyView) -> Iterator[str]:
+    """Yield the success of each agent at each grid point, and verdicts on claims, as text."""
+    yield f"{view.title}: success on test tasks"
     for point in view.points:
-        yield from _lines_of_point(point, metric)
-    if metric == "success":
-        yield f"intervals: 95 % over seeds and tasks{_compared(view)}"
-        yield from _lines_of_claims(view.claims)
+        yield from _lines_of_point(point)
+    yield f"intervals: 95 % over seeds and tasks{_compared(view)}"
+    yield from _lines_of_claims(view.claims)
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
@@ -259,7 +254,7 @@ def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
             yield f"  {indent}  {title_of(measured.values)}: {in_words(claim, measured)}"
 
 
-def _lines_of_point(point: PointMetrics, metric: Metric) -> Iterator[str]:
+def _lines_of_point(point: PointMetrics) -> Iterator[str]:
     facts = []
     # Without a grid, the title of the point already names the graphs.
     if point.values:
@@ -270,16 +265,13 @@ def _lines_of_point(point: PointMetrics, metric: Metric) -> Iterator[str]:
     yield f"{point.title} ({'; '.join(facts)})"
     # Columns of one width for all variants.
     names = [entry.variant for entry in point.variants]
-    values = [_SHOWN[metric](entry) for entry in point.variants]
+    values = [with_bounds(entry.mean, entry.interval) for entry in point.variants]
     width = max(map(len, names))
     longest = max(map(len, values))
     for entry, value in zip(point.variants, values, strict=True):
         name = f"{entry.variant:<{width}}"
         seeds = counted(len(entry.seeds), "seed")
-        line = f"  {name}  {value:<{longest}}  {seeds}"
-        if metric == "success":
-            line += _comparison(entry)
-        yield line.rstrip()
+        yield f"  {name}  {value:<{longest}}  {seeds}{_comparison(entry)}".rstrip()
 
 
 def _p_value(p: float | None) -> str:
@@ -295,19 +287,3 @@ def _comparison(entry: VariantMetrics) -> str:
     low, high = comparison.interval
     difference = f"{comparison.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
     return f"  {difference}  p {_p_value(comparison.p_corrected)}"
-
-
-_TITLES: dict[Metric, str] = {
-    "success": "success on test tasks",
-    "by-plan": "success on test tasks by the last pair of a plan",
-    "train": "success on train tasks",
-    "mrr": "leak-free MRR of the scorer, with the least and the greatest",
-    "steps": "environment steps until the mean curve reaches where the reference's ends",
-}
-_SHOWN: dict[Metric, Callable[[VariantMetrics], str]] = {
-    "success": lambda at: with_bounds(at.mean, at.interval),
-    "by-plan": lambda at: with_bounds(at.by_plan, None),
-    "train": lambda at: "–" if at.train is None else with_bounds(at.train, None),
-    "mrr": lambda at: _mrr(at) or "–",
-    "steps": lambda at: _reached(at) or "–",
-}

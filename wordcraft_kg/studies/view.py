@@ -11,7 +11,6 @@ import msgspec
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.statistics import holm
-from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Value, Values
@@ -42,7 +41,7 @@ class StudyView(Record):
         claims: the study's claims with their verdicts.
         missing: trainings without results, with reasons.
         versions: package versions of the trainings; the last one's, if several were used.
-        hours: training time in the results folder; cells of a store count as 0.
+        hours: training time in the results folder.
         origins: platforms and package versions of the trainings.
     """
 
@@ -175,7 +174,7 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             # A mean over seeds is about one set of tasks.
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} "
-                f"({_named(one)}; {_named(other)}), so their results cannot be averaged. Add the "
+                f"({one.in_words}; {other.in_words}), so their results cannot be averaged. Add the "
                 "differing setting to the grid, "
                 "such as `book`, `split` or `split_seed`, or repeat the runs on the same graph."
             )
@@ -200,10 +199,6 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             raise ConfigError(
                 f"{cell}, seed {run.seed}: no test tasks were played, so nothing can be compared."
             )
-
-
-def _named(graph: PlayedGraph) -> str:
-    return f"{graph.name} {graph.hash[:12]}, {graph.kind} split {graph.split[:12]}"
 
 
 def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:

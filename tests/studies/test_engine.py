@@ -32,7 +32,7 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import end_run, start_run
-from wordcraft_kg.studies.engine import FullDiskError, Pool, estimated_hours, run_plan
+from wordcraft_kg.studies.engine import FullDiskError, Pool, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
 from wordcraft_kg.studies.report import make_study_report
@@ -301,7 +301,10 @@ def test_a_second_ctrl_c_ends_the_study_at_once(tmp_path):
 
 def test_two_engines_do_not_work_in_one_folder(tmp_path):
     # The lock belongs to an open file, so that this process stands for any other.
-    with own_results(tmp_path), pytest.raises(ArtefactError, match="another study runs in"):
+    with (
+        own_results(tmp_path),
+        pytest.raises(ArtefactError, match="is being used for a study by another process"),
+    ):
         run_small(tmp_path, work=pretend)
     assert run_small(tmp_path, work=pretend)
 
@@ -475,9 +478,10 @@ def test_results_that_contradict_each_other_are_missing_with_the_reason(pretende
     assert message.format(tasks=len(ALL_WON)) in lost.why
 
 
-def test_the_hours_are_those_of_missing_tasks(pretended, tmp_path):
+def test_missing_tasks_are_listed_in_the_order_of_the_plan(pretended, tmp_path):
     plan = small_plan()
-    assert estimated_hours(plan, pretended) == 0 < estimated_hours(plan, tmp_path)
+    assert missing_tasks(plan, pretended) == []
+    assert missing_tasks(plan, tmp_path) == list(plan.tasks.values())
 
 
 def test_the_report_names_platform_and_versions(pretended):

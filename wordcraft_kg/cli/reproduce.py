@@ -3,15 +3,15 @@
 import shlex
 import sys
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError, RecipeFileError
-from wordcraft_kg.base.wording import counted, duration
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, Words
 
@@ -63,7 +63,7 @@ class EngineOptions:
         address: with ray, host:port of the head node, or auto for this machine's cluster. Default:
             a cluster on this machine that ends with the study.
         keep: all run files, or metrics: without weights and episodes (tens of megabytes).
-        dry_run: list the tasks and the run time without running anything.
+        dry_run: list the tasks without running anything.
     """
 
     out: Path = Path("results")
@@ -106,7 +106,7 @@ def reproduce(
     Args:
         study: name of a built-in study, all, or a TOML file (see docs/studies.md). With --show, a
             study in the results folder (default: the only study), or a results file.
-        all_studies: list the built-in studies with run times in hours.
+        all_studies: list the built-in studies.
         show: show existing results without training.
     """
     # Options of the other mode would silently do nothing.
@@ -115,7 +115,7 @@ def reproduce(
         return _show(study, engine.out, shown, output)
     refuse_given(shown, "existing results: add --show, or")
     if all_studies:
-        return _list(changes, engine, output)
+        return _list(changes, output)
     if study is None:
         raise ConfigError(
             "reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in studies."
@@ -150,42 +150,21 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
     return studies
 
 
-def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
-    from wordcraft_kg.studies.engine import estimated_hours
-    from wordcraft_kg.studies.plan import make_plan
+def _list(changes: Changes, output: Output) -> int:
     from wordcraft_kg.studies.study import adapted, built_in, cells_of, read_study
-    from wordcraft_kg.studies.tasks import Task
 
     if changes.book:
         raise ConfigError("`book` does not apply to `--list`; leave the option out.")
     listed: dict[str, dict[str, object]] = {}
     rows: list[tuple[str, str]] = []
-    tasks: dict[str, Task] = {}
     for name in built_in():
         study = adapted(read_study(name), steps=changes.steps, seeds=changes.seeds)
-        try:
-            plan = make_plan(study, name)
-        except RecipeFileError:
-            # The published book is missing; for the hours, the built-in book will do.
-            plan = make_plan(adapted(study, book="everyday"), name)
-        tasks |= plan.tasks
-        hours = estimated_hours(plan, engine.out) / plan.jobs(engine.jobs)
         trainings = len(cells_of(study))
-        listed[name] = {
-            "title": study.title,
-            "source": study.source,
-            "trainings": trainings,
-            "hours": round(hours, 2),
-        }
-        left = f"{trainings} trainings, about {duration(hours)} left on this machine"
-        rows += [(name, f"{study.title}: {left}"), ("", study.source)]
-    # Not the sum of the hours: studies share trainings, and tasks with one key run once.
-    everything = replace(plan, tasks=tasks)
-    hours = estimated_hours(everything, engine.out) / everything.jobs(engine.jobs)
-    rows.append((ALL, f"about {duration(hours)} left: shared trainings run once"))
+        listed[name] = {"title": study.title, "source": study.source, "trainings": trainings}
+        rows += [(name, f"{study.title}: {trainings} trainings"), ("", study.source)]
+    rows.append((ALL, "all of them: shared trainings run once"))
     following = "run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3"
-    values = {"studies": listed, "hours": round(hours, 2)}
-    output.result(values, [*aligned(rows), following])
+    output.result({"studies": listed}, [*aligned(rows), following])
     return 0
 
 
@@ -296,10 +275,9 @@ def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyPro
 
 def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
     """Return what a study would do, as JSON values and as lines of text."""
-    from wordcraft_kg.studies.engine import estimated_hours
+    from wordcraft_kg.studies.engine import missing_tasks
 
-    hours = estimated_hours(plan, options.out)
-    jobs = plan.jobs(options.jobs)
+    missing = len(missing_tasks(plan, options.out))
     kinds = Counter(task.kind for task in plan.tasks.values())
     counts = []
     for kind, number in kinds.items():
@@ -307,20 +285,13 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
         noun = kind if number > 1 else kind[:-1]
         counts.append(f"{number:,} {noun}")
     everything = ", ".join(counts)
-    title = f"{plan.study.title}: {everything}; about {duration(hours)} of one core"
-    # Only a cluster knows how many of its cores are free.
-    if options.engine == "processes" or options.jobs is not None:
-        with_jobs = duration(hours / jobs)
-        title += f", {with_jobs} with {counted(jobs, 'job')}"
+    title = f"{plan.study.title}: {everything}; {missing:,} to perform"
     tasks = []
     lines = []
     for address, task in plan.tasks.items():
         tasks.append({"address": address, "title": task.title})
         lines.append(f"  {address}  {task.title}")
-    values = {
-        "core_hours": round(hours, 3),
-        "tasks": tasks,
-    }
+    values = {"missing": missing, "tasks": tasks}
     return values, [title, *_first(lines, "--json lists all")]
 
 

@@ -13,10 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGError, reason
 from wordcraft_kg.base.settings import CORES_VARIABLE
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.interruption import first_interrupt
 from wordcraft_kg.studies.perform import check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
@@ -119,7 +117,7 @@ def run_plan(
     with own_results(root):
         write_plan(root, plan, command)
         state = StudyProgress(len(plan.tasks))
-        missing = _missing(plan, root)
+        missing = missing_tasks(plan, root)
         state.kept = len(plan.tasks) - len(missing)
         for task in missing:
             if (task.folder(root) / METRICS_FILE).exists():  # damaged
@@ -156,15 +154,22 @@ def _stop_file(root: Path) -> Iterator[None]:
         stop_file(root).unlink(missing_ok=True)
 
 
-def _missing(plan: Plan, root: Path) -> list[Task]:
-    """Return the tasks to perform: those without results, and their inputs that lack files."""
+def missing_tasks(plan: Plan, root: Path) -> list[Task]:
+    """Return the tasks to perform: those without results, and their inputs that lack files.
+
+    Args:
+        plan: the study.
+        root: results folder, which may be missing.
+    """
     missing: dict[str, Task] = {}
     for address, task in plan.tasks.items():
         if not _passes(is_done, task, root):
             missing[address] = task
     # Scorers first: a damaged scorer is trained again, and so needs a whole graph.
     for kind in ("scorers", "graphs"):
-        needed = {address for task in missing.values() for address in task.needs}
+        needed: set[str] = set()
+        for task in missing.values():
+            needed.update(task.needs)
         for address in needed - missing.keys():
             task = plan.tasks[address]
             if task.kind == kind and not _passes(check_whole, task, root):
@@ -339,47 +344,6 @@ def _fail(outcome: Outcome, plan: Plan, root: Path, state: StudyProgress) -> Non
         logging.getLogger(__name__).warning(
             "why '%s' failed cannot be kept (%s).", task.title, error.strerror
         )
-
-
-_STEPS_PER_SECOND = {
-    "none": 55_000,
-    "u,v": 42_000,
-    "w": 26_000,
-    "random": 20_000,
-    "one-hot": 13_000,
-}
-"""By scorer sources or, without a scorer, by vectors above 50 dimensions.
-
-Measured on one core, with 8 distractors.
-"""
-_SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
-"""Duration with folds, for a book of 700 entities."""
-_START = 3.0
-"""Seconds for opening the graph and for the final evaluation."""
-
-
-def estimated_hours(plan: Plan, root: Path) -> float:
-    """Estimate roughly the hours of one core that a study still needs.
-
-    Args:
-        plan: the study.
-        root: results folder, which may be missing.
-    """
-    return sum(_seconds(task) for task in _missing(plan, root)) / 3600
-
-
-def _seconds(task: Task) -> float:
-    if task.kind == "scorers":
-        return _SECONDS_OF_SCORER.get(str(task.settings["command"]), 1.0)
-    if task.kind == "graphs":
-        return 1.0
-    settings = task.settings["settings"]
-    features = settings.get("features", PolicyConfig.features)
-    speed = features if features in _STEPS_PER_SECOND else "none"
-    if len(task.needs) > 1:
-        config = PolicyConfig(use=settings.get("use", PolicyConfig.use))
-        speed = "w" if "w" in config.sources else "u,v"
-    return _START + settings.get("steps", ImpalaConfig.steps) / _STEPS_PER_SECOND[speed]
 
 
 def run_study(

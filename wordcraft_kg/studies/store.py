@@ -11,7 +11,6 @@ results.
 """
 
 import logging
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,6 +20,7 @@ from msgspec import structs
 
 from wordcraft_kg.base.artefacts import drop_temporary, dump_json, made_folder, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.locks import locked
 from wordcraft_kg.base.records import Record, as_values, read_record
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.reference import PlayedGraph
@@ -71,42 +71,18 @@ class PlannedStudy(Record, frozen=True):
 def own_results(root: Path) -> Iterator[None]:
     """Lock a results folder for one study, and remove temporary files that a kill left.
 
-    The folder is created if necessary. On systems without file locks, such as Windows, nothing is
-    locked.
+    The folder is created if necessary.
 
     Raises:
         ArtefactError: if another study runs in the folder, or ``root`` is a file.
     """
     if root.is_file():
         raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")
-    with made_folder(root / _STUDIES):
-        try:
-            import fcntl
-        except ImportError:  # Windows
-            yield
-            return
-        lock = root / _STUDIES / ".lock"
-        # Open for writing: network file systems lock writable files only.
-        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise ArtefactError(
-                    f"another study runs in '{root}'; wait, stop that study, or choose another "
-                    "`out`."
-                ) from None
-            try:
-                for folder in filter(Path.is_dir, root.iterdir()):
-                    drop_temporary(folder)
-                yield
-            except BaseException:
-                # Alone, it would keep a folder in which nothing has begun, as on a full disk.
-                if [*lock.parent.iterdir()] == [lock]:
-                    lock.unlink()
-                raise
-        finally:
-            os.close(handle)
+    # A study that fails before its first file leaves no folder.
+    with made_folder(root / _STUDIES), locked(root / _STUDIES, "used for a study"):
+        for folder in filter(Path.is_dir, root.iterdir()):
+            drop_temporary(folder)
+        yield
 
 
 def stop_file(root: Path) -> Path:

@@ -3,13 +3,6 @@
 import math
 
 
-def duration(hours: float) -> str:
-    """Format a duration in hours, or in minutes below one hour: 3 minutes, 1.2 hours."""
-    if hours >= 1:
-        return f"{hours:.1f} hours"
-    return counted(max(round(60 * hours), 1), "minute")
-
-
 def counted(number: int, one: str, more: str = "") -> str:
     """Return a number with a noun in the singular or plural.
 

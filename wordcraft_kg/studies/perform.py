@@ -133,12 +133,6 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
         The outcome, with the error of a failed training.
     """
     try:
-        # Another study in the same folder may have finished an equal task.
-        if is_done(task, root):
-            return Outcome(task.address, "done")
-    except ArtefactError:
-        shutil.rmtree(task.folder(root), ignore_errors=True)
-    try:
         _check_content(task)
         is_finished = _scorer(task, root) if task.kind == "scorers" else _run(task, root, keep_all)
     except KeyboardInterrupt:

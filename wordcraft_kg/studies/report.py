@@ -100,10 +100,9 @@ def _curves(view: StudyView, point: PointMetrics) -> Markup:
     for at in view.points:
         for entry in at.variants:
             colours.setdefault(entry.variant, len(colours))
-    series = {
-        entry.variant: [(at.step, at.success, at.low, at.high) for at in entry.curve]
-        for entry in sorted(point.variants, key=lambda entry: colours[entry.variant])
-    }
+    series = {}
+    for entry in sorted(point.variants, key=lambda entry: colours[entry.variant]):
+        series[entry.variant] = [(at.step, at.success, at.low, at.high) for at in entry.curve]
     return charts.curves(
         series,
         "environment steps",
@@ -135,7 +134,10 @@ def _bars(view: StudyView, point: PointMetrics) -> Markup:
 def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
     """Draw the success of agents by the MRR of their scorers, and that of one without a scorer."""
     # Labels name the variants only if a chart has agents of several.
-    has_several = any(len({at.variant for at in each.points}) > 1 for each in scatters)
+    has_several = False
+    for scatter in scatters:
+        agents = {at.variant for at in scatter.points}
+        has_several = has_several or len(agents) > 1
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for scatter in scatters:
         how = "in-sample" if scatter.in_sample else "cross-fitted"

@@ -281,9 +281,6 @@ def _p_value(p: float | None) -> str:
 
 
 def _comparison(entry: VariantMetrics) -> str:
-    comparison = entry.comparison
-    if comparison is None:
+    if entry.comparison is None:
         return ""
-    low, high = comparison.interval
-    difference = f"{comparison.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    return f"  {difference}  p {_p_value(comparison.p_corrected)}"
+    return f"  {_difference(entry)}  p {_p_value(entry.comparison.p_corrected)}"

@@ -136,6 +136,8 @@ class RunResult(Record, frozen=True):
 
     def __post_init__(self) -> None:
         check_played(self)
+        if "test" not in self.success or "test" not in self.by_plan:
+            raise ValueError("`success` and `by_plan` lack test tasks")
 
     @property
     def rates(self) -> NDArray[np.float64]:

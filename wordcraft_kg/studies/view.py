@@ -162,43 +162,31 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
         members: the runs.
 
     Raises:
-        ConfigError: if graphs, splits or numbers of tasks differ, a seed occurs twice, or no test
-            tasks were played.
+        ConfigError: if graphs, splits or tasks differ, or a seed occurs twice.
     """
     first = members[0]
-    for run in members[1:]:
-        one = results.graphs[first.graph]
-        other = results.graphs[run.graph]
-        if (one.hash, one.split) != (other.hash, other.split):
-            differing = "graphs" if one.hash != other.hash else "splits"
-            # A mean over seeds is about one set of tasks.
-            raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} "
-                f"({one.in_words}; {other.in_words}), so their results cannot be averaged. Add the "
-                "differing setting to the grid, "
-                "such as `book`, `split` or `split_seed`, or repeat the runs on the same graph."
-            )
-        if (len(run.won), run.distractor_seeds) != (len(first.won), first.distractor_seeds):
-            raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were evaluated on {len(first.won):,} "
-                f"tasks with {first.distractor_seeds} distractor seeds and on {len(run.won):,} "
-                f"with {run.distractor_seeds}, so the mean is undefined. Repeat the older run."
-            )
-    seeds = [run.seed for run in members]
-    if len(set(seeds)) < len(seeds):
-        # Two runs of one seed are paired with one run of the reference, and would count twice.
-        twice = next(seed for seed in seeds if seeds.count(seed) > 1)
-        runs = ", ".join(run.run for run in members if run.seed == twice)
-        raise ConfigError(
-            f"{cell}: seed {twice} occurs twice (runs {runs}); another setting than the seed "
-            "differs. Add that setting to the variants."
-        )
+    seeds: set[int] = set()
     for run in members:
-        # As on a graph that is too small for test tasks.
-        if "test" not in run.success or "test" not in run.by_plan or not run.won:
+        # A mean over seeds is about one set of tasks.
+        if results.tasks_of(run) != results.tasks_of(first):
             raise ConfigError(
-                f"{cell}, seed {run.seed}: no test tasks were played, so nothing can be compared."
+                f"{cell}: seeds {first.seed} and {run.seed} were played on different graphs, "
+                f"splits or tasks ({_played(results, first)}; {_played(results, run)}), so their "
+                "results cannot be averaged. Add the differing setting to the grid, such as "
+                "`book`, `split` or `split_seed`, or repeat the older run."
             )
+        # Two runs of one seed are paired with one run of the reference, and would count twice.
+        if run.seed in seeds:
+            raise ConfigError(
+                f"{cell}: seed {run.seed} occurs twice; another setting than the seed differs. Add "
+                "that setting to the variants."
+            )
+        seeds.add(run.seed)
+
+
+def _played(results: StudyResults, run: RunResult) -> str:
+    graph = results.graphs[run.graph].in_words
+    return f"{graph}, {len(run.won):,} tasks, {run.distractor_seeds} distractor seeds"
 
 
 def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:

@@ -7,7 +7,7 @@ A defect of the package keeps its traceback.
 import os
 import re
 import traceback
-from collections.abc import Callable, Container
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
@@ -53,6 +53,12 @@ class Manual:
     command: str
     function: Callable[..., Any]
     module: ModuleType
+
+    @property
+    def file_only(self) -> Sequence[str]:
+        """Names of the options that only the configuration file may set, such as ``--momentum``."""
+        names: Sequence[str] = getattr(self.module, "FILE_ONLY", ())
+        return names
 
     @property
     def places(self) -> dict[str, str]:
@@ -134,7 +140,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, KeyboardInterrupt):
         return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
     if isinstance(error, WordCraftKGError):
-        shown = with_options(str(error), manual.places if manual else ())
+        shown = with_options(str(error), manual)
         return Failure(error.kind, shown, setting=error.setting)
     if isinstance(error, ModuleNotFoundError):
         # Of an optional package the remedy is known; another missing module is a defect.
@@ -207,19 +213,24 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
     return str(error).partition(" Available commands:")[0]
 
 
-def with_options(message: str, places: Container[str] = ()) -> str:
+def with_options(message: str, manual: Manual | None = None) -> str:
     """Replace Python setting names in backticks by command-line names.
 
     So `max_queries` becomes --max-queries: libraries' errors name settings as Python does.
 
     Args:
         message: text of an error.
-        places: settings that are positional arguments of the command; their names become upper
-            case, as in GRAPH.
+        manual: usage of the command. Its positional arguments become upper case, as in GRAPH, and
+            settings that only a configuration file takes stay as they are.
     """
+    places = manual.places if manual else ()
+    file_only = manual.file_only if manual else ()
 
     def named(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])
-        return name.upper() if name in places else f"--{name.replace('_', '-')}"
+        option = f"--{name.replace('_', '-')}"
+        if option in file_only:
+            return match[0]
+        return name.upper() if name in places else option
 
     return NAMED_SETTING.sub(named, message)

@@ -17,25 +17,8 @@ EXAMPLES = (
     "wordcraft-kg train-complex graphs/mine --with knowledge/wn --out models/mine-wn",
 )
 
-# What most trainings need; a configuration file takes all options.
-SHOWN = [
-    "--kg",
-    "--dim",
-    "--epochs",
-    "--learning-rate",
-    "--n3",
-    "--negatives",
-    "--folds",
-    "--with",
-    "--patience",
-    "--train-fraction",
-    "--seed",
-    "--seeds",
-    "--device",
-    "--out",
-    "--force",
-    "--track",
-]
+# Chosen once for all by studies.
+FILE_ONLY = ["--batch-size", "--checkpoint-every", "--init-scale", "--patience", "--threads"]
 
 
 def train_complex(

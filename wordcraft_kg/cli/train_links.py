@@ -19,24 +19,8 @@ EXAMPLES = (
     "wordcraft-kg train-links --list-models",
 )
 
-# What most trainings need; a configuration file takes all options.
-SHOWN = [
-    "--model",
-    "--list-models",
-    "--kg",
-    "--dim",
-    "--epochs",
-    "--learning-rate",
-    "--loop",
-    "--negatives",
-    "--folds",
-    "--seed",
-    "--seeds",
-    "--device",
-    "--out",
-    "--force",
-    "--track",
-]
+# Chosen once for all by studies.
+FILE_ONLY = ["--batch-size", "--checkpoint-every", "--eval-every", "--patience", "--threads"]
 
 
 def train_links(

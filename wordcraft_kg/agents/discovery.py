@@ -371,9 +371,8 @@ class BookDiscoverer(Discoverer):
         self._made = 1.0 + book.recipe_counts
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
-        # One row of votes for each known entity, and the values of all pairs of these.
-        self._votes = np.zeros((0, self._book.num_entities), dtype=np.float32)
-        self._values = np.zeros((0, 0))
+        # One row of votes for each known entity.
+        self._votes = np.zeros((0, self._book.num_entities))
         self._untried = np.zeros((0, 0), dtype=bool)
         self._is_new = np.ones(self._book.num_entities, dtype=bool)
         super().begin(base, rng)
@@ -381,28 +380,21 @@ class BookDiscoverer(Discoverer):
     def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         row = int(self._rows[entity])
+        votes = np.zeros(self._book.num_entities)
         if row >= 0:
-            self._forget(row)
-        votes = np.zeros(self._book.num_entities, dtype=np.float32)
-        if row >= 0:
+            self._is_new[row] = False
             results = self._book.recipes[self._book.uses_of(row), 2]
             np.add.at(votes, results, 1)
-            votes /= self._made
-            votes *= self._is_new
-        self._votes = np.vstack([self._votes, votes])
-        with_each = (self._votes @ votes).astype(float)
-        # An entity with itself has one voter, not two.
-        with_each[-1] = 0
-        for place, other in enumerate(self.known):
-            with_each[place] += self._recorded(row, int(self._rows[other]))
-        self._values = np.pad(self._values, (0, 1))
-        self._values[-1] = with_each
-        self._values[:, -1] = with_each
+        self._votes = np.vstack([self._votes, votes / self._made])
+        # Values change with what is known alone, so the next choice computes them.
+        self._values: Floats | None = None
         self._untried = np.pad(self._untried, (0, 1), constant_values=True)
 
     def choose(self) -> Pair:  # noqa: D102
         # Below the diagonal each pair stands once.
         ones, others = np.nonzero(np.tril(self._untried))
+        if self._values is None:
+            self._values = self._values_of_pairs()
         best = self.draw_best(self._values[ones, others])
         self._chosen = (int(ones[best]), int(others[best]))
         return self.known[ones[best]], self.known[others[best]]
@@ -413,33 +405,21 @@ class BookDiscoverer(Discoverer):
         self._untried[other, one] = False
         super().observe(pair, new)
 
-    def _recorded(self, one: int, other: int) -> int:
-        """Count the book's results of a pair that are not known, by ids of the book."""
-        if one < 0 or other < 0:
-            return 0
-        results = self._book.results(one, other)
-        return int(self._is_new[results].sum())
-
-    def _forget(self, row: int) -> None:
-        """Take the votes for a result that has become known out of all values."""
-        self._is_new[row] = False
-        votes = self._votes[:, row].copy()
-        shared = np.outer(votes, votes).astype(float)
-        np.fill_diagonal(shared, 0)
-        self._values -= shared
-        self._votes[:, row] = 0
-        # The entity itself, the last known one, has no values yet.
-        rows = self._rows[self.known[:-1]].tolist()
-        place_of_row = {row_of_known: place for place, row_of_known in enumerate(rows)}
-        makers = self._book.recipes[self._book.recipes_of(row)]
-        for one, other, _ in makers.tolist():
-            if one not in place_of_row or other not in place_of_row:
-                continue
-            place = place_of_row[one]
-            other_place = place_of_row[other]
-            self._values[place, other_place] -= 1
-            if place != other_place:
-                self._values[other_place, place] -= 1
+    def _values_of_pairs(self) -> Floats:
+        """Return the values of all pairs of K known entities, shape (K, K), below the diagonal."""
+        votes = self._votes * self._is_new
+        values = votes @ votes.T
+        # An entity with itself has one voter, not two.
+        np.fill_diagonal(values, 0)
+        # Places among the known entities by row of the book; -1 for entities that are not known.
+        places = np.full(self._book.num_entities, -1)
+        rows = self._rows[self.known]
+        places[rows[rows >= 0]] = np.flatnonzero(rows >= 0)
+        recipes = self._book.recipes[self._is_new[self._book.recipes[:, 2]]]
+        pairs = np.sort(places[recipes[:, :2]], axis=1)
+        others, ones = pairs[pairs[:, 0] >= 0].T
+        np.add.at(values, (ones, others), 1)
+        return values
 
 
 DISCOVERERS = {

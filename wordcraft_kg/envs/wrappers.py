@@ -1,4 +1,4 @@
-"""Wrappers for additional observations: entity vectors, knowledge-graph scores, and words.
+"""Wrappers for additional observations: knowledge-graph scores, numbers of tasks, and words.
 
 The plain environments observe ids, which this package's policies read. Wrappers are for other
 libraries and for language models; wrappers that need ids come first, next to the environment.
@@ -10,7 +10,6 @@ from typing import Any, Protocol
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
@@ -22,8 +21,6 @@ from wordcraft_kg.envs.world import World
 Env = gym.Env[Any, Any]
 Observation = dict[str, Any]
 Info = dict[str, Any]
-
-_ID_KEYS = ("goal", "selection", "table")
 
 
 class _Masked(gym.Wrapper[Any, Any, Any, Any]):
@@ -37,57 +34,6 @@ class _Masked(gym.Wrapper[Any, Any, Any, Any]):
 
 class _Ids(_Masked, gym.ObservationWrapper[Observation, Any, Observation]):
     """Changes observations of a single crafting environment."""
-
-
-class FeatureObservation(_Ids):
-    """Replaces ids in observations by entity vectors, for libraries that need float boxes.
-
-    An empty slot becomes a zero vector. ``goal`` and ``selection`` have shape (D,), ``table``
-    (num_slots, D), ``attempts_left`` is a float of shape (1,); further keys are unchanged.
-    """
-
-    def __init__(self, env: Env, vectors: NDArray[np.floating[Any]]):
-        """Wrap an environment.
-
-        Args:
-            env: a single crafting environment.
-            vectors: shape (E, D), a row for each entity in id order.
-
-        Raises:
-            ConfigError: if the vectors do not fit the entities, ids were replaced already, or
-                ``env`` is no crafting environment.
-        """
-        super().__init__(env)
-        world = _world(env)
-        vectors = np.asarray(vectors, dtype=np.float32)
-        if vectors.ndim != 2 or len(vectors) != world.nothing:
-            raise ConfigError(
-                f"`vectors` of shape {vectors.shape}: expected ({world.nothing}, D), "
-                "a row for each entity."
-            )
-        width = vectors.shape[1]
-        # A row of zeros at the end, for the id of nothing.
-        self.vectors = np.concatenate([vectors, np.zeros((1, width), dtype=np.float32)])
-        shapes = {
-            "goal": (width,),
-            "selection": (width,),
-            "table": (world.num_slots, width),
-            "attempts_left": (1,),
-        }
-        boxes = {
-            key: spaces.Box(-np.inf, np.inf, shape, np.float32) for key, shape in shapes.items()
-        }
-        self.observation_space = spaces.Dict({**_id_spaces(env), **boxes})
-
-    def observation(self, observation: Observation) -> Observation:
-        """Replace the ids in an observation by vectors."""
-        vectors = {key: self.vectors[observation[key]] for key in _ID_KEYS}
-        left = np.array([observation["attempts_left"]], dtype=np.float32)
-        return {
-            **observation,
-            **vectors,
-            "attempts_left": left,
-        }
 
 
 class SlotSource(Protocol):
@@ -136,9 +82,9 @@ class _Scores:
                 source.bind(self.world.tasks)
 
     def of(self, observation: Mapping[str, Any], task: Any) -> dict[str, NDArray[np.float32]]:
-        """Score one state, with keys of shape (), or N states, with keys of shape (N,)."""
+        """Score one state."""
         self._bind()
-        # One environment's observation has no axis of environments; sources always add one.
+        # A single observation has no axis of environments; sources always add one.
         shape = np.shape(observation["table"])
         known = task if self.has_train_recipes else None
         scores = {}
@@ -192,63 +138,6 @@ class KGScoreObservation(_Ids):
         """Add each source's slot scores, (num_slots,), under the source's name."""
         task = self.env.get_wrapper_attr("state").task
         return {**observation, **self._scores.of(observation, task)}
-
-
-class VectorKGScoreObservation(VectorWrapper):
-    """:class:`KGScoreObservation` for the vector environment: scores have shape (N, num_slots)."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], sources: Sequence[SlotSource]):
-        """Wrap a vector environment; arguments as :class:`KGScoreObservation`.
-
-        Raises:
-            GraphMismatchError: if a source belongs to another graph or split.
-            LeakError: if a source would score train tasks by a model trained on their recipes,
-                although it has another.
-            ConfigError: if ``env`` is no crafting environment.
-        """
-        super().__init__(env)
-        world = _world(env)
-        self._scores = _Scores(world, sources)
-        single = env.single_observation_space
-        batched = env.observation_space
-        assert isinstance(single, spaces.Dict)
-        assert isinstance(batched, spaces.Dict)
-        self.single_observation_space = spaces.Dict(
-            {**single.spaces, **self._scores.spaces((world.num_slots,))}
-        )
-        shape = (env.num_envs, world.num_slots)
-        self.observation_space = spaces.Dict({**batched.spaces, **self._scores.spaces(shape)})
-
-    def reset(self, **options: Any) -> tuple[Observation, Info]:
-        """Restart all environments."""
-        observations, infos = self.env.reset(**options)
-        return self._with_scores(observations), infos
-
-    def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, Info]:
-        """Choose a slot in each environment."""
-        observations, reward, terminated, truncated, infos = self.env.step(actions)
-        if "final_obs" in infos:
-            infos = {**infos, "final_obs": self._final(infos)}
-        return self._with_scores(observations), reward, terminated, truncated, infos
-
-    def _final(self, infos: Info) -> NDArray[np.object_]:
-        """Add scores to the last observations of ended episodes, whose tasks are in their infos."""
-        rows = np.flatnonzero(infos["_final_obs"])
-        last = [infos["final_obs"][row] for row in rows]
-        # From a dictionary for each episode to a dictionary of arrays, a row for each episode.
-        batch = {}
-        for name in last[0]:
-            batch[name] = np.stack([one[name] for one in last])
-        scores = self._scores.of(batch, infos["final_info"]["task"][rows])
-        final = np.full_like(infos["final_obs"], None)
-        for place, row in enumerate(rows):
-            own = {name: values[place] for name, values in scores.items()}
-            final[row] = {**last[place], **own}
-        return final
-
-    def _with_scores(self, observations: Observation) -> Observation:
-        task = self.env.unwrapped.state.task  # type: ignore[attr-defined]
-        return {**observations, **self._scores.of(observations, task)}
 
 
 class TaskNumbers:
@@ -398,7 +287,7 @@ def _id_spaces(env: Env) -> dict[str, spaces.Space[Any]]:
     return dict(keys)
 
 
-def _world(env: Env | VectorEnv[Any, Any, Any]) -> World:
+def _world(env: Env) -> World:
     """Return a crafting environment's world; ConfigError for another environment."""
     world = getattr(env.unwrapped, "world", None)
     if not isinstance(world, World):

@@ -544,15 +544,6 @@ def test_an_unroll_shorter_than_an_episode_is_warned_of(tmp_path, caplog):
     assert warned(preset="paper")
 
 
-def test_a_run_from_before_training_was_a_function_of_the_train_part_is_refused(tmp_path):
-    AgentConfig("kitchen").write(tmp_path)
-    assert AgentConfig.read(tmp_path) == AgentConfig("kitchen")
-    path = tmp_path / "config.toml"
-    path.write_text(path.read_text().replace("pays_held_out = false\n", ""))
-    with pytest.raises(ArtefactError, match=r"told which pairs .* --config .*config.toml --out"):
-        AgentConfig.read(tmp_path)
-
-
 @pytest.mark.parametrize(("steps", "updates"), [(1, 1), (24, 1), (25, 2), (240, 10), (241, 11)])
 def test_steps_are_rounded_up_to_whole_updates(steps, updates):
     config = ImpalaConfig(steps=steps, batch_size=8, unroll=3)

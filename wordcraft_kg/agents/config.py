@@ -354,7 +354,6 @@ class AgentConfig(RunConfig):
     Attributes:
         graph: graph folder, recipe book's file or built-in book's name.
         commands: names of the commands that write such a run.
-        since: settings that files of runs have since training is a function of the train part.
         scorer: model folder, or None.
         tasks: training and evaluation tasks.
         policy: network and knowledge sources.
@@ -369,10 +368,6 @@ class AgentConfig(RunConfig):
     """
 
     commands: ClassVar[tuple[str, ...]] = ("train-agent",)
-    since: ClassVar[Mapping[str, str]] = {
-        "pays_held_out": "on tables that kept held-out pairs of the goal away and so told which "
-        "pairs are held out (docs/explanation/leaks.md).",
-    }
 
     scorer: str | None = None
     tasks: TaskConfig = TaskConfig()

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.cli.console import Output, split_labels
 from wordcraft_kg.cli.options import Force, Graph, Seeds, Trackers
-from wordcraft_kg.cli.training import AGENTS, train
+from wordcraft_kg.cli.training import AgentsTraining, train
 from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
@@ -77,5 +77,11 @@ def train_agent(  # noqa: PLR0913 - parameters are the command's options
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
     config.check_preset()
     return train(
-        AGENTS, config, out, force, output, seeds=seeds, trackers=split_labels(track or ())
+        AgentsTraining(),
+        config,
+        out,
+        force,
+        output,
+        seeds=seeds,
+        trackers=split_labels(track or ()),
     )

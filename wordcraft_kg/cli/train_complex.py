@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output, split_labels
 from wordcraft_kg.cli.options import Force, Graph, Seeds, Trackers
-from wordcraft_kg.cli.training import LINKS, train
+from wordcraft_kg.cli.training import LinkTraining, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
 EXAMPLES = (
@@ -40,4 +40,4 @@ def train_complex(
     """
     config = LinksConfig(graph, settings)
     trackers = split_labels(track or ())
-    return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)
+    return train(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)

@@ -34,13 +34,10 @@ class RunConfig:
 
     Attributes:
         commands: commands that accept the settings.
-        since: settings without which a file is of an earlier version, each with what is different
-            since then, as the end of "was trained by an earlier version, ...".
         graph: graph folder, recipe book file or known book name.
     """
 
     commands: ClassVar[tuple[str, ...]]
-    since: ClassVar[Mapping[str, str]] = {}
 
     graph: str
 
@@ -66,8 +63,8 @@ class RunConfig:
         """Read ``config.toml``.
 
         Raises:
-            ArtefactError: if it is missing or damaged, belongs to another command, has a wrong,
-                missing or unknown setting, or is of an earlier version that trained otherwise.
+            ArtefactError: if it is missing or damaged, belongs to another command, or has a wrong,
+                missing or unknown setting.
         """
         command, settings = read_config(folder)
         path = folder / CONFIG_FILE
@@ -76,16 +73,10 @@ class RunConfig:
             raise ArtefactError(
                 f"{path} is damaged: expected the table [{expected}], found [{command}]."
             )
-        earlier = [since for name, since in cls.since.items() if name not in settings]
         config = _taken(cls, settings, command, path)
         # Each dataclass has taken its own settings; anything left is unknown to all of them.
         if settings:
             raise ArtefactError(f"{path} is damaged: unknown setting '{next(iter(settings))}'.")
-        if earlier:
-            raise ArtefactError(
-                f"'{folder}' was trained by an earlier version, {earlier[0]} Train again with the "
-                f"same settings: `wordcraft-kg {command} --config {path} --out FOLDER`."
-            )
         return config
 
 

@@ -25,7 +25,7 @@ from cut_worlds import cut_world, with_wrong_recipes
 from world_results import PlayedWorld, WorldsView, view_worlds
 
 from wordcraft_kg.agents.discovery import Plays, make_discoverers, play_runs
-from wordcraft_kg.agents.recipe_discovery import DOUBT, SPREAD, RecipeDiscoverer
+from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import checked_values
@@ -39,8 +39,6 @@ SECRET_SHA256 = "41d8f1f427b75d39e4539abcb3101430ca07e85e8559f143f938f6e74071d54
 """Of the secret, without blanks around it."""
 SCRIPTED = ("random-no-repeat", "nearest-words", *ORACLES)
 LEARNER = "recipe-learner"
-OWN_PARTS = 0.3
-"""Variance of entities' own parts in the row that has them."""
 
 
 def seeds(secret: Path | None, numbers: range) -> list[int]:
@@ -101,8 +99,7 @@ def played(
             learner = RecipeDiscoverer(guides.recipes)
             learners = {name: learner}
             if options.ablate:
-                learners[f"{name}, no doubt"] = learner.variant(0, SPREAD)
-                learners[f"{name}, own parts"] = learner.variant(DOUBT, OWN_PARTS)
+                learners[f"{name}, no doubt"] = learner.variant(0)
             if len(fits) <= number:
                 fits.append([])
             fits[number].append(play_runs(graph, learners, options.attempts, options.runs))
@@ -133,9 +130,7 @@ def main() -> None:
     parser.add_argument("--secret", type=Path, help="file with the secret")
     parser.add_argument("--wrong", type=int, help="per cent of the recipes with another result")
     parser.add_argument("--scorer", action="append", default=[], help="NAME=FOLDER[,FOLDER]")
-    parser.add_argument(
-        "--ablate", action="store_true", help="each learner without doubt, and with own parts, too"
-    )
+    parser.add_argument("--ablate", action="store_true", help="each learner without doubt, too")
     parser.add_argument("--book", help="another book, for the player book-votes")
     parser.add_argument("--attempts", type=int, default=500)
     parser.add_argument("--runs", type=int, default=3)

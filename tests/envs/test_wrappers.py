@@ -11,11 +11,10 @@ from gymnasium.vector import AutoresetMode
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import RecipeGraph, make_sources, open_book, open_graph
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
-from wordcraft_kg.envs.words import numbered
+from wordcraft_kg.base.errors import ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.envs.wrappers import (
     KGScoreObservation,
-    TextObservation,
+    TaskObservation,
 )
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer
 
@@ -264,48 +263,11 @@ def sources_of(scorer):
 
 def test_a_scorer_of_another_graph_and_other_environments_are_refused():
     with pytest.raises(ConfigError, match="is not a WordCraft environment"):
-        TextObservation(gym.make("CartPole-v1"))
+        TaskObservation(gym.make("CartPole-v1"))
     graph = RecipeGraph.from_book(open_book("paper-examples"))
     foreign = FrequencyScorer(graph, graph.triples)
     with pytest.raises(GraphMismatchError):
         KGScoreObservation(single(), sources_of(foreign))
-
-
-def test_text_says_what_there_is_and_words_are_actions():
-    env = TextObservation(single())
-    text, _ = env.reset(seed=0)
-    assert env.observation_space.contains(text)
-    names = [env.unwrapped.world.graph.entities[entity] for entity in env.unwrapped.state.table]
-    assert f"Table: {numbered(names)}" in text
-    assert "First pick: nothing" in text
-    text, *_ = env.step(f" {names[1].upper()} ")
-    assert f"First pick: {names[1]}" in text
-    text, *_ = env.step("1")
-    assert "Attempts left: 1" in text
-    assert env.parse("1") == 0
-    before = env.unwrapped.state.table.copy()
-    with pytest.raises(
-        ActionError, match=f"unknown item 'unicorn': expected 1 to {len(before)}, an item name"
-    ):
-        env.step("unicorn")
-    assert (env.unwrapped.state.table, env.unwrapped.state.attempts_left) == (before, 1)
-
-
-def test_the_open_ended_world_takes_pairs_of_words():
-    env = TextObservation(gym.make("WordCraft-OpenEnded-v0", graph="kitchen", max_attempts=5))
-    text, _ = env.reset(seed=0)
-    assert env.observation_space.contains(text)
-    world = env.unwrapped
-    labels = world.graph.labels(world.discovery.known)
-    assert text == f"Known items ({len(labels)}): {numbered(labels)}\nAttempts left: 5"
-    pair = next(pair for pair in world.graph.outcomes if {*pair} <= {*world.discovery.known})
-    one, other = world.graph.labels(pair)
-    text, reward, *_ = env.step(f"combine the {one.upper()} with {other}")
-    assert reward == len(world.graph.outcomes[pair])
-    assert world.graph.labels(world.graph.outcomes[pair])[0] in text
-    with pytest.raises(ActionError, match="expected two items, such as"):
-        env.step(one)
-    assert world.discovery.tried == {pair}
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
-"""Wrappers for additional observations: knowledge-graph scores, numbers of tasks, and words.
+"""Wrappers for additional observations: knowledge-graph scores, and numbers of tasks.
 
 The plain environments observe ids, which this package's policies read. Wrappers are for other
-libraries and for language models; wrappers that need ids come first, next to the environment.
+libraries; they need ids, so they come first, next to the environment.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,9 +13,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.base.labels import read_label, read_pair
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
-from wordcraft_kg.envs.words import NOTHING, characters, numbered, prompt_text
 from wordcraft_kg.envs.world import World
 
 Env = gym.Env[Any, Any]
@@ -23,17 +20,15 @@ Observation = dict[str, Any]
 Info = dict[str, Any]
 
 
-class _Masked(gym.Wrapper[Any, Any, Any, Any]):
+class _Ids(gym.ObservationWrapper[Observation, Any, Observation]):
+    """Changes observations of a single crafting environment."""
+
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (num_slots,), bool.
 
         Libraries query the outermost wrapper, and Gymnasium's wrappers do not pass the call on.
         """
         return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
-
-
-class _Ids(_Masked, gym.ObservationWrapper[Observation, Any, Observation]):
-    """Changes observations of a single crafting environment."""
 
 
 class SlotSource(Protocol):
@@ -191,89 +186,6 @@ class TaskObservation(_Ids):
         """Add the task's number to an observation."""
         task = self.env.get_wrapper_attr("state").task
         return {**observation, "task": self._numbers.of(task)}
-
-
-class TextObservation(_Masked):
-    """Describes the state in words and accepts actions in words, for language models and people.
-
-    A crafting action is a label, a label's beginning, or a number from 1 in table order. An
-    open-ended action is a pair, such as ``"water + earth"``, see :mod:`wordcraft_kg.base.labels`.
-    Actions that are not text pass unchanged.
-    """
-
-    MAX_LENGTH = 100_000
-    """Most characters of a text, for the observation space; no table is that long."""
-
-    def __init__(self, env: Env):
-        """Wrap a single environment, crafting or open-ended.
-
-        Raises:
-            ConfigError: if ``env`` is neither a crafting nor an open-ended environment.
-        """
-        super().__init__(env)
-        inner = env.unwrapped
-        self._is_open = isinstance(inner, OpenEndedEnv)
-        self._graph = inner.graph if isinstance(inner, OpenEndedEnv) else _world(env).graph
-        self.observation_space = spaces.Text(
-            self.MAX_LENGTH, min_length=0, charset=characters(self._graph)
-        )
-        self._ids: list[int] = []
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[str, Info]:
-        """Begin an episode; seed and options are those of the wrapped environment."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return self._text(observation), info
-
-    def step(self, action: Any) -> tuple[str, Any, bool, bool, Info]:
-        """Choose an entity, or combine two entities in an open-ended environment.
-
-        Raises:
-            ActionError: as :meth:`parse`, or for a refused action of the wrapped environment; no
-                attempt is used up.
-            EpisodeError: before :meth:`reset`, or after the end of the episode.
-        """
-        chosen = self.parse(action) if isinstance(action, str) else action
-        observation, reward, terminated, truncated, info = self.env.step(chosen)
-        return self._text(observation), reward, terminated, truncated, info
-
-    def parse(self, written: str) -> Any:
-        """Parse words as a slot, or in an open-ended environment as two ids.
-
-        Raises:
-            ActionError: if no entity or several entities are meant, naming what would be clear.
-        """
-        labels = self._graph.labels(self._ids)
-        if self._is_open:
-            return [self._ids[place] for place in read_pair(written, labels)]
-        return read_label(written, labels)
-
-    def _text(self, observation: Mapping[str, Any]) -> str:
-        # `parse` numbers entities in the order in which they were last shown.
-        left = int(observation["attempts_left"])
-        nothing = self._graph.num_entities
-        if self._is_open:
-            self._ids = [*self.env.get_wrapper_attr("discovery").known]
-            known = len(self._ids)
-            return prompt_text(
-                "world",
-                known=known,
-                table=self._table(),
-                attempts_left=left,
-            )
-        self._ids = [entity for entity in observation["table"].tolist() if entity < nothing]
-        selection = int(observation["selection"])
-        return prompt_text(
-            "selection",
-            goal=self._graph.entities[observation["goal"]],
-            table=self._table(),
-            selection=self._graph.entities[selection] if selection < nothing else NOTHING,
-            attempts_left=left,
-        )
-
-    def _table(self) -> str:
-        return numbered(self._graph.labels(self._ids))
 
 
 def _id_spaces(env: Env) -> dict[str, spaces.Space[Any]]:

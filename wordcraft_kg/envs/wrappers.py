@@ -51,50 +51,6 @@ class SlotSource(Protocol):
         ...
 
 
-class _Scores:
-    """The scores of sources for observations in a world."""
-
-    def __init__(self, world: World, sources: Sequence[SlotSource]):
-        self.sources = sources
-        self.world = world
-        # Without train recipes no task is in a model's training data, and needs no number.
-        self.has_train_recipes = world.config.part in ("train", "all")
-        for source in sources:
-            if source.graph_hash != world.graph.hash:
-                raise GraphMismatchError(
-                    f"source '{source.name}' belongs to graph {source.graph_hash[:12]} but the "
-                    f"environment plays on '{world.graph.name}', {world.graph.hash[:12]}. "
-                    "Take a scorer for that graph."
-                )
-        self._bind()
-
-    def _bind(self) -> None:
-        """Bind sources to the world's tasks; repeated, since a source may serve several worlds."""
-        if not self.has_train_recipes:
-            return
-        for source in self.sources:
-            if getattr(source, "reads_task", False) and hasattr(source, "bind"):
-                source.bind(self.world.tasks)
-
-    def of(self, observation: Mapping[str, Any], task: Any) -> dict[str, NDArray[np.float32]]:
-        """Score one state."""
-        self._bind()
-        # A single observation has no axis of environments; sources always add one.
-        shape = np.shape(observation["table"])
-        known = task if self.has_train_recipes else None
-        scores = {}
-        for source in self.sources:
-            scores[source.name] = (
-                source.score_observation(observation, known).reshape(shape).numpy()
-            )
-        return scores
-
-    def spaces(self, shape: tuple[int, ...]) -> dict[str, spaces.Space[Any]]:
-        return {
-            source.name: spaces.Box(-np.inf, np.inf, shape, np.float32) for source in self.sources
-        }
-
-
 class KGScoreObservation(_Ids):
     """Adds knowledge-graph scores to observations, by source name, each of shape (num_slots,).
 
@@ -123,16 +79,40 @@ class KGScoreObservation(_Ids):
             ConfigError: if ``env`` is no crafting environment, or ids were replaced already.
         """
         super().__init__(env)
-        world = _world(env)
-        self._scores = _Scores(world, sources)
-        self.observation_space = spaces.Dict(
-            {**_id_spaces(env), **self._scores.spaces((world.num_slots,))}
-        )
+        self._world = _world(env)
+        self._sources = sources
+        # Without train recipes no task is in a model's training data, and needs no number.
+        self._has_train_recipes = self._world.config.part in ("train", "all")
+        graph = self._world.graph
+        for source in sources:
+            if source.graph_hash != graph.hash:
+                raise GraphMismatchError(
+                    f"source '{source.name}' belongs to graph {source.graph_hash[:12]} but the "
+                    f"environment plays on '{graph.name}', {graph.hash[:12]}. "
+                    "Take a scorer for that graph."
+                )
+        self._bind()
+        box = spaces.Box(-np.inf, np.inf, (self._world.num_slots,), np.float32)
+        scores = {source.name: box for source in sources}
+        self.observation_space = spaces.Dict({**_id_spaces(env), **scores})
+
+    def _bind(self) -> None:
+        """Bind sources to the world's tasks; repeated, since a source may serve several worlds."""
+        if not self._has_train_recipes:
+            return
+        for source in self._sources:
+            if getattr(source, "reads_task", False) and hasattr(source, "bind"):
+                source.bind(self._world.tasks)
 
     def observation(self, observation: Observation) -> Observation:
         """Add each source's slot scores, (num_slots,), under the source's name."""
-        task = self.env.get_wrapper_attr("state").task
-        return {**observation, **self._scores.of(observation, task)}
+        self._bind()
+        task = self.env.get_wrapper_attr("state").task if self._has_train_recipes else None
+        scores = {}
+        for source in self._sources:
+            # A single observation has no axis of environments; sources always add one.
+            (scores[source.name],) = source.score_observation(observation, task).numpy()
+        return {**observation, **scores}
 
 
 class TaskNumbers:

@@ -7,7 +7,6 @@ from typing import get_args
 import msgspec
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.base.records import Count, Record, Share
@@ -113,42 +112,21 @@ class ScoredRecipeRow(Record):
 
 
 @dataclass(frozen=True)
-class _Recipes:
-    """Recipes to look up.
-
-    Attributes:
-        keys: from :func:`~wordcraft_kg.graphs.arrays.recipe_keys`, ascending, shape (n,).
-        num_entities: E, by which keys are made.
-    """
-
-    keys: Ids
-    num_entities: int
-
-    @classmethod
-    def of(cls, rows: Ids, num_entities: int) -> "_Recipes":
-        """Take recipes as ids, shape (n, 3), in any order."""
-        return cls(np.sort(recipe_keys(*rows.T, num_entities=num_entities)), num_entities)
-
-    def contain(self, rows: Ids) -> NDArray[np.bool_]:
-        """Return which recipes, ids of shape (n, 3), are among these, shape (n,)."""
-        return are_among(recipe_keys(*rows.T, num_entities=self.num_entities), self.keys)
-
-
-@dataclass(frozen=True)
 class RecipeScoring:
     """A recipe scorer, and the recipes that it and its book know.
 
     Attributes:
         model: the opened model.
         scorer: its recipe scorer; of a cross-fitted one that of all train recipes.
-        parts: recipes of each split part; empty without the graph.
-        seen: recipes that the scorer was trained on.
+        parts: keys of the recipes in each split part, ascending, by
+            :func:`~wordcraft_kg.graphs.arrays.recipe_keys`; empty without the graph.
+        seen: keys of the recipes that the scorer was trained on, ascending.
     """
 
     model: ScoringModel
     scorer: RecipeScores
-    parts: dict[Part, _Recipes]
-    seen: _Recipes
+    parts: dict[Part, Ids]
+    seen: Ids
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
@@ -167,11 +145,10 @@ class RecipeScoring:
             )
         size = len(scorer.entities)
         trained_on = scorer.recipes.cpu().numpy().astype(np.int64)
-        of_parts = {}
+        parts = {}
         if split is not None:
-            of_parts = {part: split.recipes(part) for part in get_args(Part)}
-        parts = {part: _Recipes.of(rows, size) for part, rows in of_parts.items()}
-        return cls(model, scorer, parts, _Recipes.of(trained_on, size))
+            parts = {part: np.sort(_keys(split.recipes(part), size)) for part in get_args(Part)}
+        return cls(model, scorer, parts, np.sort(_keys(trained_on, size)))
 
     def rows(self, query: RecipeQuery) -> Ids:
         """Return a query's recipes as ids, shape (n, 3).
@@ -210,14 +187,15 @@ class RecipeScoring:
         if self.model.split is None:
             return [None] * len(rows)
         known: list[Known | None] = ["new"] * len(rows)
+        keys = _keys(rows, len(self.scorer.entities))
         for part, recipes in self.parts.items():
-            for row in np.flatnonzero(recipes.contain(rows)):
+            for row in np.flatnonzero(are_among(keys, recipes)):
                 known[row] = part
         return known
 
     def in_sample(self, rows: Ids) -> list[bool]:
         """Return whether the scorer was trained on each recipe, ids of shape (n, 3)."""
-        return self.seen.contain(rows).tolist()
+        return are_among(_keys(rows, len(self.scorer.entities)), self.seen).tolist()
 
     def best(
         self, query: RecipeQuery, top: int, *, new_only: bool = False
@@ -306,6 +284,11 @@ class RecipeScoring:
         """Return recipe labels, shape (3,)."""
         a, b, result = (self.scorer.entities[entity] for entity in row.tolist())
         return a, b, result
+
+
+def _keys(rows: Ids, num_entities: int) -> Ids:
+    """Return a number for each recipe, ids of shape (n, 3), by which recipes are looked up."""
+    return recipe_keys(*rows.T, num_entities=num_entities)
 
 
 def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:

@@ -113,9 +113,9 @@ class RecipeDiscoverer(Discoverer):
 
     def variant(self, doubt: float) -> "RecipeDiscoverer":
         """Return a player with another doubt; both share the scores of pairs, which take long."""
-        other = copy(self)
-        other._doubt = doubt
-        return other
+        player = copy(self)
+        player._doubt = doubt
+        return player
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._pairs = np.empty((0, 2), dtype=np.int64)
@@ -145,7 +145,7 @@ class RecipeDiscoverer(Discoverer):
             results_of_pair, scores_of_pair = self._scored[_ordered(row, partner)]
             results.append(results_of_pair)
             scores.append(scores_of_pair)
-        others = torch.from_numpy(partners)
+        partner_ids = torch.from_numpy(partners)
         is_foreign = row >= self._own
         foreign_partners = partners >= self._own
         # In the order of `PRIOR`, without its second feature.
@@ -153,12 +153,12 @@ class RecipeDiscoverer(Discoverer):
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
             float(is_foreign) + foreign_partners,
-            self._knowledge.word_cosines(row, others).numpy(),
-            self._knowledge.have_recipes(row, others).numpy(),
+            self._knowledge.word_cosines(row, partner_ids).numpy(),
+            self._knowledge.have_recipes(row, partner_ids).numpy(),
             partners == row,
         ]
-        one = np.full(len(partners), entity)
-        pairs = np.column_stack([one, self.known])
+        repeated = np.full(len(partners), entity)
+        pairs = np.column_stack([repeated, self.known])
         self._pairs = np.concatenate([self._pairs, pairs])
         self._results = np.concatenate([self._results, results])
         self._scores = np.concatenate([self._scores, scores])
@@ -182,14 +182,14 @@ class RecipeDiscoverer(Discoverer):
                 # Below all values, which are positive.
                 values[attempts > attempts.min()] = -1
             self._chosen = self.draw_best(values)
-        chosen = features[self._chosen]
+        chosen_features = features[self._chosen]
         pair = self._pairs[self._chosen]
         self._expected = np.exp(log_softmax(scores[self._chosen]))
-        self.thought = self._thought(reason, chosen)
-        self._seen = np.concatenate([self._seen, chosen[None]])
-        one, other = pair.tolist()
-        self._attempts[[one, other]] += 1
-        return one, other
+        self.thought = self._thought(reason, chosen_features)
+        self._seen = np.concatenate([self._seen, chosen_features[None]])
+        first, second = pair.tolist()
+        self._attempts[[first, second]] += 1
+        return first, second
 
     def _scores_of_new(self) -> Floats:
         """Return the scores of the results of P waiting pairs as new entities, (P, width)."""
@@ -209,9 +209,9 @@ class RecipeDiscoverer(Discoverer):
         """
         shares = np.exp(log_softmax(scores, axis=1))
         uses = self._uses[self._results]
-        worth = 1 + (shares * uses).sum(axis=1)
+        gains = 1 + (shares * uses).sum(axis=1)
         chances = expit(features @ self._weights)
-        return chances * worth
+        return chances * gains
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         if not new:
@@ -242,20 +242,24 @@ class RecipeDiscoverer(Discoverer):
     def _score(self, row: int, partners: NDArray[np.int64]) -> None:
         """Keep likely results with each partner and their scores, which are equal in all runs."""
         different = dict.fromkeys(partners.tolist())
-        wanted = [other for other in different if _ordered(row, other) not in self._scored]
-        if not wanted:
+        unscored = [
+            row_of_partner
+            for row_of_partner in different
+            if _ordered(row, row_of_partner) not in self._scored
+        ]
+        if not unscored:
             return
         # A result that is likely by the links of both ingredients is scored as a recipe.
-        fit = self._links_of([row]) + self._links_of(wanted)
-        of_own = fit[:, : self._own]
-        likely = of_own.topk(min(_LIKELY, self._own), dim=1).indices
+        fit = self._links_of([row]) + self._links_of(unscored)
+        fit_of_book = fit[:, : self._own]
+        candidates = fit_of_book.topk(min(_LIKELY, self._own), dim=1).indices
         # Shape (n, 1), against the n rows of likely results.
-        others = torch.tensor(wanted)[:, None]
-        scored = self._scorer.score_recipes(torch.tensor(row), others, likely)
+        partner_ids = torch.tensor(unscored)[:, None]
+        scored = self._scorer.score_recipes(torch.tensor(row), partner_ids, candidates)
         scores, best = scored.topk(self._width, dim=1)
-        results = likely.gather(1, best)
-        kept = zip(wanted, results.numpy(), scores.numpy(), strict=True)
-        for partner, results_of_pair, scores_of_pair in kept:
+        results = candidates.gather(1, best)
+        scored_pairs = zip(unscored, results.numpy(), scores.numpy(), strict=True)
+        for partner, results_of_pair, scores_of_pair in scored_pairs:
             self._scored[_ordered(row, partner)] = (results_of_pair, scores_of_pair)
 
     def _links_of(self, entities: Sequence[int]) -> torch.Tensor:
@@ -272,9 +276,9 @@ class RecipeDiscoverer(Discoverer):
             chances = expit(self._seen @ weights)
             # Gradient and Hessian of the negative log posterior: data, then the normal prior.
             errors = chances - self._made
-            of_data = self._seen.T @ errors
-            of_prior = (weights - self._mean) / self._variance
-            gradient = of_data + of_prior
+            data_gradient = self._seen.T @ errors
+            prior_gradient = (weights - self._mean) / self._variance
+            gradient = data_gradient + prior_gradient
             variances = chances * (1 - chances)
             curvature = (self._seen.T * variances) @ self._seen
             hessian = curvature + np.diag(1 / self._variance)

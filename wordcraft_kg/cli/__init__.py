@@ -286,9 +286,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # longer than the work.
     gc.set_threshold(200_000, 20, 100)
     accept_all_characters()
-    given = sys.argv[1:] if arguments is None else arguments
+    words = sys.argv[1:] if arguments is None else arguments
     # The arrow in a recipe would be taken for an option.
-    tokens = ["→" if token == "->" else token for token in given]
+    tokens = ["→" if token == "->" else token for token in words]
     if tokens[:1] == ["help"]:
         tokens = [*tokens[1:3], "--help"]
     name = command_in(tokens)
@@ -343,8 +343,8 @@ def _check_text(value: Any, where: str) -> None:
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, list):
-        for one in value:
-            _check_text(one, where)
+        for item in value:
+            _check_text(item, where)
     elif isinstance(value, str):
         if "\0" in value:
             raise ConfigError(f"{where}: {value!r} holds a NUL character. Remove this character.")
@@ -423,9 +423,9 @@ def _read_toml(path: str, command: str) -> dict[str, Any]:
                 f"command.{nearest(name, ALL)}"
             )
     if command not in tables:
-        given = ", ".join(tables).replace(" ", ".") or "no table"
+        names = ", ".join(tables).replace(" ", ".") or "no table"
         raise ConfigError(
-            f"--config {path}: no table [{command.replace(' ', '.')}]; found {given}."
+            f"--config {path}: no table [{command.replace(' ', '.')}]; found {names}."
         )
     # Paths in a run's config.toml are relative to the file.
     from wordcraft_kg.runs.config_file import moved

@@ -82,8 +82,8 @@ def _left_out(view: "CheckedBook") -> Iterator[str]:
     assert view.reading is not None
     for reason, places in view.left_out.items():
         number = view.reading.left_out[reason]
-        more = ", ..." if number > len(places) > 0 else ""
-        at = f" (at {', '.join(map(str, places))}{more})" if places else ""
+        ellipsis = ", ..." if number > len(places) > 0 else ""
+        at = f" (at {', '.join(map(str, places))}{ellipsis})" if places else ""
         yield f"left out: {counted(number, 'row')} {reason}{at}"
     if view.columns_left_out:
         yield f"left out: the columns {', '.join(view.columns_left_out)}"
@@ -115,5 +115,5 @@ def _text(view: "CheckedBook", limit: int) -> Iterator[str]:
         yield f"wrote the mended book to {view.fixed}"
         yield from _left_out(view)
     problems = sum(finding.severity == "problem" for finding in view.findings)
-    others = len(view.findings) - problems
-    yield f"{counted(problems, 'problem')}, {others:,} to look at"
+    notes = len(view.findings) - problems
+    yield f"{counted(problems, 'problem')}, {notes:,} to look at"

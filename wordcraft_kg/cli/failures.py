@@ -78,12 +78,12 @@ class Manual:
     @property
     def usage(self) -> str:
         """The usage line: command, positional arguments and required options."""
-        needed = []
+        options = []
         for parameter in signature(self.function).parameters.values():
             is_option = parameter.kind is parameter.KEYWORD_ONLY
             if is_option and parameter.default is parameter.empty:
-                needed.append(f"--{parameter.name} {parameter.name.upper()}")
-        return " ".join([self.command, *self.places.values(), *needed, "[OPTIONS]"])
+                options.append(f"--{parameter.name} {parameter.name.upper()}")
+        return " ".join([self.command, *self.places.values(), *options, "[OPTIONS]"])
 
 
 @dataclass(frozen=True)
@@ -154,8 +154,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
         )
     if isinstance(error, OSError):
         # Outputs are written at once or not at all, so nothing is half changed.
-        where = f"'{error.filename}': " if error.filename else ""
-        return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")
+        file_name = f"'{error.filename}': " if error.filename else ""
+        return Failure(kind, f"{file_name}{error.strerror or error}. Nothing was changed.")
     if isinstance(error, RuntimeError) and str(error).startswith(_NO_HOME):
         return Failure(
             kind,
@@ -163,8 +163,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
             "changed.",
         )
     # The RuntimeError comes from torch, for tensors.
-    of_torch = isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
-    if isinstance(error, MemoryError) or of_torch:
+    is_torch_memory = isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
+    if isinstance(error, MemoryError) or is_torch_memory:
         message = "this machine does not have enough memory. Nothing was changed."
         return Failure("MemoryError", message)
     return None
@@ -195,9 +195,9 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
     # Not its subclasses, whose own messages are plain.
     if type(error) is MissingArgumentError and error.argument is not None:
         keywords = [token.keyword for token in error.argument.tokens if token.keyword]
-        given = error.keyword or next(iter(keywords), None)
-        if given:
-            return f"{given} needs a value."
+        option = error.keyword or next(iter(keywords), None)
+        if option:
+            return f"{option} needs a value."
         name = error.argument.field_info.name
         if manual and name in manual.places:
             return f"{name.upper()} is missing."

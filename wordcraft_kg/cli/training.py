@@ -186,14 +186,14 @@ def _train_seeds(
                 command.finish_run(trained, config)
             outcome_of[seed] = trained
     except KeyboardInterrupt:
-        again = "repeat the command to train the rest"
+        advice = "repeat the command to train the rest"
         if force:
-            again = (
+            advice = (
                 "with --force the command trains all seeds again; "
                 "leave out --force to keep finished seeds"
             )
-        done = f"{len(outcome_of)} of {len(configs)} seeds are done"
-        raise KeyboardInterrupt(f"interrupted; {done}, {again}") from None
+        progress_so_far = f"{len(outcome_of)} of {len(configs)} seeds are done"
+        raise KeyboardInterrupt(f"interrupted; {progress_so_far}, {advice}") from None
     values = {seed: command.values(outcome) for seed, outcome in outcome_of.items()}
     following = command_line("compare", parent, *command.compared_with)
     end = f"wrote {parent}/   next: {following}"

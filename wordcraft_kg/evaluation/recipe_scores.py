@@ -186,12 +186,12 @@ class RecipeScoring:
         """
         if self.model.split is None:
             return [None] * len(rows)
-        known: list[Known | None] = ["new"] * len(rows)
+        parts: list[Known | None] = ["new"] * len(rows)
         keys = _keys(rows, len(self.scorer.entities))
         for part, recipes in self.parts.items():
             for row in np.flatnonzero(are_among(keys, recipes)):
-                known[row] = part
-        return known
+                parts[row] = part
+        return parts
 
     def in_sample(self, rows: Ids) -> list[bool]:
         """Return whether the scorer was trained on each recipe, ids of shape (n, 3)."""
@@ -262,7 +262,7 @@ class RecipeScoring:
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
         """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""
         finder = self.model.outside
-        known = self.known(rows)
+        parts = self.known(rows)
         in_sample = self.in_sample(rows)
         for i, score in enumerate(scores):
             a, b, result = self.labels(rows[i])
@@ -273,7 +273,7 @@ class RecipeScoring:
                 ingredient_b=b,
                 result=result,
                 score=score,
-                known=known[i],
+                known=parts[i],
                 in_sample=in_sample[i],
                 because=because,
                 probability=None,
@@ -298,19 +298,19 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
         UnknownEntityError: for a label that the scorer does not know.
     """
     row = scoring.rows(query)
-    own = scoring.scores(row)
-    (recipe,) = scoring.recipes(row, own.tolist())
+    score = scoring.scores(row)
+    (recipe,) = scoring.recipes(row, score.tolist())
 
     def rank(slot: int) -> int:
         labels = list(query.slots)
         labels[slot] = None
-        opened = RecipeQuery(labels[0], labels[1], labels[2])
-        rows = scoring.rows(opened)
+        open_query = RecipeQuery(labels[0], labels[1], labels[2])
+        rows = scoring.rows(open_query)
         scores = scoring.scores(rows)
         # A recipe's score among others may differ in its last bits from its score alone, so that
         # it would be ranked behind itself.
         is_other = (rows != row).any(axis=1)
-        among = scores[~is_other].max() if not is_other.all() else own[0]
+        among = scores[~is_other].max() if not is_other.all() else score[0]
         # Optimistic for ties: entities with equal scores share the best rank.
         return 1 + int((scores[is_other] > among).sum())
 
@@ -381,13 +381,13 @@ def score_recipe_queries(
             rows = scoring.rows(query)
             values = [next(scores)]
             ranks = [None]
-        known = scoring.known(rows)
+        parts = scoring.known(rows)
         in_sample = scoring.in_sample(rows)
         line = query.line or 0
         for i, row in enumerate(rows):
-            if not new_only or known[i] == "new":
+            if not new_only or parts[i] == "new":
                 labels = scoring.labels(row)
-                yield ScoredRecipeRow(line, *labels, values[i], ranks[i], known[i], in_sample[i])
+                yield ScoredRecipeRow(line, *labels, values[i], ranks[i], parts[i], in_sample[i])
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:

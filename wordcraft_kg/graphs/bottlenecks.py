@@ -70,23 +70,23 @@ def bottlenecks(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> lis
     a, b, result = graph.recipes.T
     reachable = layer >= 0
     number = int(reachable.sum())
-    needed = []
+    losses = []
     for entity in np.flatnonzero((layer > 0) & is_used).tolist():
         # Entities of the same round and of earlier ones are made without it.
-        known = reachable & (layer <= layer[entity])
-        known[entity] = False
+        is_known = reachable & (layer <= layer[entity])
+        is_known[entity] = False
         # Round by round, all that can be made without it.
         while True:
-            made = result[known[a] & known[b]]
-            is_new = ~known[made] & (made != entity)
+            results = result[is_known[a] & is_known[b]]
+            is_new = ~is_known[results] & (results != entity)
             if not is_new.any():
                 break
-            known[made[is_new]] = True
+            is_known[results[is_new]] = True
         # Without the entity itself, which is not known either.
-        lost = number - int(known.sum()) - 1
+        lost = number - int(is_known.sum()) - 1
         if lost:
-            needed.append((entity, lost))
-    return sorted(needed, key=lambda pair: (-pair[1], pair[0]))
+            losses.append((entity, lost))
+    return sorted(losses, key=lambda pair: (-pair[1], pair[0]))
 
 
 def world_statistics(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> WorldStatistics:
@@ -104,26 +104,26 @@ def world_statistics(graph: RecipeGraph, base: Iterable[Entity] | None = None) -
     start = None if base is None else list(base)
     layer = layers(graph, start)
     reachable = int((layer >= 0).sum())
-    known = rounds(layer)
-    width = np.diff([0, *known]).tolist()
+    known_by_round = rounds(layer)
+    width = np.diff([0, *known_by_round]).tolist()
     # Unordered pairs, an entity with itself included.
     pairs = reachable * (reachable + 1) // 2
     # The first recipe of each pair: a pair with several results counts once.
     firsts = graph.recipes[graph.pair_starts[:-1], :2]
     combining = int((layer[firsts] >= 0).all(axis=1).sum())
     is_small = graph.num_entities <= MOST_ANALYSED
-    needed = bottlenecks(graph, start) if is_small else []
-    found = []
-    for entity, lost in needed:
-        found.append(Bottleneck(graph.entities[entity], lost, int(layer[entity])))
-    half = [bottleneck for bottleneck in found if 2 * bottleneck.needed_by >= reachable]
+    losses = bottlenecks(graph, start) if is_small else []
+    records = []
+    for entity, lost in losses:
+        records.append(Bottleneck(graph.entities[entity], lost, int(layer[entity])))
+    half = [bottleneck for bottleneck in records if 2 * bottleneck.needed_by >= reachable]
     # Sorted by need before, so that of the last round the one needed by most counts.
-    main = max(half or found[:1], key=attrgetter("round"), default=None)
+    main = max(half or records[:1], key=attrgetter("round"), default=None)
     return WorldStatistics(
         reachable=reachable,
         width=tuple(width),
         success_rate=combining / pairs if pairs else 0.0,
         pairs=pairs,
-        bottlenecks=tuple(found),
+        bottlenecks=tuple(records),
         main=main,
     )

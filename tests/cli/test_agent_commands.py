@@ -1,6 +1,7 @@
 """The commands of agents as a user runs them: output, exit codes and bad input."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -81,14 +82,19 @@ def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, p
 def test_train_agent_names_its_preset_and_refuses_contradictions(
     run, printed, refused, world, tmp_path
 ):
-    command = ("train-agent", world / "graph", *MOMENT, "--out", tmp_path / "run")
-    for option in (("--max-attempts", 2, "--mixing", "residual"), ("--learning-rate", 0.5)):
+    start = ("train-agent", world / "graph", "--out", tmp_path / "run")
+    for options, name in (
+        (("--learning-rate", 0.5), "--learning-rate"),
+        (in_file("train-agent", unroll=8), "`unroll`"),
+        (in_file("train-agent", sees_attempts=True), "`sees_attempts`"),
+    ):
         said = "contradicts --preset paper"
-        refused(*command, "--preset", "paper", *option, says=[option[-2], said])
+        refused(*start, *options, "--preset", "paper", says=[name, said])
     assert not (tmp_path / "run").exists()
-    outcome = run(*command, "--preset", "paper", "--depth", 2, "--distractors", 1)
-    assert "preset       paper: unroll 2, learning rate 0.001" in outcome.out
-    assert printed(*command, "--force")["preset"] == "recommended"
+    quick = ("--steps", 96, "--eval-every", 0, "--quiet")
+    outcome = run(*start, *quick, "--preset", "paper", "--depth", 2, "--distractors", 1)
+    assert re.search("preset +paper: .*unroll 2, learning rate 0.001", outcome.out)
+    assert printed(*start, *MOMENT, "--force")["preset"] == "recommended"
 
 
 def test_the_oracle_makes_every_goal_and_chance_few(printed, world):
@@ -245,7 +251,7 @@ def test_an_mlp_is_judged_with_the_tables_it_was_made_for(refused, run, train, t
 
 
 SLOW_CHOICES = [
-    ("--features one-hot", {"value_readout": "logits", "policy_lag": 1, "unroll": 3}),
+    ("--features one-hot", {"value_readout": "logits", "policy_lag": 1, "unroll": 4}),
     ("--features random --depth 2 --max-attempts 3 --reward official", {"pooling": "max"}),
     ("--features shuffled:glove", {"task_weighting": "goal"}),
     ("--scorer {scorer} --kg-only --use v --mixing softmax", {"scale": "ranks"}),

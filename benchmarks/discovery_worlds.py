@@ -2,10 +2,10 @@
 
     wordcraft-kg train-recipes little-alchemy-2 --kg full --out models/la2
     python benchmarks/discovery_worlds.py everyday --scorer la2=models/la2 --book little-alchemy-2 \\
-        --json worlds.json --page worlds.html
+        --json worlds.json
     python benchmarks/discovery_worlds.py infinite-craft --secret secret.txt --scorer la2=models/la2
 
-Plays the worlds ``world-0:BOOK`` to ``world-19:BOOK``. Settings are chosen on the worlds of
+Plays the worlds 0 to 19 of a book, which ``cut_worlds.py`` cuts. Settings are chosen on the worlds of
 ``everyday``. The worlds of ``--secret`` are for measuring: their seeds follow from a secret that
 is outside the repository, and whose hash is below, so that nobody can have chosen settings on them.
 ``--scorer NAME=FOLDER,FOLDER`` adds ``recipe-learner NAME`` with one or more fits of a knowledge;
@@ -21,27 +21,24 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from cut_worlds import cut_world, with_wrong_recipes
+from world_results import PlayedWorld, WorldsView, view_worlds
 
 from wordcraft_kg.agents.discovery import Plays, make_discoverers, play_runs
-from wordcraft_kg.agents.recipe_discovery import DOUBT, SPREAD, RecipeDiscoverer
+from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.evaluation.discovery import ORACLES, open_guides
-from wordcraft_kg.evaluation.discovery_worlds import PlayedWorld, WorldsView, view_worlds
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
-from wordcraft_kg.graphs.worlds import cut_world, with_wrong_recipes
-from wordcraft_kg.reports.discovery_report import worlds_page
 
 SECRET_SHA256 = "41d8f1f427b75d39e4539abcb3101430ca07e85e8559f143f938f6e74071d546"
 """Of the secret, without blanks around it."""
 SCRIPTED = ("random-no-repeat", "nearest-words", *ORACLES)
 LEARNER = "recipe-learner"
-OWN_PARTS = 0.3
-"""Variance of entities' own parts in the row that has them."""
 
 
 def seeds(secret: Path | None, numbers: range) -> list[int]:
@@ -102,8 +99,7 @@ def played(
             learner = RecipeDiscoverer(guides.recipes)
             learners = {name: learner}
             if options.ablate:
-                learners[f"{name}, no doubt"] = learner.variant(0, SPREAD)
-                learners[f"{name}, own parts"] = learner.variant(DOUBT, OWN_PARTS)
+                learners[f"{name}, no doubt"] = learner.variant(0)
             if len(fits) <= number:
                 fits.append([])
             fits[number].append(play_runs(graph, learners, options.attempts, options.runs))
@@ -134,14 +130,11 @@ def main() -> None:
     parser.add_argument("--secret", type=Path, help="file with the secret")
     parser.add_argument("--wrong", type=int, help="per cent of the recipes with another result")
     parser.add_argument("--scorer", action="append", default=[], help="NAME=FOLDER[,FOLDER]")
-    parser.add_argument(
-        "--ablate", action="store_true", help="each learner without doubt, and with own parts, too"
-    )
+    parser.add_argument("--ablate", action="store_true", help="each learner without doubt, too")
     parser.add_argument("--book", help="another book, for the player book-votes")
     parser.add_argument("--attempts", type=int, default=500)
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--page", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
     options.scorers = {}
@@ -157,12 +150,10 @@ def main() -> None:
         began = time.process_time()
         worlds.append(played(graph, options, book))
         print(f"{graph.name}: {time.process_time() - began:.0f} s", flush=True)
-    view = view_worlds(worlds, ORACLES)
+    view = view_worlds(worlds)
     text(view)
     if options.json:
         write_atomically(options.json, dump_json(checked_values(view)))
-    if options.page:
-        write_atomically(options.page, worlds_page(view, worlds))
 
 
 if __name__ == "__main__":

@@ -64,26 +64,30 @@ def _tables(text: str, command: str) -> Iterator[str]:
     """Yield the lines with lists of options as tables; each option has an anchor such as
     ``train-agent--steps``.
     """
-    file_only = getattr(manual_of(command).module, "FILE_ONLY", ()) if command != "all" else ()
+    file_only = manual_of(command).file_only if command != "all" else ()
+    settings = []
     in_table = False
     for line in re.sub(r"\n +", " ", text).strip().splitlines():
         if option := OPTION.match(line):
             if not in_table:
                 yield from ("| option | meaning | default |", "|---|---|---|")
             names, about = NAMED.sub(r"\1", option[1]), option[2].replace("|", "\\|")
-            if names.split()[0] in file_only:
-                about = f"(configuration file only) {about}"
             default = DEFAULT.search(about)
             anchor = re.sub(r"[^\w-]", "", f"{_anchor(command)}{names.split()[0]}")
-            cells = (
-                f'<a id="{anchor}"></a>`{names}`',
-                DEFAULT.sub("", about),
-                f"`{default[1]}`" if default else "",
-            )
+            cells = [DEFAULT.sub("", about), f"`{default[1]}`" if default else ""]
+            if names.split()[0] in file_only:
+                setting = names.split()[0].removeprefix("--").replace("-", "_")
+                settings.append([f"`{setting}`", *cells])
+                continue
+            cells.insert(0, f'<a id="{anchor}"></a>`{names}`')
             yield f"| {' | '.join(cells)} |"
         else:
             yield line
         in_table = bool(option)
+    if settings:
+        yield f"\n**By `--config FILE`, in a table `[{command.replace(' ', '.')}]`**:\n"
+        yield from ("| setting | meaning | default |", "|---|---|---|")
+        yield from (f"| {' | '.join(cells)} |" for cells in settings)
 
 
 if __name__ == "__main__":

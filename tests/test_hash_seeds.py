@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.graphs import SPLITS, RecipeGraph, open_book, open_graph
+from wordcraft_kg.graphs import SPLITS, open_graph
 from wordcraft_kg.graphs.export import EXPORTERS
 
 
@@ -36,14 +36,6 @@ def tasks():
             opened.graph, depth, opened.split, part, weighting=weighting, limit=20, seed=5
         )
         print(*made, made.mixed, sep="\n")
-
-
-def worlds():
-    from wordcraft_kg.graphs.worlds import WAYS, world_statistics
-
-    for way in WAYS:
-        book = open_book(f"world-{way}-3:wrong-20:everyday")
-        print(book.recipes, world_statistics(RecipeGraph.from_book(book)))
 
 
 def train_samples():
@@ -118,7 +110,6 @@ MAKERS = {
     for make in (
         graph_folders_and_exports,
         tasks,
-        worlds,
         train_samples,
         episodes,
         discovery,

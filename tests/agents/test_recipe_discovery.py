@@ -20,8 +20,6 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 
 NEW = ("castle", "dragon", "river")
 """Entities that the kitchen lacks."""
-SPREAD = 0.3
-"""Variance of entities' own parts, in the test against loops."""
 
 
 @pytest.fixture(scope="module")
@@ -113,28 +111,17 @@ class Slow:
 
         return minimize(loss, mean, method="BFGS").x
 
-    def own_part(self, entity, tried, features, made, weights):
-        """Newton's step for an entity's part, by a loop over the attempts with it."""
-        slope, curved = 0.0, 1 / SPREAD
-        for pair, x, outcome in zip(tried, features, made, strict=True):
-            if entity in pair:
-                chance = 1 / (1 + math.exp(-x @ weights))
-                slope += outcome - chance
-                curved += chance * (1 - chance)
-        return slope / curved
-
 
 def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(
     labelled, world, monkeypatch
 ):
     monkeypatch.setattr(recipe_discovery, "_LIKELY", labelled.own)
-    slow, player = Slow(labelled, world), RecipeDiscoverer(labelled, spread=SPREAD)
+    slow, player = Slow(labelled, world), RecipeDiscoverer(labelled)
     game, tried, seen, made = Discovery(world), set(), [], []
-    attempts, order = Counter(), []
+    attempts = Counter()
     player.begin(game.base, np.random.default_rng(1))
     for attempt in range(30):
         known = list(game.known)
-        player_parts = player._own_parts
         pair = player.choose()
         features = player._seen[-1]
         found = {
@@ -147,12 +134,9 @@ def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(
         is_cover = (attempt + 1) % COVER == 0
         if attempt >= FREE and (is_cover or attempt % 5 == 0):
             weights = slow.weights(np.array(seen), np.array(made))
-            parts = {e: slow.own_part(e, order, seen, made, weights) for e in known}
-            values = {}
-            for (a, b), (x, worth) in found.items():
-                log_odds = x @ weights + parts[a] + parts[b]
-                values[a, b] = worth / (1 + math.exp(-log_odds))
-            np.testing.assert_allclose(player_parts[known], [*parts.values()], atol=0.03)
+            values = {
+                pair: worth / (1 + math.exp(-x @ weights)) for pair, (x, worth) in found.items()
+            }
             if is_cover:
                 least = min(min(attempts[one], attempts[other]) for one, other in values)
                 values = {
@@ -162,7 +146,6 @@ def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(
                 }
             assert values.get(chosen, 0) >= 0.97 * max(values.values())
         tried.add(chosen)
-        order.append(chosen)
         attempts.update(set(pair))
         new, _ = game.combine(*pair)
         player.observe(pair, new)
@@ -217,21 +200,20 @@ def test_labels_are_shared_described_by_words_or_without_any_word(recipes_folder
 
 
 def test_a_thought_names_the_rule_the_chance_and_the_expected_result(labelled, world):
-    player, game = RecipeDiscoverer(labelled, spread=SPREAD), Discovery(world)
+    player, game = RecipeDiscoverer(labelled), Discovery(world)
     slow = Slow(labelled, world)
     player.begin(game.base, np.random.default_rng(1))
     reasons = []
     for attempt in range(20):
         known = {int(labelled.rows[entity]) for entity in game.known}
         weights = player._weights.copy()
-        own_parts = player._own_parts
         pair = player.choose()
         thought = player.thought
         reasons.append(thought.reason)
         features, _ = slow.features_and_worth(pair, list(game.known))
         # The product's candidates are the likeliest of a shortlist, as in the documented formula.
         np.testing.assert_allclose(player._seen[-1][2:], features[2:], atol=1e-3)
-        chance = 1 / (1 + math.exp(-player._seen[-1] @ weights - own_parts[[*pair]].sum()))
+        chance = 1 / (1 + math.exp(-player._seen[-1] @ weights))
         assert thought.chance == pytest.approx(chance, abs=1e-9)
         assert thought.expected not in known
         assert 0 < thought.share <= 1
@@ -245,10 +227,8 @@ def test_a_thought_names_the_rule_the_chance_and_the_expected_result(labelled, w
 def test_a_variant_shares_scores_and_has_other_numbers(labelled, world):
     player = RecipeDiscoverer(labelled)
     log = play(player, world, 25)
-    trusting = player.variant(0, 0)
-    assert play(trusting, world, 25) == play(
-        RecipeDiscoverer(labelled, doubt=0, spread=0), world, 25
-    )
+    trusting = player.variant(0)
+    assert play(trusting, world, 25) == play(RecipeDiscoverer(labelled, doubt=0), world, 25)
     assert play(player, world, 25) == log
-    assert play(player.variant(DOUBT, SPREAD), world, 25) != log
+    assert play(player.variant(20 * DOUBT), world, 25) != log
     assert trusting._scored is player._scored

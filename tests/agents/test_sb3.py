@@ -13,7 +13,6 @@ import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World, open_graph
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.base.errors import ActionError, ConfigError, MissingExtraError
-from wordcraft_kg.envs.wrappers import FeatureObservation
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
@@ -228,8 +227,8 @@ def test_a_saved_model_predicts_the_same_and_trains_on(algorithm, tmp_path):
 
 @pytest.mark.interop
 def test_what_does_not_fit_is_refused():
-    network, vectors = make_network(), np.ones((make_network().num_entities, 4), dtype=np.float32)
-    for env in (FeatureObservation(make_env(), vectors), gym.make("CartPole-v1")):
+    network = make_network()
+    for env in (gym.wrappers.FlattenObservation(make_env()), gym.make("CartPole-v1")):
         with pytest.raises(ConfigError, match="expected goal, selection and table as ids"):
             make_model("PPO", network, env)
     with pytest.raises(ConfigError, match="knows 80 entities but the environment has "):

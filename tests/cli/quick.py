@@ -3,6 +3,8 @@
 import io
 from contextlib import redirect_stdout
 
+from configured import in_file
+
 from wordcraft_kg.cli import main
 
 TINY = ("--dim", "8", "--epochs", "4", "--folds", "0", "--quiet")
@@ -10,13 +12,10 @@ QUICK = (*TINY, "--n3", "0.1")
 SMALL = (
     "--steps",
     512,
-    "--batch-size",
-    16,
     "--eval-every",
     256,
-    "--checkpoint-every",
-    256,
     "--quiet",
+    *in_file("train-agent", batch_size=16, checkpoint_every=256),
 )
 
 

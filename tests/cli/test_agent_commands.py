@@ -1,10 +1,12 @@
 """The commands of agents as a user runs them: output, exit codes and bad input."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
 import pytest
+from configured import in_file
 from graph_folders import write_graph
 from quick import SMALL, same, succeed
 
@@ -14,7 +16,14 @@ from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs import Recipe, open_graph
 from wordcraft_kg.graphs.tasks import replay
 
-MOMENT = ("--steps", 96, "--batch-size", 8, "--eval-every", 0, "--quiet")
+
+def moment(**settings):
+    """Return the options of a training that takes a moment, with further settings of the file."""
+    settings_file = in_file("train-agent", batch_size=8, **settings)
+    return ("--steps", 96, "--eval-every", 0, "--quiet", *settings_file)
+
+
+MOMENT = moment()
 
 
 @pytest.fixture
@@ -73,14 +82,19 @@ def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, p
 def test_train_agent_names_its_preset_and_refuses_contradictions(
     run, printed, refused, world, tmp_path
 ):
-    command = ("train-agent", world / "graph", *MOMENT, "--out", tmp_path / "run")
-    for option in (("--unroll", 8), ("--learning-rate", 0.5), ("--sees-attempts",)):
+    start = ("train-agent", world / "graph", "--out", tmp_path / "run")
+    for options, name in (
+        (("--learning-rate", 0.5), "--learning-rate"),
+        (in_file("train-agent", unroll=8), "`unroll`"),
+        (in_file("train-agent", sees_attempts=True), "`sees_attempts`"),
+    ):
         said = "contradicts --preset paper"
-        refused(*command, "--preset", "paper", *option, says=[option[0], said])
+        refused(*start, *options, "--preset", "paper", says=[name, said])
     assert not (tmp_path / "run").exists()
-    outcome = run(*command, "--preset", "paper", "--depth", 2, "--distractors", 1)
-    assert "preset       paper: unroll 2, learning rate 0.001" in outcome.out
-    assert printed(*command, "--force")["preset"] == "recommended"
+    quick = ("--steps", 96, "--eval-every", 0, "--quiet")
+    outcome = run(*start, *quick, "--preset", "paper", "--depth", 2, "--distractors", 1)
+    assert re.search("preset +paper: .*unroll 2, learning rate 0.001", outcome.out)
+    assert printed(*start, *MOMENT, "--force")["preset"] == "recommended"
 
 
 def test_the_oracle_makes_every_goal_and_chance_few(printed, world):
@@ -177,7 +191,7 @@ def test_the_same_command_goes_on_with_an_agent(
     assert stopped.code == 130
     assert f"is saved in '{tmp_path / 'run'}'. Repeat the command" in stopped.err
     assert "step 256\n" in run("evaluate-agent", tmp_path / "run").out
-    refused(*command, "--unroll", 5, says="--unroll")
+    refused(*command, "--learning-rate", 0.5, says="--learning-rate")
     assert printed(*command)["steps"] == 512
     refused(*command, kind="OutputExistsError")
 
@@ -212,8 +226,8 @@ def test_a_book_too_small_for_8_distractors_gets_advice(printed, refused, run, t
 @pytest.mark.parametrize("depth", [2, 3])
 def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path, depth):
     """Agents with another task weighting are compared only if it does not decide the tasks."""
-    small = ("--steps", 64, *MOMENT[2:], "--depth", depth, "--distractors", 1)
-    runs = [train(*small, "--task-weighting", name, name=name) for name in ("task", "goal")]
+    small = ("--depth", depth, "--distractors", 1)
+    runs = [train(*moment(task_weighting=name), *small, name=name) for name in ("task", "goal")]
     options = "--distractor-seeds 1 --episodes 0 --distractors 1 --part train --out"
     outcome = run("compare", *runs, *options.split(), tmp_path / "report")
     if depth == 2:  # all tasks are enumerated
@@ -226,43 +240,43 @@ def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path,
 
 @pytest.mark.slow
 def test_an_mlp_is_judged_with_the_tables_it_was_made_for(refused, run, train, tmp_path):
-    mlp, report = train(*MOMENT, "--policy", "mlp", "--distractors", 2), tmp_path / "report"
+    mlp, report = (
+        train(*MOMENT, "--policy", "mlp", "--distractors", 2),
+        tmp_path / "report",
+    )
     assert run("evaluate-agent", mlp).code == 0
     refused("evaluate-agent", mlp, "--distractors", 5, says="this mlp was made for")
     refused("compare", mlp, "--distractors", "3,5", "--out", report, says="an mlp plays with")
     assert run("compare", mlp, "--distractors", "2,3", "--out", report).code == 0
 
 
+SLOW_CHOICES = [
+    ("--features one-hot", {"value_readout": "logits", "policy_lag": 1, "unroll": 4}),
+    ("--features random --depth 2 --max-attempts 3 --reward official", {"pooling": "max"}),
+    ("--features shuffled:glove", {"task_weighting": "goal"}),
+    ("--scorer {scorer} --kg-only --use v --mixing softmax", {"scale": "ranks"}),
+    ("--scorer {scorer} --use u", {"scale": "log-softmax", "self_edges": "drop"}),
+    ("--scorer {scorer}", {"scale": "none", "self_edges": "keep"}),
+]
+OF_OLD = {
+    "embedding_size": 8,
+    "distractor_policy": "no_shortcut",
+    "ambiguity": "last",
+    "distractor_weighting": "uniform",
+    "momentum": 0.5,
+}
+
+
 @pytest.mark.parametrize(
-    "options",
+    ("options", "settings"),
     [
-        pytest.param(
-            "--features one-hot --value-readout logits --policy-lag 1 --unroll 3",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            "--features random --pooling max --depth 2 --max-attempts 3 --reward official",
-            marks=pytest.mark.slow,
-        ),
-        "--features learned --embedding-size 8 --distractor-policy no_shortcut --config {settings}",
-        pytest.param("--features shuffled:glove --task-weighting goal", marks=pytest.mark.slow),
-        pytest.param(
-            "--scorer {scorer} --kg-only --use v --scale ranks --mixing softmax",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            "--scorer {scorer} --use u --scale log-softmax --self-edges drop",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param("--scorer {scorer} --scale none --self-edges keep", marks=pytest.mark.slow),
+        ("--features learned", OF_OLD),
+        *(pytest.param(*choice, marks=pytest.mark.slow) for choice in SLOW_CHOICES),
     ],
 )
-def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, options, tmp_path):
-    settings = tmp_path / "settings.toml"
-    settings.write_text(
-        "[train-agent]\nambiguity = 'last'\ndistractor_weighting = 'uniform'\nmomentum = 0.5\n"
-    )
-    folder = train(*MOMENT, *options.format(scorer=world / "scorer", settings=settings).split())
+def test_every_choice_of_the_settings_trains_and_is_judged(run, train, world, options, settings):
+    words = options.format(scorer=world / "scorer").split()
+    folder = train(*moment(**settings), *words)
     assert run("explain", folder, "--episodes", 1).code == 0
 
 
@@ -279,7 +293,8 @@ def test_players_are_evaluated_on_tables_without_shortcuts(printed, run, world, 
         "2",
     )
     free, without = (
-        printed(*command, *more) for more in ((), ("--distractor-policy", "no_train_shortcut"))
+        printed(*command, *more)
+        for more in ((), in_file("evaluate-agent", distractor_policy="no_train_shortcut"))
     )
     assert (free.pop("distractor_policy"), without.pop("distractor_policy")) == (
         "any",
@@ -288,7 +303,8 @@ def test_players_are_evaluated_on_tables_without_shortcuts(printed, run, world, 
     assert free != without
     assert (
         player != "kitchen"
-        or "no_train_shortcut; " in run(*command, "--distractor-policy=no_train_shortcut").out
+        or "no_train_shortcut; "
+        in run(*command, *in_file("evaluate-agent", distractor_policy="no_train_shortcut")).out
     )
 
 

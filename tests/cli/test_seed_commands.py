@@ -133,7 +133,7 @@ def test_a_killed_seed_begins_again_and_its_report_is_written(world, tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ("--entropy-cost 0.1", "was trained with --entropy-cost 0.01, and this command has 0.1"),
+        ("--scorer-cost 0.1", "was trained with --scorer-cost "),
         ("--max-attempts 2", "--max-attempts None, and this command has 2"),
         ("--scorer {trained}/one", "another scorer"),
         ("{other}", "another split"),

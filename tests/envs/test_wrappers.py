@@ -8,17 +8,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import RecipeGraph, make_sources, open_book, open_graph
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
-from wordcraft_kg.envs.words import numbered
+from wordcraft_kg.base.errors import ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.envs.wrappers import (
-    FeatureObservation,
     KGScoreObservation,
-    TextObservation,
-    VectorKGScoreObservation,
+    TaskObservation,
 )
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer
 
@@ -261,133 +257,17 @@ def test_the_vector_environment_refuses_what_it_cannot_do(call, error, says):
         call(vector().unwrapped)
 
 
-def test_features_are_those_of_the_ids_and_zeros_for_nothing():
-    opened = open_graph("kitchen")
-    vectors = np.random.default_rng(0).normal(size=(opened.graph.num_entities, 7))
-    env = FeatureObservation(single(), vectors)
-    ids = env.unwrapped
-    seen, _ = env.reset(seed=0)
-    for slot in (0, 1, 0, 2):
-        assert env.observation_space.contains(seen)
-        for i, entity in enumerate(ids.state.table):
-            np.testing.assert_allclose(seen["table"][i], vectors[entity], rtol=1e-6)
-        assert not seen["table"][len(ids.state.table) :].any()
-        np.testing.assert_allclose(seen["goal"], vectors[ids.state.goal], rtol=1e-6)
-        held = (
-            vectors[ids.state.selection] if ids.state.selection < ids.world.nothing else np.zeros(7)
-        )
-        np.testing.assert_allclose(seen["selection"], held, rtol=1e-6)
-        seen, *_ = env.step(slot)
-    with refuses("vectors"):
-        FeatureObservation(single(), vectors[:3])
-
-
 def sources_of(scorer):
     return make_sources(["u", "v"], scorer)
 
 
-def test_features_and_scores_go_together_in_one_order(scorer):
-    vectors = np.ones((80, 3))
-    both = FeatureObservation(KGScoreObservation(single(), sources_of(scorer)), vectors)
-    seen, _ = both.reset(seed=0)
-    assert both.observation_space.contains(seen)
-    assert {"u", "v", "action_mask"} < set(seen)
-    with pytest.raises(ConfigError, match="this wrapper needs ids"):
-        KGScoreObservation(FeatureObservation(single(), vectors), sources_of(scorer))
-
-
-def test_batched_scores_are_the_single_ones(scorer):
-    envs = VectorKGScoreObservation(vector(), sources_of(scorer))
-    one = KGScoreObservation(single(), sources_of(scorer))
-    seen, _ = envs.reset(seed=2)
-    for step in range(12):
-        assert envs.observation_space.contains(seen)
-        for i in range(5):
-            row = {key: value[i] for key, value in seen.items() if key not in ("u", "v")}
-            expected = one.observation(row)
-            np.testing.assert_array_equal(seen["u"][i], expected["u"])
-            np.testing.assert_array_equal(seen["v"][i], expected["v"])
-        seen, _, over, _, infos = envs.step(np.full(5, step % 2))
-        for i in np.flatnonzero(over):
-            last = infos["final_obs"][i]
-            row = {key: value for key, value in last.items() if key not in ("u", "v")}
-            np.testing.assert_array_equal(last["u"], one.observation(row)["u"])
-            assert envs.single_observation_space.contains(last)
-
-
 def test_a_scorer_of_another_graph_and_other_environments_are_refused():
     with pytest.raises(ConfigError, match="is not a WordCraft environment"):
-        TextObservation(gym.make("CartPole-v1"))
+        TaskObservation(gym.make("CartPole-v1"))
     graph = RecipeGraph.from_book(open_book("paper-examples"))
     foreign = FrequencyScorer(graph, graph.triples)
     with pytest.raises(GraphMismatchError):
         KGScoreObservation(single(), sources_of(foreign))
-    with pytest.raises(GraphMismatchError):
-        VectorKGScoreObservation(vector(), sources_of(foreign))
-
-
-def test_text_says_what_there_is_and_words_are_actions():
-    env = TextObservation(single())
-    text, _ = env.reset(seed=0)
-    assert env.observation_space.contains(text)
-    names = [env.unwrapped.world.graph.entities[entity] for entity in env.unwrapped.state.table]
-    assert f"Table: {numbered(names)}" in text
-    assert "First pick: nothing" in text
-    text, *_ = env.step(f" {names[1].upper()} ")
-    assert f"First pick: {names[1]}" in text
-    text, *_ = env.step("1")
-    assert "Attempts left: 1" in text
-    assert env.parse("1") == 0
-    before = env.unwrapped.state.table.copy()
-    with pytest.raises(
-        ActionError, match=f"unknown item 'unicorn': expected 1 to {len(before)}, an item name"
-    ):
-        env.step("unicorn")
-    assert (env.unwrapped.state.table, env.unwrapped.state.attempts_left) == (before, 1)
-
-
-def test_the_open_ended_world_takes_pairs_of_words():
-    env = TextObservation(gym.make("WordCraft-OpenEnded-v0", graph="kitchen", max_attempts=5))
-    text, _ = env.reset(seed=0)
-    assert env.observation_space.contains(text)
-    world = env.unwrapped
-    labels = world.graph.labels(world.discovery.known)
-    assert text == f"Known items ({len(labels)}): {numbered(labels)}\nAttempts left: 5"
-    pair = next(pair for pair in world.graph.outcomes if {*pair} <= {*world.discovery.known})
-    one, other = world.graph.labels(pair)
-    text, reward, *_ = env.step(f"combine the {one.upper()} with {other}")
-    assert reward == len(world.graph.outcomes[pair])
-    assert world.graph.labels(world.graph.outcomes[pair])[0] in text
-    with pytest.raises(ActionError, match="expected two items, such as"):
-        env.step(one)
-    assert world.discovery.tried == {pair}
-
-
-def features():
-    opened = open_graph("kitchen")
-    vectors = (
-        np.random.default_rng(0).normal(size=(opened.graph.num_entities, 4)).astype(np.float32)
-    )
-    return FeatureObservation(gym.make("WordCraft-v0", graph="kitchen", num_distractors=2), vectors)
-
-
-@pytest.mark.slow
-@pytest.mark.interop
-def test_stable_baselines_checks_and_trains():
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    sb3_contrib = pytest.importorskip("sb3_contrib")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        # The table has a row a slot, which is neither an image nor flat; its policies flatten it.
-        warnings.filterwarnings("ignore", message=r".*unconventional shape")
-        checker.check_env(features())
-    model = sb3_contrib.MaskablePPO(
-        "MultiInputPolicy", features(), n_steps=32, batch_size=32, n_epochs=1, seed=0
-    )
-    model.learn(64)
-    seen, _ = features().reset(seed=0)
-    action, _ = model.predict(seen, action_masks=seen["action_mask"].astype(bool))
-    assert seen["action_mask"][int(action)] == 1
 
 
 @pytest.mark.slow

@@ -31,12 +31,20 @@ LINKS = (
     "4",
     "--epochs",
     "3",
-    "--checkpoint-every",
-    "1",
+    "--config",
+    "in/often.toml",
     "--out",
     "{}",
 )
-EVERY = ("--log-every", "64", "--eval-every", "160", "--checkpoint-every", "64")
+OFTEN = """[train-complex]
+checkpoint_every = 1
+[train-agent]
+batch_size = 16
+checkpoint_every = 64
+log_every = 64
+"""
+"""Settings that only a file takes: steps and checkpoints that are small enough for these tests."""
+EVERY = ("--eval-every", "160", "--config", "in/often.toml")
 TRAINED = (
     *(
         "train-agent",
@@ -47,8 +55,6 @@ TRAINED = (
         "1",
         "--steps",
         "320",
-        "--batch-size",
-        "16",
     ),
     *(*EVERY, "--out", "{}"),
 )
@@ -56,7 +62,7 @@ MODEL = (
     ("score", "{}", "flour", "combinesWith", "water"),
     ("score", "{}", "?", "componentOf", "bread", "--json"),
     ("evaluate-links", "{}", "--out", "out"),
-    ("compare", "{}", "in/model", "--resamples", "2"),
+    ("compare", "{}", "in/model"),
     LINKS,
     (
         "evaluate-agent",
@@ -87,8 +93,6 @@ MODEL = (
         "{}",
         "--steps",
         "64",
-        "--batch-size",
-        "16",
         "--out",
         "out",
     ),
@@ -174,6 +178,7 @@ def trial(number, home, sandbox):
     turns."""
     rng = random.Random(f"artefacts {number}")
     (sandbox / IN).mkdir()
+    (sandbox / IN / "often.toml").write_text(OFTEN)
     for kind in ("graph", "model", "agent"):
         linked(home, kind, sandbox / IN / kind)
     turn, which = divmod(number, len(READERS))

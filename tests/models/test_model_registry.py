@@ -71,7 +71,7 @@ def test_it_is_opened_with_what_its_evaluation_needs(own, folder):
     [
         pytest.param(("evaluate-links", "{}", "--out", "report"), marks=pytest.mark.slow),
         ("score", "{}", "flour", "combinesWith", "water"),
-        ("compare", "{}", "{}", "--resamples", "2"),
+        ("compare", "{}", "{}"),
     ],
     ids=lambda command: command[0],
 )
@@ -82,7 +82,7 @@ def test_commands_take_it_like_any_other(run, folder, tmp_path, monkeypatch, com
 
 
 def test_an_agent_learns_with_it_and_is_explained(run, folder, tmp_path):
-    small = ("--steps", 64, "--batch-size", 16, "--distractors", 1)
+    small = ("--steps", 64, "--distractors", 1)
     assert (
         run(
             "train-agent",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import plain_run
 import pytest
+from configured import in_file
 
 from wordcraft_kg import (
     AgentConfig,
@@ -453,8 +454,7 @@ LONG = {
         0.1,
         "--folds",
         2,
-        "--checkpoint-every",
-        5,
+        *in_file("train-complex", checkpoint_every=5),
     ),
     "train-recipes": ("--folds", 3, "--train-fraction", 0.3),
     "train-agent": (
@@ -462,10 +462,9 @@ LONG = {
         4,
         "--steps",
         200_000,
-        "--checkpoint-every",
-        5_000,
         "--eval-every",
         50_000,
+        *in_file("train-agent", checkpoint_every=5_000),
     ),
 }
 

@@ -93,8 +93,8 @@ class RandomDiscoverer(Discoverer):
     """A player that samples both entities uniformly; a pair may repeat."""
 
     def choose(self) -> Pair:  # noqa: D102
-        one, other = self.rng.integers(len(self.known), size=2).tolist()
-        return self.known[one], self.known[other]
+        first, second = self.rng.integers(len(self.known), size=2).tolist()
+        return self.known[first], self.known[second]
 
 
 class NoRepeatDiscoverer(RandomDiscoverer):
@@ -107,9 +107,9 @@ class NoRepeatDiscoverer(RandomDiscoverer):
     def choose(self) -> Pair:  # noqa: D102
         # Terminates: after all known pairs, everything reachable is known and the run is over.
         while True:
-            one, other = super().choose()
-            if (min(one, other), max(one, other)) not in self._tried:
-                return one, other
+            first, second = super().choose()
+            if (min(first, second), max(first, second)) not in self._tried:
+                return first, second
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         super().observe(pair, new)
@@ -132,8 +132,8 @@ class WordsDiscoverer(Discoverer):
     def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         cosines = self._unit[self.known] @ self._unit[entity]
-        for other, cosine in zip(self.known, cosines.tolist(), strict=True):
-            self._untried[entity, other] = cosine
+        for partner, cosine in zip(self.known, cosines.tolist(), strict=True):
+            self._untried[entity, partner] = cosine
         # Also for a label without a word vector, whose cosine with itself is 0.
         self._untried[entity, entity] = 1.0
 
@@ -197,12 +197,12 @@ class OracleDiscoverer(Discoverer):
         pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
         # A pair with several results makes all of them, so their worths add up.
         results = graph.recipes[self._open, 2]
-        worth = self.worth(results)
-        gains = np.bincount(index, worth).astype(np.float64)
+        result_values = self.worth(results)
+        gains = np.bincount(index, result_values).astype(np.float64)
         best = pairs[self.draw_best(gains)]
-        first = int(graph.pair_starts[best])
-        one, other, _ = graph.recipes[first].tolist()
-        return one, other
+        row = int(graph.pair_starts[best])
+        first, second, _ = graph.recipes[row].tolist()
+        return first, second
 
 
 class GreedyDiscoverer(OracleDiscoverer):
@@ -227,23 +227,23 @@ class EmpowermentDiscoverer(OracleDiscoverer):
     """
 
     def worth(self, entities: Ids) -> Floats:  # noqa: D102
-        wanted, position = np.unique(entities, return_inverse=True)
-        uses = [self.graph.uses_of(entity) for entity in wanted.tolist()]
+        distinct, position = np.unique(entities, return_inverse=True)
+        uses = [self.graph.uses_of(entity) for entity in distinct.tolist()]
         # The recipes of all wanted entities in one array; index tells whose recipe each one is.
         numbers = [len(rows) for rows in uses]
-        index = np.repeat(np.arange(len(wanted)), numbers)
+        index = np.repeat(np.arange(len(distinct)), numbers)
         recipes = self.graph.recipes[np.concatenate(uses)]
         a, b, result = recipes.T
         # a + b minus the wanted entity is the other ingredient, whichever of the two it is.
-        other = a + b - wanted[index]
-        counts = self.is_known[other] & ~self.is_known[result]
+        partners = a + b - distinct[index]
+        counts = self.is_known[partners] & ~self.is_known[result]
         size = self.graph.num_entities
         # A pair (entity, result) as one number: several recipes for a result count once.
         codes = index[counts] * size + result[counts]
-        made = np.unique(codes)
-        within_reach = np.bincount(made // size, minlength=len(wanted))
-        worth = 1.0 + within_reach
-        return worth[position]
+        products = np.unique(codes)
+        within_reach = np.bincount(products // size, minlength=len(distinct))
+        values = 1.0 + within_reach
+        return values[position]
 
 
 class ScorerDiscoverer(Discoverer):
@@ -271,11 +271,11 @@ class ScorerDiscoverer(Discoverer):
             ConfigError: if the tables would exceed :data:`MOST_BYTES`; nothing is computed then.
         """
         check_scorer(scorer, graph)
-        needed = graph.num_entities**2 * PAIR_BYTES
-        if needed > MOST_BYTES:
+        num_bytes = graph.num_entities**2 * PAIR_BYTES
+        if num_bytes > MOST_BYTES:
             raise ConfigError(
                 f"`scorer`: scores for all pairs of {graph.num_entities:,} entities in "
-                f"{graph.name} would take about {needed / 2**30:.1f} GiB; expected at most "
+                f"{graph.name} would take about {num_bytes / 2**30:.1f} GiB; expected at most "
                 f"{MOST_BYTES / 2**30:.1f} GiB. Omit the scorer and 'empowerment-scorer'."
             )
         links = scorer.table(COMBINES_WITH).cpu().double().numpy()
@@ -304,8 +304,8 @@ class ScorerDiscoverer(Discoverer):
         self._is_new[entity] = False
         results, probabilities = self._guessed(entity)
         # With each known entity, itself among them.
-        one = np.full(len(self.known), entity)
-        pairs = np.column_stack([one, self.known])
+        repeated = np.full(len(self.known), entity)
+        pairs = np.column_stack([repeated, self.known])
         self._pairs = np.concatenate([self._pairs, pairs])
         self._results = np.concatenate([self._results, results[self.known]])
         odds = self._odds[entity, self.known]
@@ -314,12 +314,12 @@ class ScorerDiscoverer(Discoverer):
         self._chances = np.concatenate([self._chances, chances])
 
     def choose(self) -> Pair:  # noqa: D102
-        worth = self._worth * self._is_new
-        expected = self._chances * worth[self._results]
+        result_values = self._worth * self._is_new
+        expected = self._chances * result_values[self._results]
         values = expected.sum(axis=1)
         self._chosen = self.draw_best(values)
-        one, other = self._pairs[self._chosen].tolist()
-        return one, other
+        first, second = self._pairs[self._chosen].tolist()
+        return first, second
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         for name in ("_pairs", "_results", "_chances"):
@@ -335,14 +335,14 @@ class ScorerDiscoverer(Discoverer):
         if entity not in self._guesses:
             fit = self._parts[entity] + self._parts
             width = self._results.shape[1]
-            likely = np.argpartition(-fit, width - 1, axis=1)[:, :width]
+            candidates = np.argpartition(-fit, width - 1, axis=1)[:, :width]
             # The softmax is over all results, of which the likely ones are kept: truncated, and not
             # normalised again.
             below_best = fit - fit.max(axis=1, keepdims=True)
             weights = np.exp(below_best)
             totals = weights.sum(axis=1, keepdims=True)
-            likely_weights = np.take_along_axis(weights, likely, axis=1)
-            self._guesses[entity] = likely, likely_weights / totals
+            candidate_weights = np.take_along_axis(weights, candidates, axis=1)
+            self._guesses[entity] = candidates, candidate_weights / totals
         return self._guesses[entity]
 
 
@@ -371,9 +371,8 @@ class BookDiscoverer(Discoverer):
         self._made = 1.0 + book.recipe_counts
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
-        # One row of votes for each known entity, and the values of all pairs of these.
-        self._votes = np.zeros((0, self._book.num_entities), dtype=np.float32)
-        self._values = np.zeros((0, 0))
+        # One row of votes for each known entity.
+        self._votes = np.zeros((0, self._book.num_entities))
         self._untried = np.zeros((0, 0), dtype=bool)
         self._is_new = np.ones(self._book.num_entities, dtype=bool)
         super().begin(base, rng)
@@ -381,65 +380,46 @@ class BookDiscoverer(Discoverer):
     def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         row = int(self._rows[entity])
+        votes = np.zeros(self._book.num_entities)
         if row >= 0:
-            self._forget(row)
-        votes = np.zeros(self._book.num_entities, dtype=np.float32)
-        if row >= 0:
+            self._is_new[row] = False
             results = self._book.recipes[self._book.uses_of(row), 2]
             np.add.at(votes, results, 1)
-            votes /= self._made
-            votes *= self._is_new
-        self._votes = np.vstack([self._votes, votes])
-        with_each = (self._votes @ votes).astype(float)
-        # An entity with itself has one voter, not two.
-        with_each[-1] = 0
-        for place, other in enumerate(self.known):
-            with_each[place] += self._recorded(row, int(self._rows[other]))
-        self._values = np.pad(self._values, (0, 1))
-        self._values[-1] = with_each
-        self._values[:, -1] = with_each
+        self._votes = np.vstack([self._votes, votes / self._made])
+        # Values change with what is known alone, so the next choice computes them.
+        self._values: Floats | None = None
         self._untried = np.pad(self._untried, (0, 1), constant_values=True)
 
     def choose(self) -> Pair:  # noqa: D102
         # Below the diagonal each pair stands once.
-        ones, others = np.nonzero(np.tril(self._untried))
-        best = self.draw_best(self._values[ones, others])
-        self._chosen = (int(ones[best]), int(others[best]))
-        return self.known[ones[best]], self.known[others[best]]
+        firsts, seconds = np.nonzero(np.tril(self._untried))
+        if self._values is None:
+            self._values = self._values_of_pairs()
+        best = self.draw_best(self._values[firsts, seconds])
+        self._chosen = (int(firsts[best]), int(seconds[best]))
+        return self.known[firsts[best]], self.known[seconds[best]]
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
-        one, other = self._chosen
-        self._untried[one, other] = False
-        self._untried[other, one] = False
+        first, second = self._chosen
+        self._untried[first, second] = False
+        self._untried[second, first] = False
         super().observe(pair, new)
 
-    def _recorded(self, one: int, other: int) -> int:
-        """Count the book's results of a pair that are not known, by ids of the book."""
-        if one < 0 or other < 0:
-            return 0
-        results = self._book.results(one, other)
-        return int(self._is_new[results].sum())
-
-    def _forget(self, row: int) -> None:
-        """Take the votes for a result that has become known out of all values."""
-        self._is_new[row] = False
-        votes = self._votes[:, row].copy()
-        shared = np.outer(votes, votes).astype(float)
-        np.fill_diagonal(shared, 0)
-        self._values -= shared
-        self._votes[:, row] = 0
-        # The entity itself, the last known one, has no values yet.
-        rows = self._rows[self.known[:-1]].tolist()
-        place_of_row = {row_of_known: place for place, row_of_known in enumerate(rows)}
-        makers = self._book.recipes[self._book.recipes_of(row)]
-        for one, other, _ in makers.tolist():
-            if one not in place_of_row or other not in place_of_row:
-                continue
-            place = place_of_row[one]
-            other_place = place_of_row[other]
-            self._values[place, other_place] -= 1
-            if place != other_place:
-                self._values[other_place, place] -= 1
+    def _values_of_pairs(self) -> Floats:
+        """Return the values of all pairs of K known entities, shape (K, K), below the diagonal."""
+        votes = self._votes * self._is_new
+        values = votes @ votes.T
+        # An entity with itself has one voter, not two.
+        np.fill_diagonal(values, 0)
+        # Places among the known entities by row of the book; -1 for entities that are not known.
+        places = np.full(self._book.num_entities, -1)
+        rows = self._rows[self.known]
+        places[rows[rows >= 0]] = np.flatnonzero(rows >= 0)
+        recipes = self._book.recipes[self._is_new[self._book.recipes[:, 2]]]
+        pairs = np.sort(places[recipes[:, :2]], axis=1)
+        seconds, firsts = pairs[pairs[:, 0] >= 0].T
+        np.add.at(values, (firsts, seconds), 1)
+        return values
 
 
 DISCOVERERS = {
@@ -508,10 +488,10 @@ def make_discoverers(
         if name == "book-votes" and book is None:
             raise ConfigError("player 'book-votes' needs a `book`: a book whose recipes it knows.")
         if name not in makers:
-            needed = "of this graph"
+            origin = "of this graph"
             if name == "recipe-learner":
-                needed = "from `wordcraft-kg train-recipes`, of any book"
-            raise ConfigError(f"player '{name}' needs a `scorer` {needed}: a trained model folder.")
+                origin = "from `wordcraft-kg train-recipes`, of any book"
+            raise ConfigError(f"player '{name}' needs a `scorer` {origin}: a trained model folder.")
         players[name] = makers[name]()
     return players
 
@@ -579,16 +559,16 @@ def play_runs(
     whole("runs", runs, 1, MAX_SIZE)
     whole("seed", seed, 0)
     rows = len(players) * runs * (attempts + 1)
-    of_entities = 4 * len(players) * runs * graph.num_entities
+    bytes_of_entities = 4 * len(players) * runs * graph.num_entities
     check_memory(
         "runs",
         runs,
         f"their curves of {attempts:,} attempts",
-        rows * _BYTES_PER_ROW + of_entities,
+        rows * _BYTES_PER_ROW + bytes_of_entities,
     )
     game = Discovery(graph, base)
     shape = (len(players), runs, attempts + 1)
-    known = np.zeros(shape, dtype=np.int64)
+    known_counts = np.zeros(shape, dtype=np.int64)
     repeated = np.zeros(shape, dtype=bool)
     learnt = np.full((len(players), runs, graph.num_entities), NEVER, dtype=np.int32)
     learnt[:, :, list(game.base)] = 0
@@ -596,17 +576,17 @@ def play_runs(
         for run in steps(f"playing {name}", range(runs)):
             game.restart()
             player.begin(game.base, np.random.default_rng([seed, run]))
-            known[number, run] = len(game.base)
+            known_counts[number, run] = len(game.base)
             for attempt in range(1, attempts + 1):
                 pair = player.choose()
                 new, repeated[number, run, attempt] = game.combine(*pair)
                 player.observe(pair, new)
                 learnt[number, run, list(new)] = attempt
                 # To the end, so that a run that stops early keeps its count.
-                known[number, run, attempt:] = len(game.known)
+                known_counts[number, run, attempt:] = len(game.known)
                 if game.is_complete:
                     break
-    return Plays(tuple(players), known, repeated, learnt)
+    return Plays(tuple(players), known_counts, repeated, learnt)
 
 
 def summarise_curves(
@@ -625,11 +605,11 @@ def summarise_curves(
         run), and ``repeated``, the share of attempts that repeat a pair.
     """
     last = int(curves["attempt"].max())
-    chosen = {mark for mark in marks if mark <= last} | {last}
+    attempts = {mark for mark in marks if mark <= last} | {last}
     # Repeated attempts so far, in each run.
     runs = curves.groupby(["player", "run"], sort=False)
     so_far = curves.assign(repeated=runs["repeated"].cumsum())
-    is_chosen = so_far["attempt"].isin(sorted(chosen))
+    is_chosen = so_far["attempt"].isin(sorted(attempts))
     groups = so_far[is_chosen].groupby(["player", "attempt"], sort=False)
     table = groups.agg(
         mean=("known", "mean"), error=("known", "sem"), repeated=("repeated", "mean")

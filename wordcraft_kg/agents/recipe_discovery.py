@@ -50,12 +50,6 @@ DOUBT = 2.0
 Chosen on the worlds 0 to 7 of ``everyday`` with a scorer of Little Alchemy 2, by the area under the
 curve; ``docs/evidence/worlds.md`` has results with and without it.
 """
-SPREAD = 0.0
-"""Variance of an entity's own part of the log-odds that its pairs make something new; 0 for none.
-
-0.3 was best on the worlds of ``everyday`` and helps on Infinite Craft, but on Little Alchemy 2 the
-player then learns *life* late or never: an entity that failed a few times is left alone.
-"""
 # Results by componentOf scores, of which the CANDIDATES best by recipe scores are kept.
 _LIKELY = 64
 _NONE = -12.0  # score of a candidate that is known already
@@ -82,11 +76,9 @@ class Thought(NamedTuple):
 class RecipeDiscoverer(Discoverer):
     """A player of pairs that probably make something new and useful; it learns from its attempts.
 
-    A pair with features x (:data:`PRIOR`) makes something new with probability ``p = σ(w · x + u_a
-    + u_b)``. After each attempt, w is the most probable value given the outcomes so far, success or
-    failure, and normal priors (Bayesian logistic regression). An entity's own part u is a step of
-    Newton's method from 0 with the variance :data:`SPREAD`: ``u_e = Σ (made - σ(w · x)) / (Σ σ (1 -
-    σ) + 1 / SPREAD)``, with sums over attempts with e. The player tries the untried pair with the
+    A pair with features x (:data:`PRIOR`) makes something new with probability ``p = σ(w · x)``.
+    After each attempt, w is the most probable value given the outcomes so far, success or failure,
+    and normal priors (Bayesian logistic regression). The player tries the untried pair with the
     largest
 
     ``p(a, b) (1 + Σ_c P(c | a, b) log(1 + uses(c)))``.
@@ -101,16 +93,14 @@ class RecipeDiscoverer(Discoverer):
     book alone.
     """
 
-    def __init__(self, labelled: LabelledScorer, doubt: float = DOUBT, spread: float = SPREAD):
+    def __init__(self, labelled: LabelledScorer, doubt: float = DOUBT):
         """Take a recipe scorer.
 
         Args:
             labelled: a recipe scorer that describes the labels of all entities.
             doubt: see :data:`DOUBT`.
-            spread: see :data:`SPREAD`.
         """
         self._doubt = doubt
-        self._spread = spread
         self._scorer, self._own, self._rows = labelled
         self._knowledge = self._scorer.knowledge
         self._uses = self._knowledge.log_uses().double().numpy()
@@ -121,12 +111,11 @@ class RecipeDiscoverer(Discoverer):
         prior = np.array(list(PRIOR.values()))
         self._mean, self._variance = prior.T
 
-    def variant(self, doubt: float, spread: float) -> "RecipeDiscoverer":
-        """Return a player with other numbers; both share the scores of pairs, which take long."""
-        other = copy(self)
-        other._doubt = doubt
-        other._spread = spread
-        return other
+    def variant(self, doubt: float) -> "RecipeDiscoverer":
+        """Return a player with another doubt; both share the scores of pairs, which take long."""
+        player = copy(self)
+        player._doubt = doubt
+        return player
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._pairs = np.empty((0, 2), dtype=np.int64)
@@ -135,8 +124,6 @@ class RecipeDiscoverer(Discoverer):
         self._fixed = np.empty((0, len(PRIOR) - 1))
         self._is_known = np.zeros(self._own, dtype=bool)
         self._failures = np.zeros(self._own)
-        self._own_parts = np.zeros(len(self._rows))
-        self._tried = np.empty((0, 2), dtype=np.int64)
         self._attempts = np.zeros(len(self._rows), dtype=np.int64)
         # Features and outcome of each attempt so far.
         self._seen = np.empty((0, len(PRIOR)))
@@ -158,7 +145,7 @@ class RecipeDiscoverer(Discoverer):
             results_of_pair, scores_of_pair = self._scored[_ordered(row, partner)]
             results.append(results_of_pair)
             scores.append(scores_of_pair)
-        others = torch.from_numpy(partners)
+        partner_ids = torch.from_numpy(partners)
         is_foreign = row >= self._own
         foreign_partners = partners >= self._own
         # In the order of `PRIOR`, without its second feature.
@@ -166,12 +153,12 @@ class RecipeDiscoverer(Discoverer):
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
             float(is_foreign) + foreign_partners,
-            self._knowledge.word_cosines(row, others).numpy(),
-            self._knowledge.have_recipes(row, others).numpy(),
+            self._knowledge.word_cosines(row, partner_ids).numpy(),
+            self._knowledge.have_recipes(row, partner_ids).numpy(),
             partners == row,
         ]
-        one = np.full(len(partners), entity)
-        pairs = np.column_stack([one, self.known])
+        repeated = np.full(len(partners), entity)
+        pairs = np.column_stack([repeated, self.known])
         self._pairs = np.concatenate([self._pairs, pairs])
         self._results = np.concatenate([self._results, results])
         self._scores = np.concatenate([self._scores, scores])
@@ -195,15 +182,14 @@ class RecipeDiscoverer(Discoverer):
                 # Below all values, which are positive.
                 values[attempts > attempts.min()] = -1
             self._chosen = self.draw_best(values)
-        chosen = features[self._chosen]
+        chosen_features = features[self._chosen]
         pair = self._pairs[self._chosen]
         self._expected = np.exp(log_softmax(scores[self._chosen]))
-        self.thought = self._thought(reason, chosen)
-        self._seen = np.concatenate([self._seen, chosen[None]])
-        self._tried = np.concatenate([self._tried, pair[None]])
-        one, other = pair.tolist()
-        self._attempts[[one, other]] += 1
-        return one, other
+        self.thought = self._thought(reason, chosen_features)
+        self._seen = np.concatenate([self._seen, chosen_features[None]])
+        first, second = pair.tolist()
+        self._attempts[[first, second]] += 1
+        return first, second
 
     def _scores_of_new(self) -> Floats:
         """Return the scores of the results of P waiting pairs as new entities, (P, width)."""
@@ -223,11 +209,9 @@ class RecipeDiscoverer(Discoverer):
         """
         shares = np.exp(log_softmax(scores, axis=1))
         uses = self._uses[self._results]
-        worth = 1 + (shares * uses).sum(axis=1)
-        own_parts = self._own_parts[self._pairs].sum(axis=1)
-        log_odds = features @ self._weights + own_parts
-        chances = expit(log_odds)
-        return chances * worth
+        gains = 1 + (shares * uses).sum(axis=1)
+        chances = expit(features @ self._weights)
+        return chances * gains
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         if not new:
@@ -246,10 +230,7 @@ class RecipeDiscoverer(Discoverer):
             reason: the rule that chose the pair.
             features: its features, shape (len(PRIOR),).
         """
-        pair = self._pairs[self._chosen]
-        own_parts = self._own_parts[pair].sum()
-        log_odds = features @ self._weights + own_parts
-        chance = float(expit(log_odds))
+        chance = float(expit(features @ self._weights))
         results = self._results[self._chosen]
         # Known results keep a tiny share, which is that of nothing new.
         shares = np.where(self._is_known[results], 0.0, self._expected)
@@ -261,20 +242,24 @@ class RecipeDiscoverer(Discoverer):
     def _score(self, row: int, partners: NDArray[np.int64]) -> None:
         """Keep likely results with each partner and their scores, which are equal in all runs."""
         different = dict.fromkeys(partners.tolist())
-        wanted = [other for other in different if _ordered(row, other) not in self._scored]
-        if not wanted:
+        unscored = [
+            row_of_partner
+            for row_of_partner in different
+            if _ordered(row, row_of_partner) not in self._scored
+        ]
+        if not unscored:
             return
         # A result that is likely by the links of both ingredients is scored as a recipe.
-        fit = self._links_of([row]) + self._links_of(wanted)
-        of_own = fit[:, : self._own]
-        likely = of_own.topk(min(_LIKELY, self._own), dim=1).indices
+        fit = self._links_of([row]) + self._links_of(unscored)
+        fit_of_book = fit[:, : self._own]
+        candidates = fit_of_book.topk(min(_LIKELY, self._own), dim=1).indices
         # Shape (n, 1), against the n rows of likely results.
-        others = torch.tensor(wanted)[:, None]
-        scored = self._scorer.score_recipes(torch.tensor(row), others, likely)
+        partner_ids = torch.tensor(unscored)[:, None]
+        scored = self._scorer.score_recipes(torch.tensor(row), partner_ids, candidates)
         scores, best = scored.topk(self._width, dim=1)
-        results = likely.gather(1, best)
-        kept = zip(wanted, results.numpy(), scores.numpy(), strict=True)
-        for partner, results_of_pair, scores_of_pair in kept:
+        results = candidates.gather(1, best)
+        scored_pairs = zip(unscored, results.numpy(), scores.numpy(), strict=True)
+        for partner, results_of_pair, scores_of_pair in scored_pairs:
             self._scored[_ordered(row, partner)] = (results_of_pair, scores_of_pair)
 
     def _links_of(self, entities: Sequence[int]) -> torch.Tensor:
@@ -291,9 +276,9 @@ class RecipeDiscoverer(Discoverer):
             chances = expit(self._seen @ weights)
             # Gradient and Hessian of the negative log posterior: data, then the normal prior.
             errors = chances - self._made
-            of_data = self._seen.T @ errors
-            of_prior = (weights - self._mean) / self._variance
-            gradient = of_data + of_prior
+            data_gradient = self._seen.T @ errors
+            prior_gradient = (weights - self._mean) / self._variance
+            gradient = data_gradient + prior_gradient
             variances = chances * (1 - chances)
             curvature = (self._seen.T * variances) @ self._seen
             hessian = curvature + np.diag(1 / self._variance)
@@ -302,23 +287,6 @@ class RecipeDiscoverer(Discoverer):
             excess = np.abs(step).max() / _STEP
             weights = weights - step / max(1.0, excess)
         self._weights = weights
-        if self._spread > 0:
-            chances = expit(self._seen @ weights)
-            variances = chances * (1 - chances)
-            surprises = self._count(self._made - chances)
-            # 1 / spread is the precision of the prior.
-            certainty = self._count(variances) + 1 / self._spread
-            self._own_parts = surprises / certainty
-
-    def _count(self, values: Floats) -> Floats:
-        """Return the sum of each entity's attempts, shape (E,), from one value an attempt."""
-        one, other = self._tried.T
-        size = len(self._rows)
-        # An attempt with twice the same entity counts once for it.
-        of_other = np.where(one == other, 0, values)
-        sums_of_one = np.bincount(one, weights=values, minlength=size)
-        sums_of_other = np.bincount(other, weights=of_other, minlength=size)
-        return np.asarray(sums_of_one + sums_of_other, dtype=np.float64)
 
 
 def _ordered(one: int, other: int) -> Pair:

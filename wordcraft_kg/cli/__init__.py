@@ -13,8 +13,7 @@ the command in :data:`CORE`. Apps add commands by entry points in the group
 commands share the first word, such as ``people``, one module has ``SUBJECT``, the help text for
 this word. Import heavy packages inside the function: help stays fast.
 
-A command with many options names in ``SHOWN`` those that ``--help`` shows, and in ``FILE_ONLY``
-those that only the configuration file may set; ``docs/commands.md`` lists all.
+A command with many options names in ``FILE_ONLY`` those that only the configuration file may set.
 
 Change freely: help texts, examples, what is shown as text. Names of options and commands, the
 fields of JSON output and exit codes are used by scripts: keep them, or say in the changelog what
@@ -26,11 +25,11 @@ import os
 import re
 import sys
 import tomllib
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
-from itertools import chain, pairwise
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args
@@ -43,7 +42,7 @@ from wordcraft_kg import __version__
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ConfigError, StdoutError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.cli.console import OUTPUT_GROUP, Output, accept_all_characters
+from wordcraft_kg.cli.console import Output, accept_all_characters
 from wordcraft_kg.cli.failures import Failure, Manual, failure_of
 
 CORE = {
@@ -95,6 +94,7 @@ def make_app() -> App:
         version_flags=("--version", "-V"),
         help_format="plaintext",
         help_formatter=_FlowingHelp(),
+        config=_configure,
         # `main` runs the command itself: it needs the exit code, and shows errors in one style.
         result_action="return_value",
         suppress_keyboard_interrupt=False,
@@ -115,11 +115,8 @@ def make_app() -> App:
                 group=None if subject else group,
                 sort_key=place,
                 usage=f"Usage: {manual.usage}",
-                help_epilogue=_examples(manual.module) + _more_options(name, manual.module),
-                help_formatter=_FlowingHelp(
-                    getattr(manual.module, "SHOWN", None),
-                    getattr(manual.module, "FILE_ONLY", ()),
-                ),
+                help_epilogue=_examples(manual.module) + _file_options(name, manual.file_only),
+                help_formatter=_FlowingHelp(manual.file_only),
                 # "train" is not a command, but suggests the training commands.
                 synonym=tuple(word.split("-")),
             )
@@ -151,13 +148,18 @@ def _examples(*modules: ModuleType) -> str:
     return "Examples:\n\n" + "\n".join(f"  {line}" for line in lines)
 
 
-def _more_options(name: str, module: ModuleType) -> str:
-    """Return the help's last paragraph: where the options are that ``--help`` leaves out."""
-    if not hasattr(module, "SHOWN") and not hasattr(module, "FILE_ONLY"):
+def _file_options(name: str, file_only: Sequence[str]) -> str:
+    """Return the help's last paragraph: the options that a configuration file alone can set."""
+    if not file_only:
         return ""
+    settings = ", ".join(map(_setting, file_only))
     table = f"[{name.replace(' ', '.')}]"
-    lists = "\n\nMore options: docs/commands.md lists all;"
-    return f"{lists} --config FILE sets any in a table {table}."
+    return f"\n\nFurther settings, by --config FILE in a table {table}: {settings}."
+
+
+def _setting(option: str) -> str:
+    """Return the name of an option in a configuration file."""
+    return option.removeprefix("--").replace("-", "_")
 
 
 def commands_by_group() -> dict[str, list[str]]:
@@ -187,15 +189,12 @@ class _FlowingHelp(DefaultFormatter):
     """Help formatter that joins the lines of docstrings; blank lines and command lines stay.
 
     Args:
-        shown: names of the command's own options to show, such as ``--steps``. None shows all.
-            Arguments by place and the options of every command are always shown.
-        hidden: names of options that only the configuration file may set.
+        hidden: names of options that only the configuration file may set, such as ``--momentum``.
     """
 
-    def __init__(self, shown: Sequence[str] | None = None, hidden: Sequence[str] = ()) -> None:
+    def __init__(self, hidden: Sequence[str] = ()) -> None:
         super().__init__()
-        self.shown = shown
-        self.hidden = hidden
+        self.hidden = set(hidden)
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
         """Show a panel with commands or options.
@@ -209,20 +208,13 @@ class _FlowingHelp(DefaultFormatter):
         """
         entries = []
         for entry in panel.entries:
-            if self._is_shown(panel, entry):
+            if self.hidden.isdisjoint(entry.names):
                 _flow(entry.description)
                 by_place = bool(entry.positional_label)
                 entries.append(entry.copy(positive_names=()) if by_place else entry)
         if entries:
             _widen(console)
             super().__call__(console, options, panel.copy(entries=entries))
-
-    def _is_shown(self, panel: Any, entry: Any) -> bool:
-        if any(name in self.hidden for name in entry.names):
-            return False
-        if self.shown is None or entry.positional_label or panel.title == OUTPUT_GROUP:
-            return True
-        return any(name in self.shown for name in entry.names)
 
     def render_usage(self, console: Any, options: Any, usage: Any) -> None:
         """Print the usage line, the first of all.
@@ -294,9 +286,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # longer than the work.
     gc.set_threshold(200_000, 20, 100)
     accept_all_characters()
-    given = sys.argv[1:] if arguments is None else arguments
+    words = sys.argv[1:] if arguments is None else arguments
     # The arrow in a recipe would be taken for an option.
-    tokens = ["→" if token == "->" else token for token in given]
+    tokens = ["→" if token == "->" else token for token in words]
     if tokens[:1] == ["help"]:
         tokens = [*tokens[1:3], "--help"]
     name = command_in(tokens)
@@ -306,21 +298,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for token in tokens:
             _check_text(token, repr(token))
-        app = make_app()
-        # In this order: the file's options first, so that the checks also see them.
-        configs: list[Any] = []
-        path = _config_file(tokens)
-        if path is not None:
-            configs.append(Dict(_read_toml(path, name), source=path))
-        configs.append(_refuse_fractions)
-        if name and manual and hasattr(manual.module, "FILE_ONLY"):
-            configs.append(_refuse_on_command_line(name, manual.module.FILE_ONLY))
-        app.config = configs
-        try:
-            command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
-        finally:
-            # The application is kept, and this file's options are for this command line alone.
-            app.config = ()
+        command, bound, _ = make_app().parse_args(tokens, print_error=False, exit_on_error=False)
         output = bound.arguments.get("output", output)
         _check_working_folder()
         with output.session():
@@ -360,21 +338,13 @@ def _check_working_folder() -> None:
         ) from None
 
 
-def _config_file(tokens: Sequence[str]) -> str | None:
-    """Return the value of ``--config`` in a command line, before the options are parsed."""
-    parts: list[str] = []
-    for token in tokens:
-        parts += re.split("(?<=^--config)=", token)
-    return next((after for before, after in pairwise(parts) if before == "--config"), None)
-
-
 def _check_text(value: Any, where: str) -> None:
     """Refuse text that no file name or record may hold: not UTF-8, or with a NUL character."""
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, list):
-        for one in value:
-            _check_text(one, where)
+        for item in value:
+            _check_text(item, where)
     elif isinstance(value, str):
         if "\0" in value:
             raise ConfigError(f"{where}: {value!r} holds a NUL character. Remove this character.")
@@ -386,7 +356,46 @@ def _check_text(value: Any, where: str) -> None:
             ) from None
 
 
-def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+def _configure(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Take options from the file that ``--config`` names, and refuse misplaced values.
+
+    Args:
+        app: the application of the command.
+        commands: words of the command.
+        arguments: the options of the command line; those of the file are added.
+
+    Raises:
+        ConfigError: if the file cannot be read or has no table of the command, or the command line
+            sets an option of the file.
+        CoercionError: for a fraction as a whole number.
+    """
+    command = " ".join(commands)
+    if command in ALL:
+        _refuse_file_only(command, arguments)
+    for argument in arguments.filter_by(has_tokens=True):
+        if argument.name == "--config":
+            path = argument.tokens[0].value
+            Dict(_read_toml(path, command), source=path)(app, commands, arguments)
+    # After the file's options have been added, for these too.
+    _refuse_fractions(arguments)
+
+
+def _refuse_file_only(command: str, arguments: ArgumentCollection) -> None:
+    """Refuse options that only the configuration file may set.
+
+    Such options belong to an earlier study or to the paper's released code; on the command line
+    they would hide the options that users need.
+    """
+    file_only = manual_of(command).file_only
+    for argument in arguments:
+        if argument.tokens and argument.name in file_only:
+            raise ConfigError(
+                f"{argument.name} can only be set in a file: write `{_setting(argument.name)} = "
+                f"...` below [{command.replace(' ', '.')}] and pass it with --config FILE."
+            )
+
+
+def _refuse_fractions(arguments: ArgumentCollection) -> None:
     """Refuse a fraction for a whole number: the parser would cut it off without a word."""
     for argument in arguments:
         # `int`, `int | None`, `list[int]` and `list[int] | None`.
@@ -397,27 +406,7 @@ def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCo
                     raise CoercionError(argument=argument, token=token, target_type=int)
 
 
-def _refuse_on_command_line(command: str, names: Container[str]) -> Callable[..., None]:
-    """Return a check that refuses options which only the configuration file may set.
-
-    Such options belong to an earlier study or to the paper's released code; on the command line
-    they would hide the options that users need.
-    """
-
-    def check(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-        for argument in arguments:
-            for token in argument.tokens:
-                if argument.name in names and token.source == "cli":
-                    setting = argument.name.removeprefix("--").replace("-", "_")
-                    raise ConfigError(
-                        f"{argument.name} can only be set in a file: write `{setting} = ...` below "
-                        f"[{command}] and pass it with --config FILE."
-                    )
-
-    return check
-
-
-def _read_toml(path: str, command: str | None) -> dict[str, Any]:
+def _read_toml(path: str, command: str) -> dict[str, Any]:
     try:
         if "\0" in path or not Path(path).is_file():
             raise ConfigError(f"--config {path}: no such file.")
@@ -433,12 +422,10 @@ def _read_toml(path: str, command: str | None) -> dict[str, Any]:
                 f"--config {path}: '{table}' is not a table named after a "
                 f"command.{nearest(name, ALL)}"
             )
-    if command is None:
-        return {}
     if command not in tables:
-        given = ", ".join(tables).replace(" ", ".") or "no table"
+        names = ", ".join(tables).replace(" ", ".") or "no table"
         raise ConfigError(
-            f"--config {path}: no table [{command.replace(' ', '.')}]; found {given}."
+            f"--config {path}: no table [{command.replace(' ', '.')}]; found {names}."
         )
     # Paths in a run's config.toml are relative to the file.
     from wordcraft_kg.runs.config_file import moved

@@ -61,8 +61,6 @@ def _text(view: "BookList") -> Iterator[str]:
         rows.append((book.name, book.origin, entities, recipes, f"{place}{note}".lstrip()))
     yield from aligned(rows)
     yield "with invented words: made-up:BOOK, such as made-up:everyday; made-up-3:BOOK with seed 3"
-    yield "a small world cut out of a book: world-SEED:BOOK, such as world-7:everyday"
-    yield "with wrong results in some recipes: wrong-PERCENT:BOOK, such as wrong-30:everyday"
     own = view.data_folder or "not set"
     yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({own})"
 

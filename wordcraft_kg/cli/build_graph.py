@@ -81,8 +81,8 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         if name is None
         else check_label(name, "`name`")
     )
-    drawn = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
-    audited = write_graph_folder(folder, recipes, drawn, force=force)
+    partition = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
+    audited = write_graph_folder(folder, recipes, partition, force=force)
     warn_of_base(audited)
     warn_of_cases(graph.entities)
     warn_of_missing(graph.entities)

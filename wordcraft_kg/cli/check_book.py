@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.base.wording import counted, quoted
-from wordcraft_kg.cli.console import Flag, Output, lines_of, split_labels
+from wordcraft_kg.cli.console import Output, lines_of, split_labels
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Base, Book, FileOptions, Force
 
@@ -21,13 +21,12 @@ EXAMPLES = (
 )
 
 
-def check_book(  # noqa: PLR0913 - parameters are the command's options
+def check_book(
     book: Book,
     *,
     base: Base = None,
     against: str | None = None,
     limit: int = 10,
-    all: Flag = False,
     fix: Path | None = None,
     force: Force = False,
     file: FileOptions = FileOptions(),
@@ -45,7 +44,6 @@ def check_book(  # noqa: PLR0913 - parameters are the command's options
             Minecraft recipes, also in gzip or zip; or a known book's name.
         against: another book; report the share of recipes that both books have.
         limit: findings to show for each kind; the rest are counted. The JSON lists all findings.
-        all: show all findings.
         fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
             without results among their ingredients, in UTF-8 and the file's order, tables with
             further columns; what is left out is printed.
@@ -59,7 +57,7 @@ def check_book(  # noqa: PLR0913 - parameters are the command's options
         check_output_file(fix, force=force, setting="fix")
     labels = split_labels(base) if base else None
     view = view_check(book, labels, against, fix=fix, **file.for_reading())
-    output.result(view, _text(view, None if all else limit))
+    output.result(view, _text(view, limit))
     return 0 if view.passed else 1
 
 
@@ -84,14 +82,14 @@ def _left_out(view: "CheckedBook") -> Iterator[str]:
     assert view.reading is not None
     for reason, places in view.left_out.items():
         number = view.reading.left_out[reason]
-        more = ", ..." if number > len(places) > 0 else ""
-        at = f" (at {', '.join(map(str, places))}{more})" if places else ""
+        ellipsis = ", ..." if number > len(places) > 0 else ""
+        at = f" (at {', '.join(map(str, places))}{ellipsis})" if places else ""
         yield f"left out: {counted(number, 'row')} {reason}{at}"
     if view.columns_left_out:
         yield f"left out: the columns {', '.join(view.columns_left_out)}"
 
 
-def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
+def _text(view: "CheckedBook", limit: int) -> Iterator[str]:
     if view.reading is not None:
         yield view.reading.line()
     # The limit is one of each kind, or a thousand repetitions would hide a single fault.
@@ -99,12 +97,12 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
     for finding in view.findings:
         kind = f"{finding.severity} [{finding.kind}]"
         counts[kind] += 1
-        if limit is None or counts[kind] <= limit:
+        if counts[kind] <= limit:
             yield f"{kind} {_where(finding)}{with_options(finding.message)}"
     # Kinds that were cut say so after all findings, where the eye ends.
     for kind, number in counts.items():
-        if limit is not None and number > limit:
-            yield f"{kind} and {number - limit:,} more; --all shows them"
+        if number > limit:
+            yield f"{kind} and {number - limit:,} more; a larger --limit shows them"
     from wordcraft_kg.base.records import as_values
 
     figures = as_values(view.figures)
@@ -117,5 +115,5 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
         yield f"wrote the mended book to {view.fixed}"
         yield from _left_out(view)
     problems = sum(finding.severity == "problem" for finding in view.findings)
-    others = len(view.findings) - problems
-    yield f"{counted(problems, 'problem')}, {others:,} to look at"
+    notes = len(view.findings) - problems
+    yield f"{counted(problems, 'problem')}, {notes:,} to look at"

@@ -34,6 +34,8 @@ EXAMPLES = (
     "wordcraft-kg compare runs/no-kg-seeds runs/partial-seeds --distractors 1,2,8",
 )
 
+FILE_ONLY = ["--resamples"]
+
 PAGE_ENDINGS = (".html", ".htm")
 """Endings of a page; the first is added to any other file name."""
 

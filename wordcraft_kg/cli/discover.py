@@ -22,7 +22,7 @@ EXAMPLES = (
     "wordcraft-kg discover everyday --scorer models/everyday --out discovery.html",
     "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 --runs "
     "20",
-    "wordcraft-kg discover world-7:everyday --book little-alchemy-2 --attempts 500 --runs 10",
+    "wordcraft-kg discover everyday --book little-alchemy-2 --attempts 500 --runs 10",
 )
 
 

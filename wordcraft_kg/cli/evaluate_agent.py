@@ -24,6 +24,8 @@ EXAMPLES = (
     "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday --depth 2 --limit 2000",
 )
 
+FILE_ONLY = ["--distractor-policy"]
+
 
 @dataclass(frozen=True)
 class TaskOptions:

@@ -7,7 +7,7 @@ A defect of the package keeps its traceback.
 import os
 import re
 import traceback
-from collections.abc import Callable, Container
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
@@ -55,6 +55,12 @@ class Manual:
     module: ModuleType
 
     @property
+    def file_only(self) -> Sequence[str]:
+        """Names of the options that only the configuration file may set, such as ``--momentum``."""
+        names: Sequence[str] = getattr(self.module, "FILE_ONLY", ())
+        return names
+
+    @property
     def places(self) -> dict[str, str]:
         """Positional arguments by parameter name, as the usage line spells them: ``[GRAPH]``."""
         shown = {}
@@ -72,12 +78,12 @@ class Manual:
     @property
     def usage(self) -> str:
         """The usage line: command, positional arguments and required options."""
-        needed = []
+        options = []
         for parameter in signature(self.function).parameters.values():
             is_option = parameter.kind is parameter.KEYWORD_ONLY
             if is_option and parameter.default is parameter.empty:
-                needed.append(f"--{parameter.name} {parameter.name.upper()}")
-        return " ".join([self.command, *self.places.values(), *needed, "[OPTIONS]"])
+                options.append(f"--{parameter.name} {parameter.name.upper()}")
+        return " ".join([self.command, *self.places.values(), *options, "[OPTIONS]"])
 
 
 @dataclass(frozen=True)
@@ -134,7 +140,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, KeyboardInterrupt):
         return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
     if isinstance(error, WordCraftKGError):
-        shown = with_options(str(error), manual.places if manual else ())
+        shown = with_options(str(error), manual)
         return Failure(error.kind, shown, setting=error.setting)
     if isinstance(error, ModuleNotFoundError):
         # Of an optional package the remedy is known; another missing module is a defect.
@@ -148,8 +154,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
         )
     if isinstance(error, OSError):
         # Outputs are written at once or not at all, so nothing is half changed.
-        where = f"'{error.filename}': " if error.filename else ""
-        return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")
+        file_name = f"'{error.filename}': " if error.filename else ""
+        return Failure(kind, f"{file_name}{error.strerror or error}. Nothing was changed.")
     if isinstance(error, RuntimeError) and str(error).startswith(_NO_HOME):
         return Failure(
             kind,
@@ -157,8 +163,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
             "changed.",
         )
     # The RuntimeError comes from torch, for tensors.
-    of_torch = isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
-    if isinstance(error, MemoryError) or of_torch:
+    is_torch_memory = isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
+    if isinstance(error, MemoryError) or is_torch_memory:
         message = "this machine does not have enough memory. Nothing was changed."
         return Failure("MemoryError", message)
     return None
@@ -189,9 +195,9 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
     # Not its subclasses, whose own messages are plain.
     if type(error) is MissingArgumentError and error.argument is not None:
         keywords = [token.keyword for token in error.argument.tokens if token.keyword]
-        given = error.keyword or next(iter(keywords), None)
-        if given:
-            return f"{given} needs a value."
+        option = error.keyword or next(iter(keywords), None)
+        if option:
+            return f"{option} needs a value."
         name = error.argument.field_info.name
         if manual and name in manual.places:
             return f"{name.upper()} is missing."
@@ -207,19 +213,24 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
     return str(error).partition(" Available commands:")[0]
 
 
-def with_options(message: str, places: Container[str] = ()) -> str:
+def with_options(message: str, manual: Manual | None = None) -> str:
     """Replace Python setting names in backticks by command-line names.
 
     So `max_queries` becomes --max-queries: libraries' errors name settings as Python does.
 
     Args:
         message: text of an error.
-        places: settings that are positional arguments of the command; their names become upper
-            case, as in GRAPH.
+        manual: usage of the command. Its positional arguments become upper case, as in GRAPH, and
+            settings that only a configuration file takes stay as they are.
     """
+    places = manual.places if manual else ()
+    file_only = manual.file_only if manual else ()
 
     def named(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])
-        return name.upper() if name in places else f"--{name.replace('_', '-')}"
+        option = f"--{name.replace('_', '-')}"
+        if option in file_only:
+            return match[0]
+        return name.upper() if name in places else option
 
     return NAMED_SETTING.sub(named, message)

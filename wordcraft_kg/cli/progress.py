@@ -75,14 +75,14 @@ class Progress:
             self.close()
 
     def _print(self, done: int, total: int, figures: list[str]) -> None:
-        now = time.monotonic()
+        seconds = time.monotonic()
         # The end of a training is always worth a line, the end of a stage never.
         if done == total:
             if self.is_stage:
                 return
-        elif now - Progress._printed < self.INTERVAL:
+        elif seconds - Progress._printed < self.INTERVAL:
             return
-        Progress._printed = now
+        Progress._printed = seconds
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
         # A short stage that is repeated, such as ranking, is named once.
         if total == 1 and self.what in Progress._named:
@@ -105,8 +105,8 @@ class Progress:
             self._bar.add_task(self.what, total=known_total, count="", figures="")
             self._bar.start()
         # The time comes before it; a bar without steps has none.
-        left = "left" if has_steps else ""
-        shown = "  ".join([left, *figures])
+        unit = "left" if has_steps else ""
+        shown = "  ".join([unit, *figures])
         task = self._bar.task_ids[0]
         self._bar.update(task, completed=done, count=count, figures=shown)
 

@@ -83,9 +83,9 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         )
     entities = frozenset(loaded.scorer.entities)
     if queries is not None:
-        read = read_queries(queries, entities)
-        loaded = with_new_words(loaded, model, read, queries)
-        _score_file(loaded, read, top, new_only, out, force, output)
+        file_queries = read_queries(queries, entities)
+        loaded = with_new_words(loaded, model, file_queries, queries)
+        _score_file(loaded, file_queries, top, new_only, out, force, output)
         return
     query = parse_query(words, entities)
     loaded = with_new_words(loaded, model, [query])
@@ -196,9 +196,11 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
         yield "no answer: nothing is left to propose"
         return
     rows = []
-    for one, thing in zip(scored, things or map(_thing, scored), strict=True):
-        note = "(in-sample)" if getattr(one, "in_sample", False) else ""
-        rows.append((f"{one.score:9.4f}", one.known or "", thing, _chance(one), note))
+    for row_record, thing in zip(scored, things or map(_thing, scored), strict=True):
+        note = "(in-sample)" if getattr(row_record, "in_sample", False) else ""
+        rows.append(
+            (f"{row_record.score:9.4f}", row_record.known or "", thing, _chance(row_record), note)
+        )
     is_recipe = hasattr(scored[0], "in_sample")
     names = (
         f"{'nats' if is_recipe else 'score':>9}",
@@ -208,20 +210,20 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
         "",
     )
     # A column in which no row has anything has no heading either.
-    used = []
+    headings = []
     for place, name in enumerate(names):
         is_filled = any(row[place] for row in rows)
-        used.append(name if is_filled else "")
-    heading, *lines = aligned([used, *rows])
+        headings.append(name if is_filled else "")
+    heading, *lines = aligned([headings, *rows])
     yield heading
-    for number, (line, one) in enumerate(zip(lines, scored, strict=True)):
+    for number, (line, row_record) in enumerate(zip(lines, scored, strict=True)):
         yield line
         # Only recipes have these fields, and only the best rows are explained.
         if number < EXPLAINED:
-            support = getattr(one, "because", ())
+            support = getattr(row_record, "because", ())
             if support:
                 yield f"{'':9}  because {because(support)}"
-            for piece in getattr(one, "outside", ()):
+            for piece in getattr(row_record, "outside", ()):
                 yield f"{'':9}  {piece}"
 
 
@@ -245,18 +247,18 @@ def _chance(row: Any) -> str:
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
     from wordcraft_kg.evaluation.recipe_scores import BECAUSE
 
-    if any(getattr(one, "because", ()) for one in scored):
+    if any(getattr(row, "because", ()) for row in scored):
         yield f"because: {BECAUSE}."
-    if any(getattr(one, "outside", ()) for one in scored):
+    if any(getattr(row, "outside", ()) for row in scored):
         yield (
             "Lines with the name of a source: knowledge from outside the train recipes; in "
             "brackets a table's value."
         )
-    if any(getattr(one, "in_sample", False) for one in scored):
+    if any(getattr(row, "in_sample", False) for row in scored):
         yield (
             "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
         )
-    if kg == "full" and {"valid", "test"} & {one.known for one in scored}:
+    if kg == "full" and {"valid", "test"} & {row.known for row in scored}:
         yield "The model was trained on the full graph, test triples included."
 
 

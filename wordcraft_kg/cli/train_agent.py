@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.cli.console import Output, split_labels
 from wordcraft_kg.cli.options import Force, Graph, Seeds, Trackers
-from wordcraft_kg.cli.training import AGENTS, train
+from wordcraft_kg.cli.training import AgentsTraining, train
 from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
@@ -17,32 +17,41 @@ EXAMPLES = (
     "wordcraft-kg train-agent everyday --seeds 0-4 --out runs/no-kg-seeds",
 )
 
-# What most trainings need; a configuration file takes all options.
-SHOWN = [
-    "--preset",
-    "--scorer",
-    "--use",
-    "--steps",
-    "--seed",
-    "--seeds",
-    "--out",
-    "--force",
-    "--track",
-    "--depth",
-    "--distractors",
-    "--policy",
-    "--features",
-    "--learning-rate",
-    "--scorer-cost",
-    "--device",
-]
-# Settings of the paper's released code, or of an earlier study: no guide needs them.
+# Settings of the paper's released code, or chosen once for all by studies.
 FILE_ONLY = [
     "--ambiguity",
     "--baseline-cost",
+    "--batch-size",
+    "--checkpoint-every",
+    "--clip",
+    "--compile",
+    "--discount",
+    "--distractor-policy",
     "--distractor-weighting",
+    "--dropout",
+    "--embedding-size",
+    "--entropy-cost",
+    "--hidden-size",
+    "--key-size",
+    "--log-every",
+    "--memory-cost",
     "--momentum",
+    "--pair-size",
+    "--pays-held-out",
+    "--plan-width",
+    "--policy-lag",
+    "--pooling",
     "--rms-decay",
+    "--rms-epsilon",
+    "--scale",
+    "--sees-attempts",
+    "--self-edges",
+    "--tables",
+    "--task-weighting",
+    "--unroll",
+    "--value-readout",
+    "--value-size",
+    "--vector-noise",
 ]
 
 
@@ -68,5 +77,11 @@ def train_agent(  # noqa: PLR0913 - parameters are the command's options
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
     config.check_preset()
     return train(
-        AGENTS, config, out, force, output, seeds=seeds, trackers=split_labels(track or ())
+        AgentsTraining(),
+        config,
+        out,
+        force,
+        output,
+        seeds=seeds,
+        trackers=split_labels(track or ()),
     )

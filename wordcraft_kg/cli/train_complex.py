@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output, split_labels
 from wordcraft_kg.cli.options import Force, Graph, Seeds, Trackers
-from wordcraft_kg.cli.training import LINKS, train
+from wordcraft_kg.cli.training import LinkTraining, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
 EXAMPLES = (
@@ -17,25 +17,8 @@ EXAMPLES = (
     "wordcraft-kg train-complex graphs/mine --with knowledge/wn --out models/mine-wn",
 )
 
-# What most trainings need; a configuration file takes all options.
-SHOWN = [
-    "--kg",
-    "--dim",
-    "--epochs",
-    "--learning-rate",
-    "--n3",
-    "--negatives",
-    "--folds",
-    "--with",
-    "--patience",
-    "--train-fraction",
-    "--seed",
-    "--seeds",
-    "--device",
-    "--out",
-    "--force",
-    "--track",
-]
+# Chosen once for all by studies.
+FILE_ONLY = ["--batch-size", "--checkpoint-every", "--init-scale", "--patience", "--threads"]
 
 
 def train_complex(
@@ -57,4 +40,4 @@ def train_complex(
     """
     config = LinksConfig(graph, settings)
     trackers = split_labels(track or ())
-    return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)
+    return train(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
 from wordcraft_kg.cli.options import Force, OptionalBook, Seeds, Trackers
-from wordcraft_kg.cli.training import LINKS, train
+from wordcraft_kg.cli.training import LinkTraining, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
 
 EXAMPLES = (
@@ -19,24 +19,8 @@ EXAMPLES = (
     "wordcraft-kg train-links --list-models",
 )
 
-# What most trainings need; a configuration file takes all options.
-SHOWN = [
-    "--model",
-    "--list-models",
-    "--kg",
-    "--dim",
-    "--epochs",
-    "--learning-rate",
-    "--loop",
-    "--negatives",
-    "--folds",
-    "--seed",
-    "--seeds",
-    "--device",
-    "--out",
-    "--force",
-    "--track",
-]
+# Chosen once for all by studies.
+FILE_ONLY = ["--batch-size", "--checkpoint-every", "--eval-every", "--patience", "--threads"]
 
 
 def train_links(
@@ -67,7 +51,7 @@ def train_links(
         )
     config = LinksConfig(graph, settings)
     trackers = split_labels(track or ())
-    return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)
+    return train(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)
 
 
 def _list(output: Output) -> int:

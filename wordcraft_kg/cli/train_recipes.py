@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.options import Force, Graph
-from wordcraft_kg.cli.training import RECIPES, train
+from wordcraft_kg.cli.training import RecipeTraining, train
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 
 EXAMPLES = (
@@ -38,4 +38,4 @@ def train_recipes(
     Args:
         out: model folder to write. Default: models/<graph name>-recipes.
     """
-    return train(RECIPES, RecipesConfig(graph, settings), out, force, output)
+    return train(RecipeTraining(), RecipesConfig(graph, settings), out, force, output)

@@ -43,6 +43,7 @@ PROMPTS = {
         "A look-up does not use up an attempt. You have {look_ups}."
     ),
     "task": "Goal: {goal}\nTable: {table}\nAttempts left: {attempts_left}",
+    # No longer shown; frozen results have the hash of all texts.
     "selection": (
         "Goal: {goal}\nTable: {table}\nFirst pick: {selection}\nAttempts left: {attempts_left}"
     ),

@@ -23,9 +23,9 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, literature, reference_rows
+from wordcraft_kg.graphs.bottlenecks import WorldStatistics, world_statistics
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import is_in
-from wordcraft_kg.graphs.worlds import WorldStatistics, world_statistics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -337,38 +337,6 @@ def passages(
         attempt = float(np.median(passed)) if len(passed) else None
         found.append(Passage(bottleneck.entity, len(passed) / len(attempts), attempt))
     return tuple(found)
-
-
-def curve_area(known: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Return the mean number of discovered entities over all attempts: the area under a curve.
-
-    ``area = mean_{t = 1..n} (known_t - known_0)``. Unlike the number at the end, it counts early
-    discoveries more, and does not depend on the size of the base.
-
-    Args:
-        known: number of known entities after each attempt, 0 first, shape (..., n + 1).
-    """
-    gained = known[..., 1:] - known[..., :1]
-    return np.asarray(gained.mean(axis=-1), dtype=np.float64)
-
-
-def oracle_area(plays: Plays) -> tuple[str, float]:
-    """Return the better of the :data:`ORACLES`, and its mean area over runs.
-
-    Raises:
-        ConfigError: if neither plays.
-    """
-    areas = {}
-    for number, name in enumerate(plays.players):
-        if name in ORACLES:
-            areas[name] = float(curve_area(plays.known[number]).mean())
-    if not areas:
-        raise ConfigError(
-            f"`players` {', '.join(plays.players)}: expected one of {', '.join(ORACLES)}, whose "
-            "area is the measure of all others."
-        )
-    best = max(areas, key=lambda name: areas[name])
-    return best, areas[best]
 
 
 def explain_run(

@@ -7,7 +7,6 @@ from typing import get_args
 import msgspec
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.base.records import Count, Record, Share
@@ -113,42 +112,21 @@ class ScoredRecipeRow(Record):
 
 
 @dataclass(frozen=True)
-class _Recipes:
-    """Recipes to look up.
-
-    Attributes:
-        keys: from :func:`~wordcraft_kg.graphs.arrays.recipe_keys`, ascending, shape (n,).
-        num_entities: E, by which keys are made.
-    """
-
-    keys: Ids
-    num_entities: int
-
-    @classmethod
-    def of(cls, rows: Ids, num_entities: int) -> "_Recipes":
-        """Take recipes as ids, shape (n, 3), in any order."""
-        return cls(np.sort(recipe_keys(*rows.T, num_entities=num_entities)), num_entities)
-
-    def contain(self, rows: Ids) -> NDArray[np.bool_]:
-        """Return which recipes, ids of shape (n, 3), are among these, shape (n,)."""
-        return are_among(recipe_keys(*rows.T, num_entities=self.num_entities), self.keys)
-
-
-@dataclass(frozen=True)
 class RecipeScoring:
     """A recipe scorer, and the recipes that it and its book know.
 
     Attributes:
         model: the opened model.
         scorer: its recipe scorer; of a cross-fitted one that of all train recipes.
-        parts: recipes of each split part; empty without the graph.
-        seen: recipes that the scorer was trained on.
+        parts: keys of the recipes in each split part, ascending, by
+            :func:`~wordcraft_kg.graphs.arrays.recipe_keys`; empty without the graph.
+        seen: keys of the recipes that the scorer was trained on, ascending.
     """
 
     model: ScoringModel
     scorer: RecipeScores
-    parts: dict[Part, _Recipes]
-    seen: _Recipes
+    parts: dict[Part, Ids]
+    seen: Ids
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
@@ -167,11 +145,10 @@ class RecipeScoring:
             )
         size = len(scorer.entities)
         trained_on = scorer.recipes.cpu().numpy().astype(np.int64)
-        of_parts = {}
+        parts = {}
         if split is not None:
-            of_parts = {part: split.recipes(part) for part in get_args(Part)}
-        parts = {part: _Recipes.of(rows, size) for part, rows in of_parts.items()}
-        return cls(model, scorer, parts, _Recipes.of(trained_on, size))
+            parts = {part: np.sort(_keys(split.recipes(part), size)) for part in get_args(Part)}
+        return cls(model, scorer, parts, np.sort(_keys(trained_on, size)))
 
     def rows(self, query: RecipeQuery) -> Ids:
         """Return a query's recipes as ids, shape (n, 3).
@@ -209,15 +186,16 @@ class RecipeScoring:
         """
         if self.model.split is None:
             return [None] * len(rows)
-        known: list[Known | None] = ["new"] * len(rows)
+        parts: list[Known | None] = ["new"] * len(rows)
+        keys = _keys(rows, len(self.scorer.entities))
         for part, recipes in self.parts.items():
-            for row in np.flatnonzero(recipes.contain(rows)):
-                known[row] = part
-        return known
+            for row in np.flatnonzero(are_among(keys, recipes)):
+                parts[row] = part
+        return parts
 
     def in_sample(self, rows: Ids) -> list[bool]:
         """Return whether the scorer was trained on each recipe, ids of shape (n, 3)."""
-        return self.seen.contain(rows).tolist()
+        return are_among(_keys(rows, len(self.scorer.entities)), self.seen).tolist()
 
     def best(
         self, query: RecipeQuery, top: int, *, new_only: bool = False
@@ -284,7 +262,7 @@ class RecipeScoring:
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
         """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""
         finder = self.model.outside
-        known = self.known(rows)
+        parts = self.known(rows)
         in_sample = self.in_sample(rows)
         for i, score in enumerate(scores):
             a, b, result = self.labels(rows[i])
@@ -295,7 +273,7 @@ class RecipeScoring:
                 ingredient_b=b,
                 result=result,
                 score=score,
-                known=known[i],
+                known=parts[i],
                 in_sample=in_sample[i],
                 because=because,
                 probability=None,
@@ -308,6 +286,11 @@ class RecipeScoring:
         return a, b, result
 
 
+def _keys(rows: Ids, num_entities: int) -> Ids:
+    """Return a number for each recipe, ids of shape (n, 3), by which recipes are looked up."""
+    return recipe_keys(*rows.T, num_entities=num_entities)
+
+
 def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
     """Score a recipe, and rank each entity in its slot.
 
@@ -315,19 +298,19 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
         UnknownEntityError: for a label that the scorer does not know.
     """
     row = scoring.rows(query)
-    own = scoring.scores(row)
-    (recipe,) = scoring.recipes(row, own.tolist())
+    score = scoring.scores(row)
+    (recipe,) = scoring.recipes(row, score.tolist())
 
     def rank(slot: int) -> int:
         labels = list(query.slots)
         labels[slot] = None
-        opened = RecipeQuery(labels[0], labels[1], labels[2])
-        rows = scoring.rows(opened)
+        open_query = RecipeQuery(labels[0], labels[1], labels[2])
+        rows = scoring.rows(open_query)
         scores = scoring.scores(rows)
         # A recipe's score among others may differ in its last bits from its score alone, so that
         # it would be ranked behind itself.
         is_other = (rows != row).any(axis=1)
-        among = scores[~is_other].max() if not is_other.all() else own[0]
+        among = scores[~is_other].max() if not is_other.all() else score[0]
         # Optimistic for ties: entities with equal scores share the best rank.
         return 1 + int((scores[is_other] > among).sum())
 
@@ -398,13 +381,13 @@ def score_recipe_queries(
             rows = scoring.rows(query)
             values = [next(scores)]
             ranks = [None]
-        known = scoring.known(rows)
+        parts = scoring.known(rows)
         in_sample = scoring.in_sample(rows)
         line = query.line or 0
         for i, row in enumerate(rows):
-            if not new_only or known[i] == "new":
+            if not new_only or parts[i] == "new":
                 labels = scoring.labels(row)
-                yield ScoredRecipeRow(line, *labels, values[i], ranks[i], known[i], in_sample[i])
+                yield ScoredRecipeRow(line, *labels, values[i], ranks[i], parts[i], in_sample[i])
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:

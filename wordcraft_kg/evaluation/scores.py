@@ -249,24 +249,24 @@ class ScoringModel:
         # Half-products of chains are no things of the game, and no answers.
         order = order[~mark_half_products(self.scorer.entities)[order]]
         if query.relation == RELATIONS[COMPONENT_OF] and not self.proposes_self_results:
-            (given,) = (label for label in (query.head, query.tail) if label is not None)
-            order = order[order != int(self.scorer.entity_ids(given))]
+            (named,) = (label for label in (query.head, query.tail) if label is not None)
+            order = order[order != int(self.scorer.entity_ids(named))]
         # Without a filter the first ones are the answer, and parts of all others need no look-up.
         if not new_only:
             order = order[:top]
         heads = order if query.head is None else int(self.scorer.entity_ids(query.head))
         tails = order if query.tail is None else int(self.scorer.entity_ids(query.tail))
         triples = _triples(heads, RELATIONS.index(query.relation), tails)
-        known = self.known(triples)
-        chances = self.probabilities(triples, known)
-        kept = [i for i in range(len(order)) if not new_only or known[i] == "new"]
+        parts = self.known(triples)
+        chances = self.probabilities(triples, parts)
+        places = [i for i in range(len(order)) if not new_only or parts[i] == "new"]
         best = []
-        for i in kept[:top]:
+        for i in places[:top]:
             entity = int(order[i])
             candidate = ScoredEntity(
                 entity=self.scorer.entities[entity],
                 score=float(scores[entity]),
-                known=known[i],
+                known=parts[i],
                 probability=chances[i],
             )
             best.append(candidate)
@@ -286,7 +286,7 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
     """
     scorer = model.scorer
     head, relation, tail = _labels(query)
-    ((_, known, probability),) = _scores(model, [(head, relation, tail)])
+    ((_, part, probability),) = _scores(model, [(head, relation, tail)])
     # Whole lists: the rank is the place, known triples included.
     tails = _ranked_names(scorer.top(head, relation, None, limit=None), tail)
     heads = _ranked_names(scorer.top(None, relation, tail, limit=None), head)
@@ -295,7 +295,7 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
         relation=relation,
         tail=tail,
         score=float(scorer.score(head, relation, tail)),
-        known=known,
+        known=part,
         rank_as_tail=1 + tails.index(tail),
         rank_as_head=1 + heads.index(head),
         trained_on=model.kg,
@@ -330,11 +330,11 @@ def view_open_slot(
     best = model.answers(query, top, new_only=new_only)
     # Evidence only for the listed entities: looking it up is slow beside scoring.
     if model.outside:
-        for i, one in enumerate(best):
-            head = query.head or one.entity
-            tail = query.tail or one.entity
+        for i, entity in enumerate(best):
+            head = query.head or entity.entity
+            tail = query.tail or entity.entity
             outside = model.outside.of_link(head, query.relation, tail)
-            best[i] = msgspec.structs.replace(one, outside=outside)
+            best[i] = msgspec.structs.replace(entity, outside=outside)
     return OpenSlot(query.head, query.relation, query.tail, tuple(best), model.kg, model.by_words)
 
 
@@ -388,10 +388,10 @@ def _scores(
     tails = model.scorer.entity_ids(tail)
     relations = torch.tensor([RELATIONS.index(label) for label in relation])
     ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
-    known = model.known(ids)
-    chances = model.probabilities(ids, known)
+    parts = model.known(ids)
+    chances = model.probabilities(ids, parts)
     scores = model.scorer.score(heads, relations, tails).tolist()
-    return list(zip(scores, known, chances, strict=True))
+    return list(zip(scores, parts, chances, strict=True))
 
 
 def view_file(
@@ -447,10 +447,10 @@ def with_new_words(
     """
     # In the order of the queries, with the line where each new entity first stands.
     lines: dict[str, int | None] = {}
-    known = frozenset(model.scorer.entities)
+    entities = frozenset(model.scorer.entities)
     for query in queries:
         for label in query.labels:
-            if label not in known:
+            if label not in entities:
                 lines.setdefault(label, query.line)
     if not lines:
         return model
@@ -479,11 +479,11 @@ def note_of_words(model: ScoringModel) -> list[str]:
         return []
     # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
     if len(words) == 1:
-        known = model.scorer.entities[: -len(words)]
+        entities = model.scorer.entities[: -len(words)]
         return [
             f"'{words[0]}' is not in the graph: scored by its words alone."
-            f"{nearest(words[0], known)}"
+            f"{nearest(words[0], entities)}"
         ]
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
-    more = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
-    return [f"{listed}{more} are not in the graph: scored by their words alone."]
+    rest = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
+    return [f"{listed}{rest} are not in the graph: scored by their words alone."]

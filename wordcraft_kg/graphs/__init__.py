@@ -8,12 +8,11 @@ book and the split's settings.
 
 Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
-- ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``, ``worlds``: recipe books,
-  as values, as files of any shape, under construction, by name, with invented words, and cut out of
-  other books;
+- ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``: recipe books, as values,
+  as files of any shape, under construction, by name, and with invented words;
 - ``chains``, ``reading``: recipes of other numbers of ingredients, and how a file was read;
-- ``recipe_graph``, ``arrays``, ``triples``, ``planner``: the graph, its id arrays, its triples,
-  and the cheapest derivations;
+- ``recipe_graph``, ``arrays``, ``triples``, ``planner``, ``bottlenecks``: the graph, its id
+  arrays, its triples, the cheapest derivations, and the entities that many others need;
 - ``splits``, ``folds``, ``train_samples``: recipes held out for tests, for cross-fitting, or left
   out and changed to train on less;
 - ``tasks``, ``task_search``: crafting tasks and the search for all their shortest plans;

@@ -259,7 +259,7 @@ def open_graph(
         RecipeFileError: if a book cannot be read, or there is no such folder, file or book.
         SplitError: if the book is too small for ``config``, or has no kinds of recipes for a split
             by kind.
-        ConfigError: if an option, or a number in a prefix such as ``world-3:``, is out of range.
+        ConfigError: if an option is out of range.
 
     Example:
         >>> opened = open_graph("kitchen")

@@ -22,8 +22,6 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.book_files import ReadOptions, read_book
 from wordcraft_kg.graphs.made_up import PREFIX, with_made_up_words
 from wordcraft_kg.graphs.recipes import RecipeBook
-from wordcraft_kg.graphs.worlds import PREFIX as WORLD
-from wordcraft_kg.graphs.worlds import WAYS, WRONG, cut_world, with_wrong_recipes
 
 DATA_VARIABLE = "WORDCRAFT_KG_DATA"
 """Environment variable for the data folder, which holds the user's recipe books."""
@@ -31,10 +29,6 @@ ENDINGS = (".csv", ".tsv", ".json")
 _BUILT_IN = Path(__file__).parent / "books"
 MADE_UP = re.compile(rf"{PREFIX}(?:-(\d+))?:(.+)")
 """Name of a book with invented words; groups: the seed, and the original book's name or file."""
-CUT = re.compile(rf"{WORLD}(?:-({'|'.join(WAYS)}))?-(\d+):(.+)")
-"""Name of a world; groups: the way to cut it, the seed, and the original book's name or file."""
-CHANGED = re.compile(rf"{WRONG}-(\d{{1,3}})(?:-(\d+))?:(.+)")
-"""Name of a book with wrong recipes; groups: per cent, the seed, and the original book."""
 _SILENCE = 30  # seconds without a byte from the server
 _DEADLINE = 300  # seconds for the whole download
 _MAX_BYTES = 64 * 2**20
@@ -156,21 +150,18 @@ def known_books() -> list[KnownBook]:
     return list(books.values())
 
 
-def without_prefixes(source: str) -> tuple[str, str]:
-    """Split the name of a book that is made from another into prefixes and the other's name.
+def without_prefix(source: str) -> tuple[str, str]:
+    """Split the name of a book with invented words into its prefix and the original's name.
 
     Example:
-        >>> without_prefixes("world-3:made-up:book.csv")
-        ('world-3:made-up:', 'book.csv')
+        >>> without_prefix("made-up-5:book.csv"), without_prefix("book.csv")
+        (('made-up-5:', 'book.csv'), ('', 'book.csv'))
     """
-    original = source
-    while True:
-        matches = (pattern.fullmatch(original) for pattern in (MADE_UP, CUT, CHANGED))
-        match = next(filter(None, matches), None)
-        if match is None:
-            return source[: len(source) - len(original)], original
-        # The last group of each pattern is the original book.
-        original = match[match.lastindex or 0]
+    match = MADE_UP.fullmatch(source)
+    if match is None:
+        return "", source
+    original = match[2]
+    return source.removesuffix(original), original
 
 
 def locate_book(name_or_path: str | Path) -> LocatedBook:
@@ -181,7 +172,7 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
             differs from the published file.
     """
     path = Path(name_or_path)
-    prefix, original = without_prefixes(str(name_or_path))
+    prefix, original = without_prefix(str(name_or_path))
     if prefix:
         raise RecipeFileError(
             f"'{name_or_path}' has no file, because it is made from '{original}'; give that book."
@@ -227,17 +218,12 @@ def open_book(
         name_or_path: a file, a graph folder, or the name of a known book, see :func:`known_books`.
             ``made-up:BOOK`` replaces all words by invented words, ``made-up-SEED:BOOK`` with
             another seed than 0; see :func:`~wordcraft_kg.graphs.made_up.with_made_up_words`.
-            ``world-SEED:BOOK`` and ``world-WAY-SEED:BOOK`` cut a world out of a book
-            (:func:`~wordcraft_kg.graphs.worlds.cut_world`), and ``wrong-PERCENT:BOOK`` changes
-            results (:func:`~wordcraft_kg.graphs.worlds.with_wrong_recipes`). Prefixes may follow
-            each other; the last one is applied first.
         keep_self_results: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
         options: what a user says about the file, such as ``columns``, see
             :class:`~wordcraft_kg.graphs.book_files.BookOptions`.
 
     Raises:
-        RecipeFileError: if there is no such book, it cannot be read, or no world can be cut.
-        ConfigError: if a prefix has a number out of range.
+        RecipeFileError: if there is no such book, or it cannot be read.
 
     Example:
         >>> len(open_book("kitchen").recipes)
@@ -248,16 +234,6 @@ def open_book(
         seed, original = made_up.groups()
         book = open_book(original, keep_self_results=keep_self_results, **options)
         return with_made_up_words(book, int(seed or 0))
-    cut = CUT.fullmatch(str(name_or_path))
-    if cut:
-        way, seed, original = cut.groups()
-        book = open_book(original, keep_self_results=keep_self_results, **options)
-        return cut_world(book, int(seed), way)
-    changed = CHANGED.fullmatch(str(name_or_path))
-    if changed:
-        percent, seed, original = changed.groups()
-        book = open_book(original, keep_self_results=keep_self_results, **options)
-        return with_wrong_recipes(book, int(percent), int(seed or 0))
     located = locate_book(name_or_path)
     content = read_book(
         located.path,

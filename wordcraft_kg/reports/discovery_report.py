@@ -1,6 +1,4 @@
-"""Pages for open-ended play: entities that each player discovers, in one world and in many."""
-
-from collections.abc import Mapping, Sequence
+"""A page for open-ended play: the entities that each player discovers."""
 
 import numpy as np
 from markupsafe import Markup
@@ -14,7 +12,6 @@ from wordcraft_kg.agents.discovery import (
     summarise_curves,
 )
 from wordcraft_kg.evaluation.discovery import ORACLES, DiscoveryView
-from wordcraft_kg.evaluation.discovery_worlds import Estimated, PlayedWorld, WorldsView
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.reports import charts
@@ -123,67 +120,3 @@ def discovery_map(
         entities.append(charts.Found(label, crafting_round, attempt, share))
     about = f"Entities that {player} discovered, by crafting round; early ones in strong colour"
     return charts.found_map(entities, view.attempts, number, about)
-
-
-def worlds_page(view: WorldsView, worlds: Sequence[PlayedWorld]) -> str:
-    """Render results in many worlds as an HTML page.
-
-    Args:
-        view: the results.
-        worlds: the runs that they summarise, for the curves of each world.
-    """
-    colours = {name: number for number, name in enumerate(view.players)}
-    known: dict[str, list[charts.CurvePoint]] = {}
-    for name, player in view.players.items():
-        known[name] = []
-        for attempt, value in player.curve.items():
-            known[name].append((int(attempt), *_bounds(value)))
-    about = "Mean number of entities known after each attempt, over all worlds"
-    picture = charts.curves(known, "attempts", "entities known", about, colours=colours)
-    pictures = {"known": picture}
-    areas = []
-    passed = []
-    for name, player in view.players.items():
-        areas.append((name, _bounds(player.area)))
-        if player.passed is not None:
-            passed.append((name, _bounds(player.passed)))
-    about = "Area under each player's curve, relative to the better oracle of each world"
-    pictures["areas"] = charts.intervals(areas, "relative area", about, percent=True)
-    if passed:
-        about = "Share of the runs that learn the main bottleneck of their world"
-        pictures["passed"] = charts.intervals(passed, "runs", about, percent=True)
-    by_world = []
-    for world, played in zip(view.worlds, worlds, strict=True):
-        curves = _world_curves(played, world.name, colours)
-        by_world.append((world.name, curves))
-    return render_page(
-        "worlds_report.html.j2",
-        report=view,
-        pictures=pictures,
-        by_world=by_world,
-        oracles=ORACLES,
-    )
-
-
-def _bounds(value: Estimated) -> charts.Estimate:
-    """Return a value with its bounds, as charts take it."""
-    return value.mean, value.low, value.high
-
-
-def _world_curves(played: PlayedWorld, name: str, colours: Mapping[str, int]) -> Markup:
-    """Draw the mean curves of one world, of each player over runs and fits."""
-    series: dict[str, list[charts.CurvePoint]] = {}
-    for player in played.fits[0].players:
-        runs = []
-        for plays in played.fits_of(player):
-            number = plays.players.index(player)
-            runs.append(plays.known[number])
-        mean = np.concatenate(runs).mean(axis=0)
-        # A curve of 40 steps is smooth, and twenty worlds fit on a page.
-        last = len(mean) - 1
-        steps = np.linspace(0, last, 41).round()
-        # Short runs have fewer attempts than steps.
-        attempts = np.unique(steps.astype(int)).tolist()
-        series[player] = [(attempt, float(mean[attempt]), None, None) for attempt in attempts]
-    about = f"Mean number of entities known after each attempt in {name}"
-    return charts.curves(series, "attempts", "entities known", about, colours=colours)

@@ -19,7 +19,7 @@ from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError
 from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.records import as_record
-from wordcraft_kg.graphs.library import without_prefixes
+from wordcraft_kg.graphs.library import without_prefix
 
 CONFIG_FILE = "config.toml"
 T = TypeVar("T")
@@ -63,7 +63,7 @@ class RunConfig:
         """Read ``config.toml``.
 
         Raises:
-            ArtefactError: if it is missing or damaged, belongs to another command, has a wrong,
+            ArtefactError: if it is missing or damaged, belongs to another command, or has a wrong,
                 missing or unknown setting.
         """
         command, settings = read_config(folder)
@@ -144,7 +144,7 @@ def write_config(
     """
 
     def relative(path: str) -> str:
-        prefix, path = without_prefixes(path)
+        prefix, path = without_prefix(path)
         return prefix + (os.path.relpath(path, folder) if os.path.exists(path) else path)
 
     lines = [f"[{command}]"]
@@ -170,7 +170,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """
 
     def from_here(path: str) -> str:
-        prefix, path = without_prefixes(path)
+        prefix, path = without_prefix(path)
         there = folder / path
         return prefix + (os.path.normpath(there) if os.path.exists(there) else path)
 

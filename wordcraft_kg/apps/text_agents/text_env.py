@@ -1,7 +1,6 @@
 """The crafting game for Gymnasium by text: observations and actions are strings.
 
-An action is a message, as in all conversations, and makes an attempt; ``TextObservation`` is the
-wrapper in which an action chooses one item.
+An action is a message, as in all conversations, and makes an attempt.
 """
 
 import string

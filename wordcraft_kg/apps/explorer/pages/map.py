@@ -278,15 +278,15 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
         return np.full((number, 2), [WIDTH // 2, HEIGHT // 2])
     degree = np.bincount(links.ravel(), minlength=number)
     # At least 1 at both ends, which the link itself counts: no division by 0.
-    of_both_ends = degree[links].prod(axis=1)
-    weight = 1 / np.sqrt(of_both_ends)
-    one, other = links.T
-    is_within = group_of[one] == group_of[other]
+    degree_product = degree[links].prod(axis=1)
+    weight = 1 / np.sqrt(degree_product)
+    heads, tails = links.T
+    is_within = group_of[heads] == group_of[tails]
     weight[is_within] *= PULL
     weighted = nx.Graph()
     weighted.add_nodes_from(range(number))
     # All links are built in, in this order: the layout depends on it.
-    edges = zip(one.tolist(), other.tolist(), weight.tolist(), strict=True)
+    edges = zip(heads.tolist(), tails.tolist(), weight.tolist(), strict=True)
     weighted.add_weighted_edges_from(edges)
     layout = nx.forceatlas2_layout(weighted, max_iter=ROUNDS, weight="weight", seed=0)
     places = np.array([layout[entity] for entity in range(number)])
@@ -374,9 +374,9 @@ def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot
     """Return a dot near the middle of an entity's placed neighbours, or of the map."""
     partners = np.concatenate(_partners(graph, entity))
     near = []
-    for one in np.unique(partners).tolist():
-        if one in spot_of:
-            spot = spot_of[one]
+    for partner in np.unique(partners).tolist():
+        if partner in spot_of:
+            spot = spot_of[partner]
             near.append((spot.x, spot.y))
     if not near:
         near = [(WIDTH // 2, HEIGHT // 2)]

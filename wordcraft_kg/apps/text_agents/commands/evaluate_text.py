@@ -31,26 +31,6 @@ EXAMPLES = (
     "--attempts 100",
 )
 
-# Options in the help; the others work all the same, and are in the guide.
-SHOWN = [
-    "--player",
-    "--timeout",
-    "--name",
-    "--out",
-    "--force",
-    "--part",
-    "--depth",
-    "--distractors",
-    "--attempts",
-    "--open-ended",
-    "--base",
-    "--knowledge",
-    "--scorer",
-    "--look-ups",
-    "--distractor-seeds",
-    "--tasks",
-]
-
 
 def evaluate_text(
     graph: Book = "everyday",

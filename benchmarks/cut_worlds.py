@@ -1,83 +1,52 @@
 """Worlds: small books cut out of a book, and books whose recipes contradict it.
 
+    python benchmarks/cut_worlds.py everyday 8 graphs/world-8
+    wordcraft-kg discover graphs/world-8 --book little-alchemy-2 --attempts 500 --runs 10
+
+Writes world 8 of ``everyday`` as a graph folder, which every command takes. ``--way topic`` chooses
+the way to cut, and ``--wrong 30`` first exchanges the results of 30 % of the book's recipes.
+
 A single book measures luck: one entity may be needed for most others, and a player either learns
-it or not. Many worlds of one book have many such entities. ``world-7:everyday`` names a world
-wherever a book is asked for.
+it or not. Many worlds of one book have many such entities; ``discovery_worlds.py`` plays them.
 """
 
+import argparse
 import math
+import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from hashlib import sha256
-from operator import attrgetter
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ConfigError, RecipeFileError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError, WordCraftKGError
 from wordcraft_kg.base.settings import one_of, whole
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.planner import Planner, layers, rounds
+from wordcraft_kg.graphs.folder import default_split, write_graph_folder
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.planner import Planner, layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
 PREFIX = "world"
-"""Begin of a world's name, as in ``world-7:everyday``."""
+"""Begin of a world's name, as in ``world-7-everyday``."""
 WRONG = "wrong"
-"""Begin of the name of a book with wrong recipes, as in ``wrong-30:everyday``."""
+"""Begin of the name of a book with wrong recipes, as in ``wrong-30-everyday``."""
 WAYS = ("base", "topic", "closure")
 """Ways to cut a world, which take turns with the seed; see :func:`cut_world`."""
 SIZES = (200, 700)
 """Fewest and most entities of a world: as many as Little Alchemy 2 has, or fewer."""
 BASES = (4, 6)
 """Fewest and most base entities: Infinite Craft has 4, ``everyday`` 5."""
-MOST_ANALYSED = 5_000
-"""Most entities of a graph with bottlenecks: each entity costs a walk through all recipes."""
 
+_DRAWS = 20  # of a base; about one in twenty of ``everyday`` makes too little
 _EXCHANGES = 60  # of base entities: ten for each, of which about two in ``everyday`` are possible
 _RESTART = 0.3  # probability of a random walk to go back to the topic; it then takes 3 steps
 _STEPS = 20  # of the walk: all but 0.7^20 = 0.1 % of its probability has gone back by then
 _TRIED = 5  # candidates for a topic's world, in sizes of the world: most add a long derivation
 _REPAIRS = 100  # rounds of exchanges for wrong results that fit no pair
-
-
-class Bottleneck(Record):
-    """An entity without which others cannot be made.
-
-    Attributes:
-        entity: label.
-        needed_by: number of other entities that become unreachable without it.
-        round: crafting round from which on it can be made.
-    """
-
-    entity: str
-    needed_by: Count
-    round: Count
-
-
-class WorldStatistics(Record):
-    """Sizes and bottlenecks of the part of a graph that can be made.
-
-    Attributes:
-        reachable: number of entities that can be made from the base, including the base.
-        width: entities that become known in each round, in which all known pairs are combined;
-            the first number is the base.
-        success_rate: share of the unordered pairs of reachable entities, a + a among them, with a
-            recipe.
-        pairs: number of these pairs.
-        bottlenecks: made entities that others need, those needed by most first.
-        main: the main bottleneck: of the entities that half of the world needs, the one of the
-            latest round; without any, the one needed by most. Earlier ones are on the way to it,
-            and every player passes them. None without bottlenecks.
-    """
-
-    reachable: Count
-    width: tuple[Count, ...]
-    success_rate: Share
-    pairs: Count
-    bottlenecks: tuple[Bottleneck, ...]
-    main: Bottleneck | None
 
 
 def cut_world(
@@ -127,17 +96,19 @@ def cut_world(
     rng = np.random.default_rng([seed, WAYS.index(way)])
     size = int(rng.integers(fewest, most + 1))
     has_base = BASES[0] <= len(graph.base_ids) <= BASES[1]
+    base = graph.base_ids
     if way == "base" or not has_base:
-        base = _drawn_base(graph, rng, size)
-    else:
-        base = graph.base_ids
+        for _ in range(_DRAWS):
+            base = _drawn_base(graph, rng, size)
+            if _num_reachable(graph, base.tolist()) >= fewest:
+                break
     layer = layers(graph, base.tolist())
     reachable = int((layer >= 0).sum())
     if reachable < fewest:
         raise RecipeFileError(
             f"no world of at least {fewest} entities in {book.name}: {reachable:,} of its "
             f"{graph.num_entities:,} entities can be made from {len(base)} base entities. Take a "
-            "larger book, such as everyday."
+            "book in which more can be made, or smaller `sizes`."
         )
     if way == "base":
         kept = _first_made(layer, rng, size)
@@ -381,79 +352,27 @@ def _hash_of(book: RecipeBook, named: str) -> str | None:
     return sha256(f"{named} {book.sha256}".encode()).hexdigest()
 
 
-def bottlenecks(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> list[tuple[int, int]]:
-    """Count the entities that need each made entity.
-
-    Args:
-        graph: the recipe graph; the time grows with its entities times its recipes.
-        base: entities known at the start; None for the graph's base.
-
-    Returns:
-        Pairs (entity id, number of other entities that cannot be made without it), the largest
-        number first, then by id; without entities that none needs.
-
-    Raises:
-        UnknownEntityError: if an entity in ``base`` is not in the graph.
-    """
-    layer = layers(graph, base)
-    is_used = graph.use_counts > 0
-    a, b, result = graph.recipes.T
-    reachable = layer >= 0
-    number = int(reachable.sum())
-    needed = []
-    for entity in np.flatnonzero((layer > 0) & is_used).tolist():
-        # Entities of the same round and of earlier ones are made without it.
-        known = reachable & (layer <= layer[entity])
-        known[entity] = False
-        # Round by round, all that can be made without it.
-        while True:
-            made = result[known[a] & known[b]]
-            is_new = ~known[made] & (made != entity)
-            if not is_new.any():
-                break
-            known[made[is_new]] = True
-        # Without the entity itself, which is not known either.
-        lost = number - int(known.sum()) - 1
-        if lost:
-            needed.append((entity, lost))
-    return sorted(needed, key=lambda pair: (-pair[1], pair[0]))
-
-
-def world_statistics(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> WorldStatistics:
-    """Describe the part of a graph that can be made.
-
-    Args:
-        graph: the recipe graph. One of more than :data:`MOST_ANALYSED` entities gets no
-            bottlenecks, whose cost grows with entities times recipes.
-        base: entities known at the start; None for the graph's base.
-
-    Raises:
-        UnknownEntityError: if an entity in ``base`` is not in the graph.
-    """
-    # Read twice below, and an iterator can be read once.
-    start = None if base is None else list(base)
-    layer = layers(graph, start)
-    reachable = int((layer >= 0).sum())
-    known = rounds(layer)
-    width = np.diff([0, *known]).tolist()
-    # Unordered pairs, an entity with itself included.
-    pairs = reachable * (reachable + 1) // 2
-    # The first recipe of each pair: a pair with several results counts once.
-    firsts = graph.recipes[graph.pair_starts[:-1], :2]
-    combining = int((layer[firsts] >= 0).all(axis=1).sum())
-    is_small = graph.num_entities <= MOST_ANALYSED
-    needed = bottlenecks(graph, start) if is_small else []
-    found = []
-    for entity, lost in needed:
-        found.append(Bottleneck(graph.entities[entity], lost, int(layer[entity])))
-    half = [bottleneck for bottleneck in found if 2 * bottleneck.needed_by >= reachable]
-    # Sorted by need before, so that of the last round the one needed by most counts.
-    main = max(half or found[:1], key=attrgetter("round"), default=None)
-    return WorldStatistics(
-        reachable=reachable,
-        width=tuple(width),
-        success_rate=combining / pairs if pairs else 0.0,
-        pairs=pairs,
-        bottlenecks=tuple(found),
-        main=main,
+def main() -> None:
+    """Cut a world and write its graph folder."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("book", help="the book to cut a world out of")
+    parser.add_argument("seed", type=int, help="number of the world")
+    parser.add_argument("folder", type=Path, help="graph folder to write")
+    parser.add_argument("--way", choices=WAYS, help="by default, the ways take turns")
+    parser.add_argument("--wrong", type=int, help="per cent of the recipes with another result")
+    options = parser.parse_args()
+    try:
+        book = open_book(options.book)
+        if options.wrong is not None:
+            book = with_wrong_recipes(book, options.wrong)
+        world = cut_world(book, options.seed, options.way)
+        write_graph_folder(options.folder, world, default_split(RecipeGraph.from_book(world)))
+    except WordCraftKGError as error:
+        sys.exit(f"{error.kind}: {error}")
+    print(f"wrote {options.folder}/: {len(world.entities)} entities, {len(world.recipes)} recipes")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,7 +1,6 @@
 """Open-ended play in many worlds: means and intervals over worlds, runs and fits.
 
-One world measures luck with one recipe; :mod:`~wordcraft_kg.graphs.worlds` cuts many. A player
-plays each world several times; a player with a trained scorer plays with several fits of it.
+One world measures luck with one recipe; ``cut_worlds`` cuts many. A player plays each world several times; a player with a trained scorer plays with several fits of it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,9 +13,9 @@ from wordcraft_kg.agents.discovery import NEVER, Plays
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.statistics import crossed_difference, rate_interval
-from wordcraft_kg.evaluation.discovery import curve_area, main_statistics, oracle_area
+from wordcraft_kg.evaluation.discovery import ORACLES, main_statistics
+from wordcraft_kg.graphs.bottlenecks import WorldStatistics
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.worlds import WorldStatistics
 
 MARKS = (50, 100, 200, 300, 500)
 """Numbers of attempts at which known entities are reported."""
@@ -124,12 +123,44 @@ class WorldsView(Record):
     best: str | None
 
 
+def curve_area(known: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the mean number of discovered entities over all attempts: the area under a curve.
+
+    ``area = mean_{t = 1..n} (known_t - known_0)``. Unlike the number at the end, it counts early
+    discoveries more, and does not depend on the size of the base.
+
+    Args:
+        known: number of known entities after each attempt, 0 first, shape (..., n + 1).
+    """
+    gained = known[..., 1:] - known[..., :1]
+    return np.asarray(gained.mean(axis=-1), dtype=np.float64)
+
+
+def oracle_area(plays: Plays) -> tuple[str, float]:
+    """Return the better of the :data:`ORACLES`, and its mean area over runs.
+
+    Raises:
+        ConfigError: if neither plays.
+    """
+    areas = {}
+    for number, name in enumerate(plays.players):
+        if name in ORACLES:
+            areas[name] = float(curve_area(plays.known[number]).mean())
+    if not areas:
+        raise ConfigError(
+            f"`players` {', '.join(plays.players)}: expected one of {', '.join(ORACLES)}, whose "
+            "area is the measure of all others."
+        )
+    best = max(areas, key=lambda name: areas[name])
+    return best, areas[best]
+
+
 def _shapes(world: PlayedWorld) -> list[tuple[tuple[str, ...], tuple[int, ...]]]:
     """Return the players, and the numbers of runs and attempts, of each fit of a world."""
     return [(plays.players, plays.known.shape) for plays in world.fits]
 
 
-def view_worlds(worlds: Sequence[PlayedWorld], oracles: Sequence[str]) -> WorldsView:
+def view_worlds(worlds: Sequence[PlayedWorld]) -> WorldsView:
     """Summarise runs in many worlds.
 
     Intervals are those of :func:`~wordcraft_kg.base.statistics.crossed_difference`: worlds are
@@ -137,7 +168,6 @@ def view_worlds(worlds: Sequence[PlayedWorld], oracles: Sequence[str]) -> Worlds
 
     Args:
         worlds: the runs; each world with the same players, runs, attempts and fits.
-        oracles: players that know the world, which are no candidates for the best player.
 
     Raises:
         ConfigError: without worlds, for worlds with other players, or without an oracle.
@@ -167,7 +197,7 @@ def view_worlds(worlds: Sequence[PlayedWorld], oracles: Sequence[str]) -> Worlds
         passed = _passed_of(worlds, results, name)
         players[name] = _player(known, areas[name], passed, attempts)
     # An oracle is the measure, and no competitor.
-    others = {name: float(area.mean()) for name, area in areas.items() if name not in oracles}
+    others = {name: float(area.mean()) for name, area in areas.items() if name not in ORACLES}
     best = max(others, key=lambda name: others[name], default=None)
     differences = {}
     if best is not None:

@@ -1,0 +1,273 @@
+"""Worlds that benchmarks cut out of books, wrong recipes, and results of play in many worlds."""
+
+import json
+import statistics
+import sys
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from refusals import refuses
+
+from wordcraft_kg.agents.discovery import NEVER, make_discoverers, play_runs
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.evaluation.discovery import ORACLES
+from wordcraft_kg.graphs import RecipeBook, RecipeGraph, layers, open_book, open_graph
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+worlds_of_books = import_module("cut_worlds")
+SIZES = worlds_of_books.SIZES
+WAYS = worlds_of_books.WAYS
+cut_world = worlds_of_books.cut_world
+with_wrong_recipes = worlds_of_books.with_wrong_recipes
+results = import_module("world_results")
+PlayedWorld = results.PlayedWorld
+view_worlds = results.view_worlds
+script = import_module("discovery_worlds")
+
+ATTEMPTS = 25
+SMALL = (20, 40)
+GOLDEN = ["9515e6c95ace", "cfb5e820a644"]
+"""Begin of the hashes of the worlds 0 and 7 of ``everyday``."""
+
+
+@pytest.fixture(scope="module")
+def everyday():
+    return open_book("everyday")
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)]
+)
+def test_a_world_has_all_recipes_among_its_entities_and_all_can_be_made(everyday, way, seed):
+    world = cut_world(everyday, seed, way)
+    entities = set(world.entities)
+    assert SIZES[0] <= len(entities) <= SIZES[1]
+    assert 4 <= len(world.base) <= 6
+    inside = {recipe for recipe in everyday.recipes if entities.issuperset(recipe)}
+    assert set(world.recipes) == inside
+    assert (layers(RecipeGraph.from_book(world)) >= 0).all()
+    assert {world.kinds[recipe] for recipe in world.recipes} <= set(everyday.kinds.values())
+    if way != "base":
+        assert world.base == everyday.base
+
+
+def test_worlds_differ_by_seed_and_way_and_depend_on_nothing_else(everyday):
+    worlds = {(seed, way): cut_world(everyday, seed, way) for seed in range(2) for way in WAYS}
+    assert len({world.recipes for world in worlds.values()}) == len(worlds)
+    assert len({world.sha256 for world in worlds.values()}) == len(worlds)
+    for (seed, way), world in worlds.items():
+        assert cut_world(everyday, seed, way) == world
+    # The ways take turns with the seed.
+    assert cut_world(everyday, 1).recipes == worlds[1, "topic"].recipes
+    graphs_of_two = [RecipeGraph.from_book(cut_world(everyday, seed)).hash[:12] for seed in (0, 7)]
+    # Known figures refer to these worlds: the draws may never change.
+    assert graphs_of_two == GOLDEN
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_book_with_another_number_of_base_entities_gets_a_drawn_base(way):
+    kitchen = open_book("kitchen")
+    assert len(RecipeGraph.from_book(kitchen).base) == 8
+    world = cut_world(kitchen, 4, way, sizes=SMALL)
+    assert 4 <= len(world.base) <= 6
+    assert SMALL[0] <= len(world.entities) <= SMALL[1]
+    assert (layers(RecipeGraph.from_book(world)) >= 0).all()
+
+
+def test_a_base_that_makes_too_little_is_drawn_again(everyday):
+    assert len(cut_world(everyday, 24).entities) >= SIZES[0]
+
+
+def test_books_that_are_too_small_and_odd_settings_are_refused(everyday):
+    with pytest.raises(RecipeFileError, match=r"at least 200 entities in kitchen: .* of its 80"):
+        cut_world(open_book("kitchen"), 0)
+    one = RecipeBook.of("one", [], base=["water"])
+    with pytest.raises(RecipeFileError, match="1 of its 1 entities"):
+        cut_world(one, 0)
+    # Most of the book lies out of reach.
+    rows = [("a", "b", "c"), *(("x", f"{n}", f"{n + 1}") for n in range(300))]
+    apart = RecipeBook.of("apart", rows, base=["a", "b", "c", "x"])
+    with pytest.raises(RecipeFileError, match="4 of its 305 entities"):
+        cut_world(apart, 1)
+    with refuses("way"):
+        cut_world(everyday, 0, "luck")
+    with refuses("seed"):
+        cut_world(everyday, -1)
+    with refuses("percent"):
+        with_wrong_recipes(everyday, 101)
+    with refuses("percent"):
+        with_wrong_recipes(RecipeBook.of("one", [("a", "b", "c")]), 100)
+
+
+def test_a_pair_with_thousands_of_results_fills_a_world_and_no_more():
+    rows = [("a", "b", f"thing {n}") for n in range(5_000)]
+    book = RecipeBook.of("many", rows, base=["a", "b", "c", "d"])
+    for way in WAYS:
+        try:
+            world = cut_world(book, 0, way)
+        except RecipeFileError:
+            assert way == "topic"
+            continue
+        assert SIZES[0] <= len(world.entities) <= SIZES[1]
+
+
+@pytest.mark.parametrize("percent", [1, 30, 100])
+def test_wrong_recipes_exchange_results_and_keep_none_of_a_pair(percent):
+    book = open_book("kitchen")
+    wrong = with_wrong_recipes(book, percent)
+    new = set(wrong.recipes) - set(book.recipes)
+    assert len(wrong.recipes) == len(book.recipes)
+    assert len(new) == pytest.approx(
+        percent / 100 * len(book.recipes), abs=0.02 * len(book.recipes)
+    )
+    assert not any(recipe.is_self_result for recipe in new)
+    assert wrong.entities == book.entities
+    assert wrong.base == book.base
+    # Each pair has as many recipes as before, and each entity is made as often.
+    for column in (lambda recipe: recipe[:2], lambda recipe: recipe[2]):
+        assert sorted(map(column, wrong.recipes)) == sorted(map(column, book.recipes))
+    assert with_wrong_recipes(book, percent) == wrong != with_wrong_recipes(book, percent, 1)
+
+
+def play(graph, players=("random-no-repeat", *ORACLES), seed=0, attempts=ATTEMPTS):
+    return play_runs(graph, make_discoverers(players, graph), attempts, 3, seed)
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    """Four small worlds; of the first player there is a second fit."""
+    book = open_book("kitchen")
+    played = []
+    for seed in range(4):
+        graph = RecipeGraph.from_book(cut_world(book, seed, sizes=(20, 40)))
+        fits = [play(graph), play(graph, ["random-no-repeat"], seed=1)]
+        played.append(PlayedWorld(graph, fits, {"random-no-repeat": seed}))
+    return played
+
+
+def test_areas_are_mean_discoveries_relative_to_the_better_oracle(worlds):
+    view = view_worlds(worlds)
+
+    def area(curve):
+        return statistics.mean(known - curve[0] for known in curve[1:])
+
+    ratios = []
+    for world, result in zip(worlds, view.worlds, strict=True):
+        first = world.fits[0]
+        oracles = {
+            name: statistics.mean(area(run.tolist()) for run in first.known[number])
+            for number, name in enumerate(first.players)
+            if name in ORACLES
+        }
+        best = max(oracles.values())
+        assert oracles[result.oracle] == best
+        of_runs = [area(run.tolist()) / best for fit in world.fits for run in fit.known[0]]
+        assert result.areas["random-no-repeat"] == pytest.approx(statistics.mean(of_runs))
+        ratios += of_runs
+    player = view.players["random-no-repeat"]
+    assert player.area.mean == pytest.approx(statistics.mean(ratios))
+    assert player.area.low < player.area.mean < player.area.high
+    assert player.fits == 2
+    assert view.players["greedy"].fits == 1
+    assert max(each.area.mean for each in view.players.values()) <= 1
+    known = [run[ATTEMPTS] for world in worlds for fit in world.fits for run in fit.known[0]]
+    assert player.known[str(ATTEMPTS)].mean == pytest.approx(np.mean(known))
+    assert player.curve["0"].mean == np.mean([len(world.graph.base) for world in worlds])
+
+
+def test_the_share_of_runs_that_pass_main_bottlenecks_and_when(worlds):
+    view = view_worlds(worlds)
+    passed = []
+    for world, result in zip(worlds, view.worlds, strict=True):
+        main = result.statistics.main
+        assert main == result.statistics.bottlenecks[0]
+        entity = world.graph.id_of(main.entity)
+        attempts = [run[entity] for fit in world.fits for run in fit.learnt[0].tolist()]
+        learnt = [attempt for attempt in attempts if attempt != NEVER]
+        assert result.passed["random-no-repeat"] == len(learnt) / len(attempts)
+        if learnt:
+            assert result.passed_at["random-no-repeat"] == statistics.median(learnt)
+        passed += [attempt != NEVER for attempt in attempts]
+    assert view.players["random-no-repeat"].passed.mean == pytest.approx(np.mean(passed))
+    assert [result.shared for result in view.worlds][:2] == [{}, {"random-no-repeat": 1}]
+
+
+def test_differences_are_paired_and_leave_oracles_out(worlds):
+    more = []
+    for world in worlds:
+        random, *others = world.fits
+        again = play(world.graph, ["random"])
+        stacked = [
+            np.concatenate([getattr(random, name), getattr(again, name)])
+            for name in ("known", "repeated", "learnt")
+        ]
+        both = type(random)((*random.players, "random"), *stacked)
+        more.append(PlayedWorld(world.graph, [both, *others], {}))
+    view = view_worlds(more)
+    assert view.best in ("random", "random-no-repeat")
+    ((other, difference),) = view.differences.items()
+    gap = view.players[view.best].area.mean - view.players[other].area.mean
+    assert difference.mean == pytest.approx(gap) != 0
+    assert difference.low < difference.mean < difference.high
+
+
+def test_worlds_with_other_players_or_without_an_oracle_are_refused(worlds):
+    with refuses("worlds"):
+        view_worlds([])
+    graph = worlds[0].graph
+    with refuses("worlds"):
+        view_worlds([worlds[0], PlayedWorld(graph, [play(graph)], {})])
+    with refuses("players"):
+        view_worlds([PlayedWorld(graph, [play(graph, ["random"])], {})])
+    with refuses("players"):
+        results.oracle_area(play(graph, ["random"]))
+
+
+def test_more_attempts_than_pairs_are_marked_and_all_is_known():
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")], ["a", "b"])
+    plays = play(graph, attempts=40)
+    assert plays.known[:, :, -1].tolist() == [[4] * 3] * 3
+    view = view_worlds([PlayedWorld(graph, [plays], {})])
+    assert view.worlds[0].more_attempts_than_pairs
+    assert view.players["greedy"].area.mean == pytest.approx(1)
+    assert view.players["greedy"].area.low is None
+
+
+def test_curves_have_the_area_of_their_gains():
+    known = np.array([[4, 4, 5, 7], [4, 4, 4, 4]])
+    np.testing.assert_allclose(results.curve_area(known), [(0 + 1 + 3) / 3, 0])
+
+
+def test_the_scripts_play_worlds_and_write_figures_and_graph_folders(tmp_path, monkeypatch, capsys):
+    def run(module, *arguments):
+        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
+        module.main()
+
+    quick = ("--worlds", 8, "--runs", 1, "--attempts", 12, "--book", "kitchen")
+    run(script, "everyday", *quick, "--json", tmp_path / "figures.json")
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert [world["name"] for world in figures["worlds"]] == ["world-8-everyday"]
+    assert list(figures["players"]) == [*script.SCRIPTED, "book-votes"]
+    assert "book-votes" in capsys.readouterr().out
+    run(worlds_of_books, "everyday", 8, tmp_path / "world")
+    assert open_graph(tmp_path / "world").graph.hash == figures["worlds"][0]["hash"]
+    with pytest.raises(SystemExit, match="at least 200 entities in kitchen"):
+        run(worlds_of_books, "kitchen", 8, tmp_path / "small")
+    assert not (tmp_path / "small").exists()
+
+
+def test_worlds_for_measuring_follow_from_the_committed_secret(tmp_path, monkeypatch):
+    secret = tmp_path / "secret.txt"
+    secret.write_text("a guess\n")
+    with refuses("secret"):
+        script.seeds(secret, range(3))
+    monkeypatch.setattr(script, "SECRET_SHA256", sha256(b"a guess").hexdigest())
+    drawn = script.seeds(secret, range(1, 7))
+    assert drawn == script.seeds(secret, range(7))[1:]
+    assert len(set(drawn)) == 6
+    assert [seed % 3 for seed in drawn] == [1, 2, 0, 1, 2, 0]
+    assert script.seeds(None, range(2, 4)) == [2, 3]

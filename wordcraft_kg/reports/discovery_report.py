@@ -59,7 +59,7 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
             repeats[name] = points
     about = "Mean number of entities known after each attempt"
     picture = charts.curves(known, "attempts", "entities known", about, colours=colours)
-    pictures = {"known": picture}
+    pictures: dict[str, charts.Chart | Markup] = {"known": picture}
     if repeats:
         share = "share of the attempts so far"
         about = f"Mean {share} that combined a pair tried before"
@@ -170,7 +170,7 @@ def _bounds(value: Estimated) -> charts.Estimate:
     return value.mean, value.low, value.high
 
 
-def _world_curves(played: PlayedWorld, name: str, colours: Mapping[str, int]) -> Markup:
+def _world_curves(played: PlayedWorld, name: str, colours: Mapping[str, int]) -> charts.Chart:
     """Draw the mean curves of one world, of each player over runs and fits."""
     series: dict[str, list[charts.CurvePoint]] = {}
     for player in played.fits[0].players:

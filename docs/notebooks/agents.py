@@ -80,8 +80,8 @@ pd.DataFrame(
 )
 
 # %% [markdown]
-# The scorer explains nearly all success of the guided agents: with so few recipes, play adds nothing to its best
-# pair. The report by `wordcraft-kg compare` has the figures over seeds:
+# The scorer explains nearly all success of the guided agents: with so few recipes, play adds hardly anything to
+# its best pair. The report by `wordcraft-kg compare` has the figures over seeds:
 
 # %%
 report = make_agent_report(view_agents(group_agents(agents), distractors=[4]))

@@ -164,6 +164,7 @@ def as_file(panels: Sequence[tuple[str, Chart]], title: str) -> str:
         viewBox=f"0 0 {width} {height}",
         width=width,
         height=height,
+        class_="chart",
         role="img",
         font_family="Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif",
         stroke_linejoin="round",

@@ -38,17 +38,16 @@ def colour_of(number: int) -> str:
     return f"series-{number}" if 0 <= number < COLOURS else "series-other"
 
 
-def dark_rules(selector: str = "") -> str:
-    """Return CSS rules that give a chart's elements the colours of a dark page.
+def dark_rules() -> str:
+    """Return CSS rules that give the elements of class ``chart`` the colours of a dark page.
 
     A chart has the colours of a white page as attributes, which every program shows; rules of a
     style sheet take precedence over attributes.
-
-    Args:
-        selector: the charts, as a selector of CSS; empty for the whole file.
     """
     rules = []
     for name, colour in LIGHT.items():
+        if DARK[name] == colour:
+            continue
         for attribute in ("fill", "stroke"):
-            rules.append(f'{selector} [{attribute}="{colour}"] {{ {attribute}: {DARK[name]}; }}')
+            rules.append(f'.chart [{attribute}="{colour}"] {{ {attribute}: {DARK[name]}; }}')
     return "\n".join(rules)

@@ -31,7 +31,6 @@ from wordcraft_kg.agents.players import knowledge_player, knowledge_players
 from wordcraft_kg.evaluation.agents import group_agents, view_agents
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_report import make_agent_report
-from wordcraft_kg.reports.pages import chart_style
 
 opened = open_graph("kitchen")
 tasks = TaskConfig(distractors=4)
@@ -81,8 +80,8 @@ pd.DataFrame(
 )
 
 # %% [markdown]
-# The scorer explains nearly all success of the guided agents: with so few recipes, play adds nothing to its best
-# pair. The report by `wordcraft-kg compare` has the figures over seeds:
+# The scorer explains nearly all success of the guided agents: with so few recipes, play adds hardly anything to
+# its best pair. The report by `wordcraft-kg compare` has the figures over seeds:
 
 # %%
 report = make_agent_report(view_agents(group_agents(agents), distractors=[4]))
@@ -96,7 +95,7 @@ pd.DataFrame(rows).T
 
 # %%
 title = "Success on train and test tasks over training"
-SVG(charts.figure(title, [("", report.pictures["curves"])], chart_style()))
+SVG(charts.as_file([("", report.pictures["curves"])], title))
 
 # %% [markdown]
 # ## Explain

@@ -225,4 +225,5 @@ def test_the_page_holds_every_model_and_needs_no_other_file(frequency, facts, op
     for found in values.models:
         assert f"{found.mrr:.3f}" in page
     assert not any(text in page for text in ("<b> &", "://"))
-    assert (page.count("<svg"), page.count('class="whisker')) == (2, 4 + 3)
+    # An interval of each model and of each difference, which the first model lacks.
+    assert (page.count("<svg"), page.count('stroke-width="1.5"')) == (2, 4 + 3)

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.evaluation.graphs import view_entity
 from wordcraft_kg.graphs import (
     Recipe,
     RecipeBook,
@@ -21,6 +20,7 @@ from wordcraft_kg.graphs import (
     write_book,
     write_graph_folder,
 )
+from wordcraft_kg.graphs.audit import view_entity
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.chains import HALF, chain, is_half_product, unchained
 from wordcraft_kg.graphs.export import EXPORTERS, export_graph

@@ -706,14 +706,10 @@ def correlation(
     is_constant = np.ptp(a) == 0 or np.ptp(b) == 0
     if len(a) < _FEWEST or is_constant:
         return None
-    if kind == "spearman":
-        from scipy.stats import rankdata
+    from scipy.stats import pearsonr, spearmanr
 
-        a = rankdata(a)
-        b = rankdata(b)
-    matrix = np.corrcoef(a, b)
-    # Rounding may lead slightly beyond 1.
-    value = float(np.clip(matrix[0, 1], -1, 1))
+    correlated = spearmanr(a, b) if kind == "spearman" else pearsonr(a, b)
+    value = float(correlated.statistic)
     free = len(a) - 3
     if len(a) == _FEWEST:  # no degree of freedom is left for the variance
         variance = math.inf

@@ -64,7 +64,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         out: folder to write. Default: graphs/<name>, or graphs/<book's name>.
     """
     from wordcraft_kg.base.artefacts import check_output, with_a_name
-    from wordcraft_kg.evaluation.graphs import view_build
+    from wordcraft_kg.graphs.audit import view_build
     from wordcraft_kg.graphs.book_files import book_name
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.graphs.library import open_book

@@ -9,8 +9,7 @@ from wordcraft_kg.cli.console import Output, lines_of, names
 from wordcraft_kg.cli.options import Graph
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.graphs import BuiltGraph, EntityView
-    from wordcraft_kg.graphs.audit import Audit, SplitSummary
+    from wordcraft_kg.graphs.audit import Audit, BuiltGraph, EntityView, SplitSummary
 
 EXAMPLES = (
     "wordcraft-kg describe everyday",
@@ -24,8 +23,7 @@ def describe(graph: Graph, *, entity: str | None = None, output: Output = Output
     Args:
         entity: show this entity's recipes, uses and cheapest derivation instead.
     """
-    from wordcraft_kg.evaluation.graphs import view_entity
-    from wordcraft_kg.graphs.audit import audit
+    from wordcraft_kg.graphs.audit import audit, view_entity
     from wordcraft_kg.graphs.folder import open_graph
 
     opened = open_graph(graph)

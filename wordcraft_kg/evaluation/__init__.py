@@ -15,7 +15,7 @@ Schema of ``report.json`` is derived from the view's type and checked when the f
   one agent or scripted players, ``discovery`` for open-ended play, ``tasks`` for examples.
 - Other results to compare with: ``reference`` reads published ones in ``references/``,
   ``recorded_games`` games of people and text agents.
-- ``books`` and ``graphs``: views of recipe books and graphs. ``bins``, ``goal_groups``: helpers.
+- ``books``: views of recipe books. ``bins``, ``goal_groups``: helpers.
 
 Helpers may change at will. A view's fields are read by programs: add fields with defaults, and keep
 the names. A new kind of recorded games is a ``GameReader`` in the app that writes them.

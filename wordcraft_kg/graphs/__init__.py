@@ -16,7 +16,7 @@ Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 - ``splits``, ``folds``, ``train_samples``: recipes held out for tests, for cross-fitting, or left
   out and changed to train on less;
 - ``tasks``, ``task_search``: crafting tasks and the search for all their shortest plans;
-- ``folder``, ``audit``, ``export``: graph folders, their statistics, other formats.
+- ``folder``, ``audit``, ``export``: graph folders, views of graphs and entities, other formats.
 
 Entries of ``SPLITS``, ``EXPORTERS`` and ``FETCHABLE`` and new statistics may be added freely. The
 order of ids, the formats of hashes and the random draws of splits, folds and tasks may not change:

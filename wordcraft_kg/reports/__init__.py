@@ -6,7 +6,7 @@ Reports evaluate nothing. A function takes a view and returns a :class:`~pages.R
 - ``link_report``, ``agent_report``, ``discovery_report``: a file for each page, with its template
   of the same name in ``templates/``.
 - ``agent_pictures``: charts of agents, shared with the explorer.
-- ``charts``: SVG charts from plain numbers.
+- ``charts``: figures of Matplotlib from plain numbers, shown as SVG; trees and maps of discoveries.
 - ``glossary`` and ``glossary.toml``: explained terms.
 
 A page is a single file that can be read without a script. Headings and explained terms are

@@ -34,7 +34,7 @@ def source_colours() -> dict[str, int]:
     return {name: number for number, name in enumerate(names)}
 
 
-def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> Markup:
+def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> charts.Chart:
     """Draw success curves on train and test tasks, from the points by agent and task part."""
     series: dict[str, list[charts.CurvePoint]] = {}
     colours = {}
@@ -60,7 +60,7 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
     )
 
 
-def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
+def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> charts.Chart:
     """Draw an agent's mixing weights (λ for each score source) over training."""
     colour_of_source = source_colours()
     series = {}
@@ -89,12 +89,12 @@ def _without_interval(points: Sequence[tuple[int, float]]) -> list[charts.CurveP
 
 def pictures_of_metrics(
     figures: Mapping[str, Mapping[TrainingMetric, Sequence[SeedCurve]]],
-) -> list[Markup]:
+) -> dict[TrainingMetric, charts.Chart]:
     """Draw a chart for each logged statistic with a curve for each run.
 
     ``figures`` has the curves by agent and statistic.
     """
-    pictures = []
+    pictures = {}
     for figure, title in METRICS.items():
         series: dict[str, list[charts.CurvePoint]] = {}
         colours: dict[str, int] = {}
@@ -108,7 +108,7 @@ def pictures_of_metrics(
                 series[name] = _without_interval(curve.points)
                 colours[name] = number
         if series:
-            picture = charts.curves(
+            pictures[figure] = charts.curves(
                 series,
                 "environment steps",
                 title,
@@ -117,7 +117,6 @@ def pictures_of_metrics(
                 colours=colours,
                 labels=labels,
             )
-            pictures.append(picture)
     return pictures
 
 

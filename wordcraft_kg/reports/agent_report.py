@@ -2,8 +2,6 @@
 
 import re
 
-from markupsafe import Markup
-
 from wordcraft_kg.agents.players import advice_on_words
 from wordcraft_kg.evaluation.agent_metrics import NEVER, Slice
 from wordcraft_kg.evaluation.agents import AgentsView, by_success
@@ -45,6 +43,7 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
         },
         shown={
             "min_seeds": _MIN_SEEDS,
+            "slice_titles": {key: title for key, (title, _) in _SLICES.items()},
             "ranked": by_success(view, view.headline),
             "colours": agent_pictures.source_colours(),
             "actions": agent_pictures.ACTIONS,
@@ -62,7 +61,7 @@ def _place(label: str) -> int:
     return int(re.split("[–+]", label)[0])
 
 
-def _success(view: AgentsView) -> Markup:
+def _success(view: AgentsView) -> charts.Chart:
     headline = str(view.headline)
     rows: list[tuple[str, charts.Estimate]] = []
     for agent in by_success(view, view.headline):
@@ -88,9 +87,9 @@ def _success(view: AgentsView) -> Markup:
     )
 
 
-def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
-    pictures: dict[Slice, tuple[str, Markup]] = {}
-    for key, (heading, axis) in _SLICES.items():
+def _pictures_of_slices(view: AgentsView) -> dict[Slice, charts.Chart]:
+    pictures: dict[Slice, charts.Chart] = {}
+    for key, (_, axis) in _SLICES.items():
         groups: dict[str, dict[str, charts.Estimate]] = {}
         found: set[str] = set()
         for agent in view.agents:
@@ -108,6 +107,5 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
             # An agent has None for a group in which it played no task.
             cells[name] = [rows.get(label) for label in labels]
         measure = f"success on {view.part} tasks"
-        picture = charts.dots(labels, cells, axis, measure, f"Success by {axis}")
-        pictures[key] = (heading, picture)
+        pictures[key] = charts.dots(labels, cells, axis, measure, f"Success by {axis}")
     return pictures

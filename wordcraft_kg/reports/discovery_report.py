@@ -56,7 +56,7 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
             repeats[name] = points
     about = "Mean number of entities known after each attempt"
     picture = charts.curves(known, "attempts", "entities known", about, colours=colours)
-    pictures = {"known": picture}
+    pictures: dict[str, charts.Chart | Markup] = {"known": picture}
     if repeats:
         share = "share of the attempts so far"
         about = f"Mean {share} that combined a pair tried before"

@@ -2,8 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-from markupsafe import Markup
-
 from wordcraft_kg.agents.players import FEWEST_USES, advice_on_words, is_words_player
 from wordcraft_kg.evaluation.link_comparison import LinkComparison, by_mrr
 from wordcraft_kg.evaluation.links import (
@@ -66,7 +64,7 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
     )
 
 
-def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
+def _pictures_of_probabilities(view: LinkView) -> dict[str, charts.Chart]:
     if not view.probabilities:
         return {}
     series = {}
@@ -83,7 +81,7 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
     return {"probabilities": charts.log_reliability(series, about)}
 
 
-def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
+def _pictures_of_ranks(view: LinkView) -> dict[str, charts.Chart]:
     rows = [_interval_row(view.model.name, view.metrics["all"])]
     # The order of the comparisons: the best baseline stands next to the model.
     for row in view.comparisons:
@@ -104,7 +102,7 @@ def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estim
     return name, (metrics.mrr or 0.0, low, high)
 
 
-def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
+def _pictures_of_training(view: LinkView) -> dict[str, charts.Chart]:
     loss: list[charts.CurvePoint] = []
     valid: list[charts.CurvePoint] = []
     for row in view.trace:

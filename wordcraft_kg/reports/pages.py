@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache
@@ -18,14 +18,14 @@ from wordcraft_kg.base.artefacts import drop_temporary, dump_json, staged_folder
 from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
-from wordcraft_kg.reports.charts import plot
-from wordcraft_kg.reports.charts.standalone import with_dark_page
+from wordcraft_kg.reports.charts import Chart, palette
 from wordcraft_kg.reports.glossary import Term, find_term
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import RUN_FILE
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
 class Outline:
@@ -88,14 +88,6 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
     return _environment(package).get_template(name).render(**shown, **values)
 
 
-def chart_style() -> str:
-    """Return the CSS rules that charts need in separate SVG files, outside an HTML page.
-
-    A browser shows such a file in the reader's colour scheme; other programs show it on white.
-    """
-    return with_dark_page(_environment("").get_template("chart.css.j2").render())
-
-
 def make_environment(*packages: str) -> jinja2.Environment:
     """Return a Jinja environment for the templates of Python packages.
 
@@ -113,7 +105,7 @@ def make_environment(*packages: str) -> jinja2.Environment:
         # A misspelt name in a template is an error, and not an empty place on the page.
         undefined=jinja2.StrictUndefined,
     )
-    environment.globals["palette"] = plot
+    environment.globals["palette"] = palette
     environment.filters["thousands"] = lambda number: f"{number:,}"
     return environment
 
@@ -144,7 +136,7 @@ class Report(Generic[V]):
     Attributes:
         view: the report's numbers, for ``report.json``.
         template: file name of the page's template.
-        pictures: pictures by the template's names.
+        pictures: pictures by the template's names, some in lists and mappings.
         shown: further values by the template's names.
         tables: further tables by file name.
         files: further files by name, such as pictures.
@@ -156,6 +148,31 @@ class Report(Generic[V]):
     shown: Mapping[str, Any] = field(default_factory=dict)
     tables: "Mapping[str, pd.DataFrame]" = field(default_factory=dict)
     files: Mapping[str, str | bytes] = field(default_factory=dict)
+
+    @property
+    def figures(self) -> "dict[str, Figure]":
+        """The charts as figures of Matplotlib, to change them or to save them for a paper.
+
+        A chart in a list or a mapping has the names on the way to it, such as ``slices/layer``.
+
+        Example:
+            ``report.figures["success"].savefig("success.pdf")``
+        """
+        return {name: chart.figure() for name, chart in _charts_in(self.pictures)}
+
+
+def _charts_in(pictures: Any, name: str = "") -> Iterator[tuple[str, Chart]]:
+    """Yield the charts in nested lists and mappings, each with the names on the way to it."""
+    if isinstance(pictures, Chart):
+        yield name, pictures
+        return
+    inside: Iterable[tuple[object, Any]] = ()
+    if isinstance(pictures, Mapping):
+        inside = pictures.items()
+    elif isinstance(pictures, list | tuple):
+        inside = enumerate(pictures)
+    for key, picture in inside:
+        yield from _charts_in(picture, f"{name}/{key}".lstrip("/"))
 
 
 def render(report: Report[Any]) -> str:

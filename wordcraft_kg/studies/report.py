@@ -1,16 +1,13 @@
 """A study report: page, tables and pictures from a study's summarised results."""
 
-from collections.abc import Iterator
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
-from markupsafe import Markup
-
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts.scales import Estimate
-from wordcraft_kg.reports.pages import Report, chart_style, write_report
+from wordcraft_kg.reports.charts import Chart, Estimate
+from wordcraft_kg.reports.pages import Report, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.tables import as_csv, notes, tables_of, with_bounds
 from wordcraft_kg.studies.variants import Correlation, PointMetrics, ScorerScatter
@@ -50,7 +47,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
-        {"panels": list(panels_of(view))},
+        {"panels": panels_of(view)},
         # Functions too: the template formats a value where it is printed.
         shown={
             "tables": tables_of(view),
@@ -72,11 +69,11 @@ def _correlation(of: Correlation | None) -> str:
 
 def study_figure(view: StudyView) -> str:
     """Return a study's picture as the text of an SVG file, with a chart for each grid point."""
-    return charts.figure(view.title, list(panels_of(view)), chart_style())
+    return charts.as_file(list(panels_of(view).items()), view.title)
 
 
-def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
-    """Yield a caption and a chart for each grid point.
+def panels_of(view: StudyView) -> dict[str, Chart]:
+    """Return a chart for each grid point, by caption.
 
     A "scatter" study has a single chart for all scorer settings.
     """
@@ -84,16 +81,16 @@ def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
         by_title: dict[str, list[ScorerScatter]] = {}
         for scatter in view.scatters:
             by_title.setdefault(title_of(scatter.values), []).append(scatter)
-        for title, scatters in by_title.items():
-            yield title, _scatter(view, scatters)
-        return
+        return {title: _scatter(view, scatters) for title, scatters in by_title.items()}
+    panels = {}
     for point in view.points:
         has_curves = any(len(entry.curve) > 1 for entry in point.variants)
         draw = _curves if view.drawing == "curves" and has_curves else _bars
-        yield point.title, draw(view, point)
+        panels[point.title] = draw(view, point)
+    return panels
 
 
-def _curves(view: StudyView, point: PointMetrics) -> Markup:
+def _curves(view: StudyView, point: PointMetrics) -> Chart:
     """Draw the success of each variant over training."""
     # A variant keeps its colour at all points.
     colours: dict[str, int] = {}
@@ -113,7 +110,7 @@ def _curves(view: StudyView, point: PointMetrics) -> Markup:
     )
 
 
-def _bars(view: StudyView, point: PointMetrics) -> Markup:
+def _bars(view: StudyView, point: PointMetrics) -> Chart:
     """Draw the final success of each variant, with its interval and a line for the reference."""
     # A point where the reference has no runs has no line.
     reference = None
@@ -131,7 +128,7 @@ def _bars(view: StudyView, point: PointMetrics) -> Markup:
     )
 
 
-def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
+def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Chart:
     """Draw the success of agents by the MRR of their scorers, and that of one without a scorer."""
     # Labels name the variants only if a chart has agents of several.
     has_several = False

@@ -1,23 +1,22 @@
-"""Small charts as SVG strings to place in pages.
+"""Charts: Matplotlib figures that pages show as SVG, and drawings of our own as SVG strings.
 
-Charts follow the page's light and dark colours without JavaScript.
-
-Colours (``series-0``, ``series-1``, ..., ``series-other``) and dashes (``dash-0`` to ``dash-3``,
-``dashed``) are CSS classes that the page's style sheet defines from
-:mod:`~wordcraft_kg.reports.charts.plot`.
+Charts follow the page's light and dark colours without JavaScript, see
+:mod:`~wordcraft_kg.reports.charts.palette`.
 """
 
+from wordcraft_kg.reports.charts.chart import Chart as Chart
+from wordcraft_kg.reports.charts.chart import as_file as as_file
+from wordcraft_kg.reports.charts.chart import figure_of as figure_of
 from wordcraft_kg.reports.charts.found import Found as Found
 from wordcraft_kg.reports.charts.found import found_map as found_map
 from wordcraft_kg.reports.charts.layered import Made as Made
 from wordcraft_kg.reports.charts.layered import layered as layered
-from wordcraft_kg.reports.charts.plot import COLOURS as COLOURS
-from wordcraft_kg.reports.charts.plot import CurvePoint as CurvePoint
-from wordcraft_kg.reports.charts.plot import colour_of as colour_of
-from wordcraft_kg.reports.charts.scales import Estimate as Estimate
+from wordcraft_kg.reports.charts.palette import COLOURS as COLOURS
+from wordcraft_kg.reports.charts.palette import colour_of as colour_of
+from wordcraft_kg.reports.charts.series import CurvePoint as CurvePoint
+from wordcraft_kg.reports.charts.series import Estimate as Estimate
 from wordcraft_kg.reports.charts.series import curves as curves
 from wordcraft_kg.reports.charts.series import dots as dots
 from wordcraft_kg.reports.charts.series import intervals as intervals
 from wordcraft_kg.reports.charts.series import log_reliability as log_reliability
 from wordcraft_kg.reports.charts.series import scatter as scatter
-from wordcraft_kg.reports.charts.standalone import figure as figure

@@ -6,7 +6,7 @@ from itertools import chain
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.scales import shortened, spread
+from wordcraft_kg.reports.charts.placement import shortened, spread
 from wordcraft_kg.reports.charts.svg import element, titled
 
 LETTER = 5.9

@@ -3,44 +3,47 @@
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
+from typing import TYPE_CHECKING, Any
 
-from markupsafe import Markup
+from wordcraft_kg.base.escaping import for_terminal
+from wordcraft_kg.reports.charts.chart import HEIGHT, SMALL, WIDTH, Chart
+from wordcraft_kg.reports.charts.palette import COLOURS, LIGHT, LIGHT_SERIES
+from wordcraft_kg.reports.charts.placement import Labels, shortened, spread
 
-from wordcraft_kg.reports.charts.plot import (
-    BOTTOM,
-    COLOURS,
-    LEFT,
-    LETTER,
-    SMALL_LETTER,
-    TOP,
-    WIDTH,
-    CurvePoint,
-    Plot,
-    room_for,
-    short,
-    style_of,
-)
-from wordcraft_kg.reports.charts.scales import (
-    Estimate,
-    Labels,
-    amounts,
-    estimate,
-    round_ticks,
-    shortened,
-)
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import PathCollection
+    from matplotlib.ticker import PercentFormatter
 
+CurvePoint = tuple[float, float, float | None, float | None]
+"""x, y, and interval bounds for y, or None for both bounds."""
+Estimate = tuple[float, float | None, float | None]
+"""A value with the lower and the upper bound of its interval; None for both without an interval."""
 ReliabilityPoint = tuple[float, float, float, float, int]
 """Probability, observed share, lower and upper bound of the share, and number of triples."""
-_DASHES = 4
-"""Patterns of dashes in the style sheet."""
+_Dashes = tuple[float, tuple[float, ...]]
+_DASHES: tuple[_Dashes, ...] = ((0, ()), (0, (7, 3)), (0, (2, 2)), (0, (8, 3, 2, 3)))
+"""Patterns of lines by series, in points, each after its offset."""
+_DASHED: _Dashes = (0, (5, 3))
+_MARKERS = "os^D"
+"""Shapes of markers by series."""
+_MARKER_SIZE = 7
+"""Diameter of a marker in points."""
+_WHISKER = 1.5
+"""Width of an interval's line."""
+_MARGINS = 60
+"""Height of the titles and tick labels of a chart, in points."""
+_LINE_HEIGHT = 14
+"""Least distance between the names of two curves, in points."""
 _ROW = 26
-"""Height of a row of :func:`intervals`, in pixels."""
-_FIFTHS = [i / 5 for i in range(6)]
-"""Ticks of an axis for shares, from 0 to 1."""
-_LABEL_HEIGHT = 10.05
-"""Line height of small labels beside points, in pixels."""
-_MARKER = 4.0
-"""Half of a marker's width and height, in pixels."""
+"""Height of a row of :func:`intervals`, in points."""
+_LETTER = 6.6
+_SMALL_LETTER = 5.7
+"""Mean widths of letters, of usual and of small size, in points."""
+_LONGEST_NAME = 32
+"""Most letters of a name."""
+_MOST_BOUNDS = 100
+"""Most points at an edge of a band: more look the same, and make the page large."""
 
 
 def curves(
@@ -53,11 +56,10 @@ def curves(
     dashed: Collection[str] | None = None,
     colours: Mapping[str, int] | None = None,
     labels: Mapping[str, str] | None = None,
-) -> Markup:
-    """Draw curves with uncertainty bands and a label at the right end; the x-axis includes 0.
+) -> Chart:
+    """Draw curves with uncertainty bands and names at their ends; the x-axis includes 0.
 
-    An isolated point with bounds has a whisker, and a single-point curve is a dot. An empty curve
-    keeps its colour.
+    A curve of a single point is a dot with a whisker. An empty curve keeps its colour.
 
     Args:
         series: points of each curve, by name.
@@ -70,70 +72,39 @@ def curves(
         labels: end labels by name, for thin curves from several seeds of which one has the label;
             None labels each curve with its name.
     """
-    texts = labels if labels is not None else {name: name for name in series}
-    drawn = {name: points for name, points in series.items() if points}
-    named = {name: texts[name] for name in drawn if name in texts}
-    plot = _plot_of_curves(drawn, room_for(named.values()), description, percent)
+    texts = {name: name for name in series} if labels is None else labels
     # Empty curves count, so that the same name has the same colour in several charts.
     numbers = {name: number for number, name in enumerate(series)}
-    if colours is not None:
-        numbers |= colours
-    # Layers from the back to the front: bands hide no line, and tooltips are reached first.
-    for name, points in drawn.items():
-        plot.bands(points, numbers[name])
-    for name, points in drawn.items():
-        number = numbers[name]
-        dash = _dash_of(name, number, dashed)
-        style = f"line {style_of(number)} {dash}"
-        if labels is not None:
-            style += " thin"
-        plot.polyline(points, style, name)
-    for name, points in drawn.items():
-        plot.hover_points(name, points, numbers[name], percent)
-    ends = []
-    for name, text in named.items():
-        x, y, *_ = drawn[name][-1]
-        ends.append((x, y, text, style_of(numbers[name])))
-    plot.end_labels(ends)
-    plot.titles(x_title, y_title)
-    return plot.done()
+    numbers.update(colours or {})
 
+    def draw(axes: "Axes") -> None:
+        ends = []
+        for name, points in series.items():
+            if not points:
+                continue
+            number = numbers[name]
+            x, y, low, high = points[-1]
+            if len(points) == 1:
+                _draw_estimate(axes, (x, None, None), (y, low, high), number, "o")
+            else:
+                _draw_band(axes, points, number)
+                axes.plot(
+                    [point[0] for point in points],
+                    [point[1] for point in points],
+                    color=_colour(number),
+                    linestyle=_dashes_of(name, number, dashed),
+                    linewidth=2 if labels is None else 1.2,
+                )
+            if name in texts:
+                ends.append((x, y, texts[name], _colour(number)))
+        if percent:
+            _share_axis(axes, 1)
+        steps = [point[0] for point in chain.from_iterable(series.values())]
+        _step_axis(axes, steps)
+        _name_ends(axes, ends)
+        _write_titles(axes, x_title, y_title)
 
-def _dash_of(name: str, number: int, dashed: Collection[str] | None) -> str:
-    """Return the CSS class of a curve's dashes."""
-    if dashed is None:
-        # The shift by a pattern with each round of the colours tells apart two curves of a colour.
-        rounds = number // COLOURS
-        return f"dash-{(number + rounds) % _DASHES}"
-    if name in dashed:
-        return "dashed"
-    return "dash-0"
-
-
-def _plot_of_curves(
-    series: Mapping[str, Sequence[CurvePoint]], room: int, description: str, percent: bool
-) -> Plot:
-    points = list(chain.from_iterable(series.values()))
-    xs = [point[0] for point in points]
-    ys = _values(point[1:] for point in points)
-    if percent:
-        y_ticks = _FIFTHS
-        y_texts = _shares(y_ticks)
-    else:
-        lowest = min(ys, default=0)
-        highest = max(ys, default=1)
-        y_ticks = round_ticks(lowest, highest)
-        y_texts = amounts(y_ticks)
-    first = min([0, *xs])
-    last = max(xs, default=1)
-    if last <= first:  # a single point at 0: any range will do
-        last = first + 1
-    y_range = (y_ticks[0], y_ticks[-1])
-    plot = Plot((first, last), y_range, description, right=room)
-    plot.y_axis(y_ticks, y_texts)
-    x_ticks = [value for value in round_ticks(first, last) if first <= value <= last]
-    plot.x_axis(x_ticks, amounts(x_ticks))
-    return plot
+    return Chart(description, draw)
 
 
 def dots(
@@ -142,7 +113,7 @@ def dots(
     x_title: str,
     y_title: str,
     description: str,
-) -> Markup:
+) -> Chart:
     """Draw shares with whiskers by category, those of several series side by side.
 
     Args:
@@ -153,39 +124,29 @@ def dots(
         y_title: title of the y-axis.
         description: text alternative for people who do not see the chart.
     """
-    # Without categories, all series are in the legend.
-    names = [name for name, values in series.items() if any(values) or not values]
-    room = room_for(names, 30)
-    # Each category is one unit wide; without categories, an empty chart still needs a width.
-    x_range = (0, max(len(labels), 1))
-    plot = Plot(x_range, (0, 1), description, right=room)
-    plot.y_axis(_FIFTHS, _shares(_FIFTHS))
-    middles = [i + 0.5 for i in range(len(labels))]
-    width = plot.x(1) - plot.x(0)
-    letters = int(width / LETTER)
-    plot.x_axis(middles, [shortened(label, letters) for label in labels])
     # All series of a category lie within 80 % of its width, around its middle.
     gap = min(0.15, 0.8 / max(len(series), 1))
     centre = (len(series) - 1) / 2
-    for number, (name, values) in enumerate(series.items()):
-        offset = (number - centre) * gap
-        for middle, label, value in zip(middles, labels, values, strict=True):
-            if value is None:
-                continue
-            x = middle + offset
-            share, _, _ = value
-            plot.whiskers((x, None, None), value, number)
-            title = f"{name}, {label}: {estimate(value, True)}"
-            plot.marker(x, share, number, title)
-        if name in names:
-            # The legend, to the right of the axes: a line of 16 pixels for each drawn series.
-            left = WIDTH - room + 14
-            row = names.index(name)
-            y = plot.top + 6 + 16 * row
-            plot.marker_at(left, y, number, name)
-            plot.text(left + 9, y + 4, short(name))
-    plot.titles(x_title, y_title)
-    return plot.done()
+    num_places = max(len(labels), 1)
+
+    def draw(axes: "Axes") -> None:
+        markers = {}
+        for number, (name, shares) in enumerate(series.items()):
+            offset = (number - centre) * gap
+            for place, share in enumerate(shares):
+                if share is not None:
+                    x = place + offset
+                    markers[name] = _draw_estimate(axes, (x, None, None), share, number)
+        # Half of the chart's width may be names of series.
+        letters = int(WIDTH / 2 / num_places / _LETTER)
+        axes.set_xticks(range(len(labels)), [_clean(label, letters) for label in labels])
+        axes.set_xlim(-0.5, num_places - 0.5)
+        _share_axis(axes, 1)
+        names = [_clean(name) for name in markers]
+        axes.legend(markers.values(), names, loc="upper left", bbox_to_anchor=(1, 1))
+        _write_titles(axes, x_title, y_title)
+
+    return Chart(description, draw)
 
 
 def scatter(
@@ -195,139 +156,36 @@ def scatter(
     description: str,
     *,
     level: tuple[str, float] | None = None,
-) -> Markup:
+) -> Chart:
     """Draw points with whiskers in x and y, and each series' name to the right of its last point.
 
     Args:
-        series: points (label, x, y) by the series' name; y is a share. A label is shown once, where
-            it fits.
+        series: points (label, x, y) by the series' name; y is a share. A label is shown once,
+            where there is room.
         x_title: title of the x-axis.
         y_title: title of the y-axis.
         description: text alternative for people who do not see the chart.
         level: name and share of a dashed horizontal line, or None.
     """
-    drawn = {name: sorted(points, key=_x_of) for name, points in series.items() if points}
-    everything = list(chain.from_iterable(drawn.values()))
-    xs = _values(x for _, x, _ in everything)
-    shares = _values(y for _, _, y in everything)
-    names = list(drawn)
-    if level is not None:
-        level_name, level_share = level
-        names.append(level_name)
-        shares.append(level_share)
-    lowest = min(xs, default=0)
-    highest = max(xs, default=1)
-    ticks = round_ticks(lowest, highest)
-    y_ticks = round_ticks(0, max(shares, default=1))
-    left = ticks[0]
-    right = ticks[-1]
-    y_range = (0, y_ticks[-1])
-    plot = Plot((left, right), y_range, description, right=room_for(names))
-    plot.y_axis(y_ticks, _shares(y_ticks))
-    plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
-    ends = []
-    if level is not None:
-        ends_of_line = [(left, level_share), (right, level_share)]
-        plot.polyline(ends_of_line, "diagonal", f"{level_name}: {level_share:.1%}")
-        ends.append((right, level_share, level_name, ""))
-    taken = Labels(_LABEL_HEIGHT)
-    named: set[str] = set()
-    # Whiskers first, below the markers of all series.
-    for number, name in enumerate(series):
-        for _, x, y in drawn.get(name, []):
-            plot.whiskers(x, y, number)
-    everywhere = [_space_of(plot, x, y) for _, x, y in everything]
-    for number, name in enumerate(series):
-        points = drawn.get(name, [])
-        # Labels of every second series lie below the points, so that those of two series overlap
-        # less.
-        is_below = number % 2 == 1
-        for label, x, y in points:
-            across = estimate(x, False)
-            up = estimate(y, True)
-            title = f"{name}, {label}: {up} at {across}"
-            plot.marker(x[0], y[0], number, title)
-            if label not in named and _label_point(
-                plot, taken, everywhere, label, x[0], y, below=is_below
-            ):
-                named.add(label)
-        if points:
-            _, x, y = points[-1]
-            ends.append((x[0], y[0], name, style_of(number)))
-    plot.end_labels(ends)
-    plot.titles(x_title, y_title)
-    return plot.done()
 
+    def draw(axes: "Axes") -> None:
+        ends = []
+        for number, (name, points) in enumerate(series.items()):
+            for _, x, y in points:
+                _draw_estimate(axes, x, y, number)
+            if points:
+                _, x, y = max(points, key=lambda point: point[1][0])
+                ends.append((x[0], y[0], name, _colour(number)))
+        if level is not None:
+            name, share = level
+            axes.axhline(share, color=LIGHT["soft"], linestyle="--", linewidth=1)
+            ends.append((axes.get_xlim()[1], share, name, LIGHT["soft"]))
+        _share_axis(axes, axes.get_ylim()[1])
+        _label_points(axes, series.values())
+        _name_ends(axes, ends)
+        _write_titles(axes, x_title, y_title)
 
-def _x_of(point: tuple[str, Estimate, Estimate]) -> float:
-    _, (x, _, _), _ = point
-    return x
-
-
-def _values(estimates: Iterable[Sequence[float | None]]) -> list[float]:
-    """Return the values and bounds of estimates in a list, without those that are None."""
-    return [value for value in chain.from_iterable(estimates) if value is not None]
-
-
-Box = tuple[float, float, float, float]
-"""Left, right, top and bottom of a space, in pixels."""
-
-
-def _space_of(plot: Plot, x: Estimate, y: Estimate) -> list[Box]:
-    """Return the spaces of a point's marker, of its whiskers up and down, and of those across."""
-    middle = plot.x(x[0])
-    height = plot.y(y[0])
-    # Heights are counted downwards: the lower end of the whiskers has the greatest.
-    heights = [plot.y(value) for value in _values([y])]
-    places = [plot.x(value) for value in _values([x])]
-    return [
-        (middle - _MARKER, middle + _MARKER, height - _MARKER, height + _MARKER),
-        (middle, middle, min(heights), max(heights)),
-        (min(places), max(places), height, height),
-    ]
-
-
-def _label_point(
-    plot: Plot,
-    taken: Labels,
-    points: Sequence[Sequence[Box]],
-    label: str,
-    x: float,
-    y: Estimate,
-    *,
-    below: bool,
-) -> bool:
-    """Write a point's label above or below its whiskers, where it covers no point and no label.
-
-    Args:
-        plot: the chart.
-        taken: spaces of the labels so far.
-        points: spaces of all points.
-        label: the label.
-        x: the point's place.
-        y: its height, with the ends of its whiskers.
-        below: try below first, otherwise above.
-
-    Returns:
-        Whether there was space; otherwise the label is left out, and stands in the tooltip alone.
-    """
-    heights = [plot.y(value) for value in _values([y])]
-    base_lines = [min(heights) - 5, max(heights) + 12]
-    middle = plot.x(x)
-    half = SMALL_LETTER * len(label) / 2
-    left, right = middle - half, middle + half
-    for base_line in reversed(base_lines) if below else base_lines:
-        # Small letters are some seven pixels high, above their base line.
-        top = base_line - 7
-        covers_point = any(
-            left < end and right > start and top < bottom and base_line > upper
-            for boxes in points
-            for start, end, upper, bottom in boxes
-        )
-        if not covers_point and taken.take(left, right, base_line):
-            plot.text(middle, base_line, label, "small", "middle")
-            return True
-    return False
+    return Chart(description, draw)
 
 
 def intervals(
@@ -337,7 +195,7 @@ def intervals(
     *,
     reference: float | None = None,
     percent: bool = False,
-) -> Markup:
+) -> Chart:
     """Draw estimates with whiskers, one in a row, with the value at the right.
 
     Args:
@@ -347,45 +205,31 @@ def intervals(
         reference: value of a dashed vertical line, or None.
         percent: the estimates are shares, shown as percentages.
     """
-    estimates = [value for _, value in rows]
-    # Without rows, a reference alone would give the axis an odd range.
-    ends = _values([*estimates, (reference,)]) if rows else []
-    lowest = min(ends, default=0)
-    highest = max(ends, default=1)
-    ticks = round_ticks(lowest, highest)
-    plot = Plot(
-        (ticks[0], ticks[-1]),
-        (max(len(rows), 1), 0),  # the first row is at the top
-        description,
-        top=TOP,
-        right=56,
-        left=room_for((name for name, _ in rows), 12),
-        height=TOP + _ROW * len(rows) + BOTTOM,
-    )
-    tick_form = ".0%" if percent else ".3g"
-    texts = [f"{value:{tick_form}}" for value in ticks]
-    plot.x_axis(ticks, texts, grid=True)
-    if reference is not None:
-        ends_of_line = [(reference, 0), (reference, len(rows))]
-        plot.polyline(ends_of_line, "diagonal")
     form = ".1%" if percent else ".3f"
-    for number, (name, value) in enumerate(rows):
-        # Each row is one unit high.
-        middle = number + 0.5
-        centre, _, _ = value
-        plot.whiskers(value, (middle, None, None), number)
-        plot.marker(centre, middle, number, f"{name}: {estimate(value, percent)}")
-        base_line = plot.y(middle) + 4
-        plot.text(plot.left - 8, base_line, short(name), anchor="end")
-        plot.text(WIDTH - 44, base_line, f"{centre:{form}}")
-    plot.titles(x_title)
-    return plot.done()
+
+    def draw(axes: "Axes") -> None:
+        beside = axes.get_yaxis_transform()
+        for number, (_, value) in enumerate(rows):
+            _draw_estimate(axes, value, (number, None, None), number)
+            axes.text(1.03, number, f"{value[0]:{form}}", transform=beside, va="center")
+        if reference is not None:
+            axes.axvline(reference, color=LIGHT["soft"], linestyle="--", linewidth=1)
+        axes.set_yticks(range(len(rows)), [_clean(name) for name, _ in rows])
+        # The first row is at the top.
+        axes.set_ylim(max(len(rows), 1) - 0.5, -0.5)
+        axes.grid(axis="y", visible=False)
+        axes.grid(axis="x")
+        if percent:
+            axes.xaxis.set_major_formatter(_percent())
+        _write_titles(axes, x_title)
+
+    return Chart(description, draw, _ROW * len(rows) + _MARGINS)
 
 
 def log_reliability(
     series: Mapping[str, Sequence[ReliabilityPoint]],
     description: str,
-) -> Markup:
+) -> Chart:
     """Draw observed shares against probabilities on logarithmic axes.
 
     A diagonal shows perfect calibration.
@@ -394,47 +238,201 @@ def log_reliability(
         series: points by the series' name. A share of 0 is drawn at the lower end of the axis.
         description: text alternative for people who do not see the chart.
     """
-    shown_values = []
-    for probability, share, *_ in chain.from_iterable(series.values()):
-        shown_values += [probability, share]
+    values = [value for point in chain.from_iterable(series.values()) for value in point[:2]]
     # Zeros have no logarithm.
-    positive = [value for value in shown_values if value > 0]
-    least = min(positive, default=0.1)
+    least = min((value for value in values if value > 0), default=0.1)
     # The axis has a decade at least, and ends at a millionth: below, a share from some thousand
     # triples means nothing.
-    least = max(least, 1e-6)
-    decade = math.floor(math.log10(least))
-    lowest = min(decade, -1)
+    decade = min(math.floor(math.log10(max(least, 1e-6))), -1)
+    lowest = 10.0**decade
+    ticks = [10.0**power for power in range(decade, 1)]
+    tick_labels = [f"{tick:.10g}" for tick in ticks]
 
-    def place(value: float) -> float:
-        # A share of 0 has no logarithm, and is drawn at the end.
-        shown = max(value, 10.0**lowest)
-        return math.log10(shown)
+    def draw(axes: "Axes") -> None:
+        axes.set(xscale="log", yscale="log", xlim=(lowest, 1), ylim=(lowest, 1))
+        axes.set_xticks(ticks, tick_labels, minor=False)
+        axes.set_yticks(ticks, tick_labels, minor=False)
+        axes.minorticks_off()
+        axes.plot([lowest, 1], [lowest, 1], color=LIGHT["soft"], linestyle="--", linewidth=1)
+        markers = {}
+        for number, (name, points) in enumerate(series.items()):
+            drawn = []
+            for point in points:
+                x, share, low, high = (max(value, lowest) for value in point[:4])
+                drawn.append((x, share))
+                marker = _draw_estimate(axes, (x, None, None), (share, low, high), number)
+                markers[name] = marker
+            xs = [x for x, _ in drawn]
+            shares = [share for _, share in drawn]
+            axes.plot(xs, shares, color=_colour(number))
+        names = [_clean(name) for name in markers]
+        axes.legend(markers.values(), names, loc="upper left")
+        _write_titles(axes, "probability", "share of true triples")
 
-    plot = Plot((lowest, 0), (lowest, 0), description, left=LEFT + 8)
-    ticks = range(lowest, 1)
-    texts = [f"{10.0**value:.10g}" for value in ticks]
-    plot.y_axis(ticks, texts)
-    plot.x_axis(ticks, texts)
-    plot.polyline([(lowest, lowest), (0, 0)], "diagonal")
-    for number, (name, values) in enumerate(series.items()):
-        line = [(place(x), place(y)) for x, y, *_ in values]
-        plot.polyline(line, f"line {style_of(number)}")
-        for x, y, low, high, count in values:
-            across = place(x)
-            up = place(y)
-            interval = (up, place(low), place(high))
-            # A probability is given, not estimated: it has no interval.
-            plot.whiskers((across, None, None), interval, number)
-            # Text has the values themselves, not their logarithms.
-            true = f"true {y:.2g} [{low:.2g}, {high:.2g}]"
-            title = f"{name}: probability {x:.2g}, {true}, {count:,} triples"
-            plot.marker(across, up, number, title)
-    plot.titles("probability")
-    return plot.done(list(series))
+    return Chart(description, draw)
 
 
-def _shares(ticks: Sequence[float]) -> list[str]:
-    """Format ticks as percentages, or as numbers if the steps are below one per cent."""
-    form = ".3g" if ticks[1] < 0.01 else ".0%"
-    return [f"{value:{form}}" for value in ticks]
+def _clean(name: str, letters: int = _LONGEST_NAME) -> str:
+    """Return a name that fits a chart, in which nothing is hidden."""
+    return shortened(for_terminal(name), letters)
+
+
+def _write_titles(axes: "Axes", x_title: str, y_title: str = "") -> None:
+    """Write the title of x below the axes, and that of y above the upper left corner."""
+    axes.set_xlabel(for_terminal(x_title))
+    axes.set_title(for_terminal(y_title))
+
+
+def _colour(number: int) -> str:
+    """Return a data series' colour; colours repeat after the last."""
+    return LIGHT_SERIES[number % COLOURS]
+
+
+def _marker(number: int) -> str:
+    """Return the shape of a data series' markers."""
+    return _MARKERS[number % len(_MARKERS)]
+
+
+def _dashes_of(name: str, number: int, dashed: Collection[str] | None) -> _Dashes:
+    """Return the dashes of a curve."""
+    if dashed is None:
+        # The shift by a pattern with each round of the colours tells apart two curves of a colour.
+        rounds = number // COLOURS
+        return _DASHES[(number + rounds) % len(_DASHES)]
+    return _DASHED if name in dashed else _DASHES[0]
+
+
+def _draw_band(axes: "Axes", points: Sequence[CurvePoint], number: int) -> None:
+    """Fill the area between the bounds of a curve; a point without bounds interrupts it."""
+    every = math.ceil(len(points) / _MOST_BOUNDS)
+    # Counted from the end, because the last point matters most.
+    edge = points[::-1][::every]
+    if all(low is None for _, _, low, _ in edge):
+        return
+    bounds = []
+    for x, _, low, high in edge:
+        has_bounds = low is not None and high is not None
+        bounds.append((x, low, high) if has_bounds else (x, math.nan, math.nan))
+    xs, lows, highs = zip(*bounds, strict=True)
+    axes.fill_between(xs, lows, highs, facecolor=_colour(number), alpha=0.16, edgecolor="none")
+
+
+def _draw_estimate(
+    axes: "Axes", x: Estimate, y: Estimate, number: int, marker: str = ""
+) -> "PathCollection":
+    """Draw a point with its intervals, and return its marker.
+
+    Args:
+        axes: axes to draw on.
+        x: value on the x-axis, with bounds or with None for both.
+        y: value on the y-axis, likewise.
+        number: number of the data series, for colour and marker.
+        marker: shape of the marker; empty for that of the series.
+    """
+    colour = _colour(number)
+    across, left, right = x
+    up, low, high = y
+    # Estimates at the end of an axis are drawn whole.
+    look: dict[str, Any] = {"color": colour, "linewidth": _WHISKER, "clip_on": False}
+    if left is not None and right is not None:
+        axes.plot([left, right], [up, up], **look)
+    if low is not None and high is not None:
+        axes.plot([across, across], [low, high], **look)
+    # A marker of a line, or one with an edge, would be a named element and a link to it.
+    return axes.scatter(
+        [across],
+        [up],
+        _MARKER_SIZE**2,
+        marker=marker or _marker(number),
+        facecolor=colour,
+        edgecolor="none",
+        zorder=3,
+        clip_on=False,
+    )
+
+
+def _percent() -> "PercentFormatter":
+    """Return a format of shares as percentages."""
+    from matplotlib.ticker import PercentFormatter
+
+    return PercentFormatter(1)
+
+
+def _share_axis(axes: "Axes", highest: float) -> None:
+    """Show y as percentages, from 0."""
+    axes.set_ylim(0, highest)
+    axes.yaxis.set_major_formatter(_percent())
+
+
+def _step_axis(axes: "Axes", steps: Sequence[float]) -> None:
+    """Show x from 0, in thousands (k) and millions (M) where it is large."""
+    from matplotlib.ticker import EngFormatter, MaxNLocator
+
+    first = min(chain([0], steps))
+    last = max(chain([first], steps))
+    # A single point at 0: any range will do.
+    axes.set_xlim(first, last if last > first else first + 1)
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10], integer=True))
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+
+
+def _label_points(axes: "Axes", series: Iterable[Sequence[tuple[str, Estimate, Estimate]]]) -> None:
+    """Label points above or below their whiskers, where the label covers no point and no label."""
+    room = Labels(SMALL)
+    # Places before the layout, which moves the axes only a little.
+    place = axes.transData.transform
+    points = []
+    for number, labelled in enumerate(series):
+        # Labels of every second series lie below the points: those of two series overlap less.
+        sides = (-1, 1) if number % 2 else (1, -1)
+        for label, (x, *_), (y, low, high) in labelled:
+            across, up = place((x, y))
+            room.take(across - 4, across + 4, up)
+            ends = {-1: y if low is None else low, 1: y if high is None else high}
+            points.append((label, x, ends, sides))
+    named: set[str] = set()
+    for label, x, ends, sides in points:
+        half = _SMALL_LETTER * len(label) / 2
+        for side in sides:
+            across, end = place((x, ends[side]))
+            # Ten points from the whisker to the middle of the text: a line of small letters.
+            middle = end + 10 * side
+            if label not in named and room.take(across - half, across + half, middle):
+                named.add(label)
+                axes.annotate(
+                    _clean(label),
+                    (x, ends[side]),
+                    (0, 10 * side),
+                    textcoords="offset points",
+                    ha="center",
+                    va="center",
+                    fontsize=SMALL,
+                    color=LIGHT["soft"],
+                )
+
+
+def _name_ends(axes: "Axes", ends: Sequence[tuple[float, float, str, str]]) -> None:
+    """Write the names of curves (x, y, name, colour) at their right ends, a line apart.
+
+    A thin line of the curve's colour leads to its name.
+    """
+    low, high = axes.get_ylim()
+    gap = _LINE_HEIGHT * (high - low) / (HEIGHT - _MARGINS)
+    heights = spread([y for _, y, _, _ in ends], gap, low, high)
+    for (x, y, name, colour), height in zip(ends, heights, strict=True):
+        axes.annotate(
+            _clean(name),
+            (x, y),
+            (1.05, height),
+            textcoords=axes.get_yaxis_transform(),
+            va="center",
+            annotation_clip=False,
+            arrowprops={
+                "arrowstyle": "-",
+                "color": colour,
+                "linewidth": 1,
+                "relpos": (0, 0.5),
+                "shrinkA": 2,
+                "shrinkB": 0,
+            },
+        )

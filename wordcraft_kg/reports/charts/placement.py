@@ -1,60 +1,7 @@
-"""Axis ticks, number formats for axes and tooltips, and placement of labels without overlap."""
+"""Shortened labels, and their placement without overlap."""
 
-import math
 from collections import defaultdict
 from collections.abc import Sequence
-
-Estimate = tuple[float, float | None, float | None]
-"""A value with the lower and the upper bound of its interval; None for both without an interval."""
-_UNITS = ((1e9, "B"), (1e6, "M"), (1e3, "k"), (1, ""))
-"""Sizes and letters of the units of large numbers, largest first."""
-_ROUNDING = 1e-9
-"""Tolerance for rounding errors, in steps of an axis: they must not add a tick beyond a bound."""
-
-
-def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
-    """Return multiples of 1, 2 or 5 times a power of ten that cover a range.
-
-    Args:
-        low: lower end of the range.
-        high: upper end; equal ends count as a range of their own size.
-        most: most steps between ticks; there may be one more if a bound lies between two ticks.
-    """
-    span = high - low or abs(high) or 1.0
-    ideal = span / most
-    # The power of ten below the ideal step; 10 times it is always large enough.
-    power = math.floor(math.log10(ideal))
-    unit = 10**power
-    most_steps = most * (1 + _ROUNDING)
-    steps = (size * unit for size in (1, 2, 5, 10))
-    step = next(step for step in steps if span / step <= most_steps)
-    first = math.floor(low / step + _ROUNDING)
-    last = math.ceil(high / step - _ROUNDING)
-    # At least one step, also for a range that lies on a tick.
-    last = max(last, first + 1)
-    return [i * step for i in range(first, last + 1)]
-
-
-def amounts(values: Sequence[float]) -> list[str]:
-    """Format numbers in the largest number's unit: 0, 0.5M, 1M."""
-    highest = max(map(abs, values), default=0)
-    smallest = _UNITS[-1]
-    fitting = (unit for unit in _UNITS if highest >= unit[0])
-    size, letter = next(fitting, smallest)
-    texts = []
-    for value in values:
-        number = f"{value / size:.10g}"
-        texts.append(number + letter if value else "0")
-    return texts
-
-
-def estimate(value: Estimate, percent: bool) -> str:
-    """Format a value with its bounds, as percentages or as numbers with three digits."""
-    form = ".1%" if percent else ".3g"
-    centre, low, high = value
-    if low is None or high is None:
-        return f"{centre:{form}}"
-    return f"{centre:{form}} [{low:{form}}, {high:{form}}]"
 
 
 def shortened(text: str, letters: int) -> str:

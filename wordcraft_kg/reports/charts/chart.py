@@ -1,0 +1,214 @@
+"""Charts as Matplotlib figures, and as SVG for pages and files.
+
+Matplotlib is imported when the first chart is drawn, because importing it takes half a second.
+"""
+
+import io
+import math
+import re
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import RLock
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
+
+from wordcraft_kg.base.escaping import for_terminal
+from wordcraft_kg.reports.charts.palette import LIGHT, dark_rules
+from wordcraft_kg.reports.charts.svg import element
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WIDTH = 460
+HEIGHT = 250
+"""Size of a chart in points, which are pixels in SVG; pages scale it."""
+_POINTS = 72
+"""Points in an inch, Matplotlib's unit of a figure's size."""
+SMALL = 9.5
+"""Size of small letters, in points."""
+_STYLE: dict[str, Any] = {
+    # Axes end at ticks.
+    "axes.autolimit_mode": "round_numbers",
+    "axes.axisbelow": True,
+    "axes.edgecolor": LIGHT["line"],
+    "axes.grid": True,
+    "axes.grid.axis": "y",
+    "axes.labelcolor": LIGHT["ink"],
+    "axes.labelsize": 11,
+    "axes.spines.bottom": False,
+    "axes.spines.left": False,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlecolor": LIGHT["soft"],
+    "axes.titlelocation": "left",
+    "axes.titlesize": SMALL,
+    "axes.xmargin": 0,
+    "axes.ymargin": 0,
+    "font.size": 11,
+    "grid.color": LIGHT["line"],
+    "legend.frameon": False,
+    "lines.linewidth": 2,
+    # Dashes have lengths in points, whatever the width of the line.
+    "lines.scale_dashes": False,
+    # Texts stay texts, which readers can search and copy.
+    "svg.fonttype": "none",
+    "text.color": LIGHT["ink"],
+    # A label may hold dollar signs, which are no formula.
+    "text.parse_math": False,
+    "xtick.bottom": False,
+    "xtick.color": LIGHT["ink"],
+    "xtick.labelsize": 11,
+    "xtick.major.pad": 7,
+    "ytick.left": False,
+    "ytick.color": LIGHT["ink"],
+    "ytick.labelsize": 11,
+    "ytick.major.pad": 5,
+}
+_DRAWING = RLock()
+"""Held while a chart is drawn: Matplotlib's settings belong to the whole process."""
+_TAG = re.compile(r"<[^<>]+>")
+"""A tag of SVG: Matplotlib escapes angle brackets in texts and attributes."""
+_STYLED = re.compile(r' style="([^"]*)"')
+_RULE = re.compile(r"([a-z-]+): ([^;]+)(?:; )?")
+_UNUSED = re.compile(r' (?:id|clip-path)="[^"]*"|(?<=\.\d\d)\d+')
+"""Names, which would repeat in a page; clipping of what lies inside the axes anyway; digits beyond
+a hundredth of a pixel."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart, drawn when it is shown.
+
+    Templates show it as inline SVG in the page's colours.
+
+    Attributes:
+        description: text alternative for people who do not see the chart.
+        draw: draws the chart on axes of Matplotlib.
+        height: height in points; the width is :data:`WIDTH`.
+    """
+
+    description: str
+    draw: "Callable[[Axes], None]"
+    height: int = HEIGHT
+
+    def figure(self) -> "Figure":
+        """Return the chart as a figure of Matplotlib, to change it or to save it for a paper."""
+        return figure_of([("", self)])
+
+    def __html__(self) -> Markup:
+        """Return the chart as SVG to place in a page, which defines its dark colours."""
+        with _drawing():
+            figure = self.figure()
+            content = _content_of(figure)
+        return element(
+            "svg",
+            content,
+            viewBox=f"0 0 {WIDTH} {self.height}",
+            class_="chart",
+            role="img",
+            aria_label=self.description,
+            stroke_linejoin="round",
+        )
+
+
+def figure_of(panels: Sequence[tuple[str, Chart]], title: str = "") -> "Figure":
+    """Return charts as one figure of Matplotlib, two in a row.
+
+    Args:
+        panels: caption (or empty) and chart of each panel, at least one.
+        title: title of the figure, or empty.
+    """
+    with _drawing():
+        from matplotlib.figure import Figure
+
+        num_columns = min(len(panels), 2)
+        num_rows = math.ceil(len(panels) / num_columns)
+        heights = []
+        for row in range(num_rows):
+            in_row = panels[row * num_columns : (row + 1) * num_columns]
+            heights.append(max(chart.height for _, chart in in_row))
+        size = (num_columns * WIDTH / _POINTS, sum(heights) / _POINTS)
+        figure = Figure(figsize=size, dpi=_POINTS, layout="constrained")
+        grid = figure.subfigures(num_rows, num_columns, squeeze=False, height_ratios=heights)
+        for subfigure, (caption, chart) in zip(grid.flat, panels, strict=False):
+            if caption:
+                subfigure.suptitle(for_terminal(caption), x=0.02, ha="left", fontsize="medium")
+            chart.draw(subfigure.subplots())
+        if title:
+            figure.suptitle(for_terminal(title), x=0.01, ha="left", fontsize="large")
+    return figure
+
+
+def as_file(panels: Sequence[tuple[str, Chart]], title: str) -> str:
+    """Return charts as the text of an SVG file with a title.
+
+    A browser shows the file in the reader's colour scheme; other programs show it on white.
+    """
+    with _drawing():
+        figure = figure_of(panels, title)
+        content = _content_of(figure)
+    width, height = (round(inches * _POINTS) for inches in figure.get_size_inches())
+    dark = Markup(f"@media screen and (prefers-color-scheme: dark) {{\n{dark_rules()}\n}}")
+    page = element("rect", width=width, height=height, fill=LIGHT["page"])
+    whole = element(
+        "svg",
+        element("title", title),
+        element("style", dark),
+        page,
+        content,
+        xmlns="http://www.w3.org/2000/svg",
+        viewBox=f"0 0 {width} {height}",
+        width=width,
+        height=height,
+        class_="chart",
+        role="img",
+        font_family="Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif",
+        stroke_linejoin="round",
+    )
+    return f"{whole}\n"
+
+
+@contextmanager
+def _drawing() -> Iterator[None]:
+    """Draw with the settings of charts, whatever the user's settings of Matplotlib are."""
+    from matplotlib import style
+
+    with _DRAWING, style.context(["default", _STYLE]), warnings.catch_warnings():
+        # The reader's browser has the letters that Matplotlib's font lacks.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        yield
+
+
+def _content_of(figure: "Figure") -> Markup:
+    """Return the elements of a figure as SVG, for a root element of our own.
+
+    Styles become attributes, which a page's security policy admits and its style sheet overrides.
+    """
+    file = io.StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    figure.savefig(file, format="svg", transparent=True, metadata=nothing)
+    text = file.getvalue()
+    begin = text.index('<g id="figure_1"')
+    end = text.rindex("</g>") + len("</g>")
+    content = text[begin:end]
+    return Markup(_TAG.sub(_with_attributes, content))
+
+
+def _with_attributes(tag: re.Match[str]) -> str:
+    """Return a tag with its style as attributes, short numbers, and nothing unused."""
+    styled = _STYLED.sub(_attributes, tag[0])
+    return _UNUSED.sub("", styled)
+
+
+def _attributes(style: re.Match[str]) -> str:
+    """Return rules of CSS as attributes of SVG."""
+    written = ""
+    for name, value in _RULE.findall(style[1]):
+        # The page has its own letters, and shows them in the size that Matplotlib has measured.
+        if name != "font-family":
+            written += f' {name}="{value}"'
+    return written

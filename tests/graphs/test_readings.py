@@ -396,7 +396,10 @@ REFUSED = {
         [{"ingredients": [["oak", "fir"], "coal"], "result": "x"}],
         NO_WORDS,
     ),
-    "numbers as results": ("a,b,result\nwater,earth,12\nfire,sand,13\n", NO_WORDS),
+    "numbers as results": (
+        "a,b,result\nwater,earth,12\nfire,sand,13\n",
+        "line 2: '12' is a number; a result is a name",
+    ),
     "weights": ("a,b,weight\nwater,earth,0.5\nfire,sand,0.25\n", "weight"),
     "merged cells": ("a,b,result\nwater,earth,mud\n,fire,steam\n", "line 3: a blank cell before"),
     "a missing value": ("a,b,result\nice,NA,water\n", "line 2: 'NA' may be a missing value"),

@@ -22,8 +22,8 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.graphs.audit import degrees, reachability
+from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.containers import read_bytes
-from wordcraft_kg.graphs.book_files.entries import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.reader import (
     REPEATED,
     SELF_RESULT,
@@ -35,6 +35,7 @@ from wordcraft_kg.graphs.book_files.reader import (
     unknown_base,
 )
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
+from wordcraft_kg.graphs.book_files.text import Decoded
 from wordcraft_kg.graphs.book_files.writing import csv_line
 from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.label_notes import (
@@ -208,7 +209,7 @@ def check_book(
         if path.is_dir():
             raise
         return BookCheck((_problem("unreadable", str(error)),), None, None)
-    findings = _of_bytes(rows)
+    findings = _of_bytes(rows.decoded)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
     findings += _of_left_out(rows)
@@ -254,7 +255,7 @@ def check_book(
     )
 
 
-def _of_bytes(file: BookRows) -> list[Finding]:
+def _of_bytes(file: Decoded) -> list[Finding]:
     """Return findings about the bytes of a text: mark, line ends, encoding."""
     findings = []
     if file.encoding not in ("", "utf-8"):
@@ -321,16 +322,15 @@ def _read_rows(
     kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     faulty = [fault.place for fault in chain(*faults.values()) if fault.kind != "directive"]
     if faulty:
-        rows.left_out[FAULTY] = len(faulty)
-        rows.places_left_out[FAULTY] = faulty
+        rows.left_out[FAULTY] = faulty
     return lines_of, replace(book, base=base, kinds=kinds)
 
 
 def _of_left_out(rows: BookRows) -> Iterator[Finding]:
     """Yield findings about rows that are no recipe; those with a fault have findings already."""
-    for reason, number in rows.left_out.items():
-        lines = _numbers(rows.places_left_out.get(reason, ()))
-        message = f"{counted(number, 'row')} {reason}"
+    for reason, places in rows.left_out.items():
+        lines = _numbers(places)
+        message = f"{counted(len(places), 'row')} {reason}"
         # In a table or lines such a row is a slip; in JSON it is a thing without a recipe.
         is_slip = reason == WITHOUT and bool(lines)
         if is_slip:
@@ -341,7 +341,7 @@ def _of_left_out(rows: BookRows) -> Iterator[Finding]:
 
 def _lost(rows: BookRows, lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[str, list[Place]]:
     """Return the places of all rows that are no recipe of the book, by reason."""
-    lost = defaultdict[str, list[Place]](list, rows.places_left_out)
+    lost = defaultdict[str, list[Place]](list, rows.left_out)
     for recipe, places in lines_of.items():
         if recipe.is_self_result:
             lost[SELF_RESULT] += places

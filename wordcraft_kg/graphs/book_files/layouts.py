@@ -19,6 +19,7 @@ from wordcraft_kg.graphs.book_files.rows import (
 )
 from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
 from wordcraft_kg.graphs.label_notes import NOTHING
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import check_label, label_fault, shown
 
 
@@ -66,7 +67,7 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
     if kinds is not None and (not isinstance(kinds, list) or len(kinds) != len(rows)):
         expected = 'expected a list with a kind, or "", for each recipe.'
         raise RecipeFileError(f"{path}: kinds is {shown(kinds)}; {expected}")
-    source = FileRows("our own JSON", is_exact=True)
+    source = FileRows(Reading(shape="our own JSON"), is_exact=True)
     _list(source, path, document["entities"], base)
     places = (f"recipes[{index}]" for index in range(len(rows)))
     raws = zip(places, rows, kinds or repeat(""), strict=False)
@@ -76,7 +77,7 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
 
 def _official_layout(path: Path, entities: Mapping[str, Mapping[str, Any]]) -> FileRows:
     """Read the layout of the paper's code: pairs below each entity."""
-    source = FileRows("the paper's JSON", is_exact=True)
+    source = FileRows(Reading(shape="the paper's JSON"), is_exact=True)
     _list(source, path, list(entities), None)
     source.entries = _exact(_pairs_below(entities), source.listed, "a list of ingredients")
     return source
@@ -138,7 +139,9 @@ def _exact(
 def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
     """Read a directed hypergraph in HIF, as `export --format hif` writes it."""
     found = recipes_of_hif(document, str(path))
-    source = FileRows("a hypergraph (HIF)", is_exact=True, counts_dropped=found.dropped_counts)
+    source = FileRows(
+        Reading(shape="a hypergraph (HIF)", counts_dropped=found.dropped_counts), is_exact=True
+    )
     _list(source, path, found.listed, None if found.base is None else list(found.base))
     # For people, edges count from 1.
     source.entries = [
@@ -150,7 +153,7 @@ def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
 
 def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:
     """Read a dump of Infinite Craft: rows of indices of two ingredients, and of the result."""
-    source = FileRows("a dump of Infinite Craft", is_exact=True)
+    source = FileRows(Reading(shape="a dump of Infinite Craft"), is_exact=True)
     labels = [
         item.get("text", item.get("name")) if isinstance(item, dict) else item for item in items
     ]

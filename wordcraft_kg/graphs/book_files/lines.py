@@ -10,7 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from wordcraft_kg.graphs.book_files.cells import alternatives, without_markup
+from msgspec.structs import replace
+
+from wordcraft_kg.graphs.book_files.cells import alternatives, read_labels, without_markup
 from wordcraft_kg.graphs.book_files.rows import (
     INFINITE_CRAFT_BASE,
     MAX_LINE_LENGTH,
@@ -24,6 +26,7 @@ from wordcraft_kg.graphs.book_files.rows import (
 )
 from wordcraft_kg.graphs.book_files.tables import read_directive, too_long
 from wordcraft_kg.graphs.book_files.words import is_documented
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import label_fault
 
 _FORWARD = "→⇒⟶⟹➡⇨➔➜"
@@ -92,17 +95,18 @@ def looks_like_lines(text: str, *, is_table: bool) -> bool:
     return bool(content) and len(sums) >= _ENOUGH * len(content)
 
 
-def read_lines(path: Path, text: str) -> FileRows:
+def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     """Read a text with a sum on each line.
 
     Args:
         path: the file, for errors.
         text: its text.
+        fold: whether labels are in lower case.
 
     Raises:
         RecipeFileError: if sums are on both sides, or an arrow points at a sum.
     """
-    source = FileRows("lines a + b = c")
+    source = FileRows(Reading(shape="lines a + b = c"))
     lines = list(enumerate(io.StringIO(text, newline=""), start=1))
     left = right = 0
     for number, line in lines:
@@ -115,13 +119,17 @@ def read_lines(path: Path, text: str) -> FileRows:
                 raise refusal(path, seen, "lines")
     if left and right:
         raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
-    source.columns = ("sum", "result") if left >= right else ("sum", "result before it")
+    columns = ("sum", "result") if left >= right else ("sum", "result before it")
+    source.reading = replace(source.reading, columns=columns)
     entries: list[Entry] = list(_entries(source, lines, sum_is_left=left >= right))
+    rows = [entry for entry in entries if isinstance(entry, Row)]
+    labels = read_labels(rows, label_fault, fold=fold)
+    source.entries = [labels.row(entry) if isinstance(entry, Row) else entry for entry in entries]
+    source.label = labels.label
+    source.reading = labels.facts(source.reading)
     # Each label of Infinite Craft's base as a word of its own.
     if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
-        entries = without_nothing(entries)
-    source.entries = entries
-    rows = [entry for entry in entries if isinstance(entry, Row)]
+        source.entries = without_nothing(source.entries)
     # In a line the sum may stand on either side.
     first, last = ([row.ingredients[0] for row in rows], [row.result for row in rows])
     inner = [label for row in rows for label in row.ingredients[1:]]
@@ -176,7 +184,8 @@ def _recipes(source: FileRows, number: int, line: str, *, sum_is_left: bool) -> 
     # Several results, or several sums of the same result, between commas.
     if sum_is_left:
         pairs = [(_summands(total), _unwrapped(result)) for result in rest.split(",")]
-        source.several_outputs += len(pairs) > 1
+        several_outputs = source.reading.several_outputs + (len(pairs) > 1)
+        source.reading = replace(source.reading, several_outputs=several_outputs)
     else:
         pairs = [(_summands(part), _unwrapped(rest)) for part in total.split(",")]
     for ingredients, result in pairs:

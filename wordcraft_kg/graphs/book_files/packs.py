@@ -10,9 +10,12 @@ from itertools import chain, combinations_with_replacement, islice, product
 from pathlib import PurePosixPath
 from typing import Any
 
+from msgspec.structs import replace
+
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.json_text import parsed_json
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, Fault, FileRows, LeftOut, Row
+from wordcraft_kg.graphs.book_files.text import parsed_json
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import label_fault, shown
 
 _MAX_CHOICES = 256
@@ -30,7 +33,7 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
     Args:
         files: names and bytes of its JSON files: recipes, and tags of items.
     """
-    source = FileRows("Minecraft recipes", is_exact=True)
+    source = FileRows(Reading(shape="Minecraft recipes"), is_exact=True)
     tags: dict[str, list[Any]] = {}
     recipes: list[tuple[str, Any]] = []
     for name, data in files:
@@ -46,7 +49,8 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
     members = _members_of(tags)
     source.entries = list(chain.from_iterable(_recipes(source, members, *each) for each in recipes))
     if tags:
-        source.notes.append(f"{len(tags):,} tags of the pack are choices of their items")
+        notes = (f"{len(tags):,} tags of the pack are choices of their items",)
+        source.reading = replace(source.reading, notes=notes)
     return source
 
 
@@ -90,10 +94,10 @@ def _recipes(source: FileRows, tags: Tags, name: str, value: Any) -> Iterator[En
         return
     holders = [holder for holder in (*(parts or ()), *results, value) if isinstance(holder, dict)]
     numbers = [holder.get("count", holder.get("amount", 1)) for holder in holders]
-    source.counts_dropped += sum(number != 1 for number in numbers)
     # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.
-    different = set(map(tuple, slots))
-    source.counts_dropped += len(different) < len(slots) > 2
+    is_set = len(set(map(tuple, slots))) < len(slots) > 2
+    dropped = source.reading.counts_dropped + sum(number != 1 for number in numbers) + is_set
+    source.reading = replace(source.reading, counts_dropped=dropped)
     yield from (Row(name, ingredients, made[0]) for ingredients in choices)
 
 

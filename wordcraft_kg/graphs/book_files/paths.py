@@ -48,17 +48,13 @@ def parse_path(text: str) -> Path:
     at = 0
     while at < len(text):
         step = _STEP.match(text, at)
-        if step is None:
-            raise ConfigError(f"`columns` {text!r}: expected {GRAMMAR}.")
+        if step is None or len(steps) > MOST_STEPS:
+            raise ConfigError(f"`columns` {text[:80]!r}: expected {GRAMMAR}.")
         if step[1] is not None:
             steps.append("." + re.sub(r"\\(.)", r"\1", step[1]))
-        elif step[0] == KEY:
-            steps += [VALUES, KEY]
         else:
-            steps.append(step[0])
+            steps += [VALUES, KEY] if step[0] == KEY else [step[0]]
         at = step.end()
-    if len(steps) > MOST_STEPS:
-        raise ConfigError(f"`columns` {text[:80]!r}: more than {MOST_STEPS} steps.")
     return tuple(steps)
 
 
@@ -67,10 +63,8 @@ def path_text(path: Path, is_table: bool = False) -> str:
     if is_table:
         name = path[-1]
         return name[1:] if name.startswith(".") else str(int(name[1:-1]) + 1)
-    steps = []
-    for step in path:
-        is_key = step.startswith(".")
-        steps.append("." + re.sub(r"([.\[\]{}\\])", r"\\\1", step[1:]) if is_key else step)
+    keys = ("." + re.sub(r"([.\[\]{}\\])", r"\\\1", step[1:]) for step in path)
+    steps = (key if step.startswith(".") else step for key, step in zip(keys, path, strict=True))
     return "".join(steps).replace("{}{key}", KEY).removeprefix(".")
 
 
@@ -82,40 +76,39 @@ def fitted(path: Path, value: Any) -> Path:
         value: the document.
     """
     steps: list[str] = []
-    samples = [value]
+    samples = [Located("", value)]
     for step in (*path, None):
-        is_place = step is not None and step.startswith("[")
-        while any(isinstance(each, list) for each in samples) and not is_place and step != KEY:
+        is_place = step is not None and (step.startswith("[") or step == KEY)
+        while not is_place and any(isinstance(each.value, list) for each in samples):
             if len(steps) > MOST_STEPS:
                 break
             steps.append(EACH)
-            samples = _next_samples(samples, EACH)
+            samples = _samples(samples, EACH)
         if step is not None:
             steps.append(step)
-            samples = _next_samples(samples, step)
+            samples = _samples(samples, step)
     return tuple(steps)
 
 
-def _next_samples(samples: Sequence[Any], step: str) -> list[Any]:
-    inner = (found.value for each in samples for found in _step("", each, step))
-    return list(islice((each for each in inner if each not in (None, [], {})), _MOST_SAMPLES))
+def _samples(samples: Sequence[Located], step: str) -> list[Located]:
+    inner = chain.from_iterable(_step(each, step) for each in samples)
+    return list(islice((each for each in inner if each.value), _MOST_SAMPLES))
 
 
-def _step(place: str, value: Any, step: str) -> Iterator[Located]:
+def _step(found: Located, step: str) -> Iterator[Located]:
     """Yield what a step leads to, with places."""
-    if step == EACH:
-        if isinstance(value, list):
-            for index, each in enumerate(value):
-                yield Located(f"{place}[{index}]", each)
-    elif step.startswith("["):
+    place, value, _ = found
+    if step == KEY:
+        yield Located(place, found.key)
+    elif step == EACH and isinstance(value, list):
+        yield from (Located(f"{place}[{index}]", each) for index, each in enumerate(value))
+    elif step == VALUES and isinstance(value, dict):
+        for key, each in value.items():
+            yield Located(f"{place}.{key}".removeprefix("."), each, key)
+    elif step.startswith("[") and step != EACH and isinstance(value, list):
         index = int(step[1:-1])
-        if isinstance(value, list) and index < len(value):
-            yield Located(f"{place}{step}", value[index])
-    elif step == VALUES:
-        if isinstance(value, dict):
-            for key, each in value.items():
-                yield Located(f"{place}.{key}".removeprefix("."), each, key)
-    elif isinstance(value, dict) and step[1:] in value:
+        yield from (Located(f"{place}{step}", each) for each in value[index : index + 1])
+    elif step.startswith(".") and isinstance(value, dict) and step[1:] in value:
         yield Located(f"{place}{step}".removeprefix("."), value[step[1:]])
 
 
@@ -128,10 +121,8 @@ def leaves(found: Located, path: Path) -> Iterator[Located]:
     """
     if not path:
         yield found
-    elif path[0] == KEY:
-        yield Located(found.place, found.key)
     else:
-        for inner in _step(found.place, found.value, path[0]):
+        for inner in _step(found, path[0]):
             yield from leaves(inner, path[1:])
 
 
@@ -148,19 +139,19 @@ def _rows(found: Located, paths: dict[int, Path], num_parts: int) -> Iterator[Co
         num_parts: number of columns of ingredients, which are the first ones. A single one has a
             row for each list at its end.
     """
-    groups: dict[str, dict[int, Path]] = {}
+    groups: dict[Path, dict[int, Path]] = {}
     for column, path in paths.items():
-        groups.setdefault(path[0] if path else "", {})[column] = path[1:]
+        groups.setdefault(path[:1], {})[column] = path[1:]
     bound: Columns = {}
     several: list[list[Columns]] = []
     for step, inner in groups.items():
         first = next(iter(inner))
-        whole = (step, *inner[first]) if step else ()
-        if step in ("", KEY):
-            bound |= {column: list(leaves(found, (step,) if step else ())) for column in inner}
+        whole = (*step, *inner[first])
+        if not any(inner.values()):
+            bound |= {column: list(leaves(found, step)) for column in inner}
         elif len(inner) > 1:
-            each = _step(found.place, found.value, step)
-            several.append(list(chain.from_iterable(_rows(one, inner, num_parts) for one in each)))
+            each = (_rows(one, inner, num_parts) for one in _step(found, step[0]))
+            several.append(list(chain.from_iterable(each)))
         elif num_parts == 1 and first == 0:
             loops = [i for i, step in enumerate(whole) if step in LOOPS]
             last = loops[-1] if loops else len(whole)

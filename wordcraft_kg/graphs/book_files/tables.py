@@ -16,15 +16,12 @@ from operator import ne
 from pathlib import Path
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.cells import (
-    formula_fault,
-    has_unseen,
-    is_number,
-    trim_unseen,
-)
-from wordcraft_kg.graphs.book_files.entries import Document
+from wordcraft_kg.graphs.book_files.cells import exact_fault, has_unseen, is_number, trim_unseen
+from wordcraft_kg.graphs.book_files.documents import Document
 from wordcraft_kg.graphs.book_files.paths import EACH
 from wordcraft_kg.graphs.book_files.rows import (
     MAX_LINE_LENGTH,
@@ -33,8 +30,15 @@ from wordcraft_kg.graphs.book_files.rows import (
     LeftOut,
     refusal,
 )
-from wordcraft_kg.graphs.book_files.words import KIND, is_documented, is_name, is_plain, readings
+from wordcraft_kg.graphs.book_files.words import (
+    KIND,
+    is_documented,
+    is_name,
+    is_plain,
+    ways_by_words,
+)
 from wordcraft_kg.graphs.plain_rows import number_plain_rows
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import label_fault
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
@@ -228,7 +232,7 @@ def _are_names(cells: Sequence[str]) -> bool:
     if sum(map(is_number, cells)) > 1:
         return False
     paths = [(EACH, f".{cell}") for cell in cells]
-    sure = [each for each in readings(paths) if each.is_documented]
+    sure = [each for each in ways_by_words(paths) if each.is_documented]
     return any(each.is_named or is_name(each.results[0][-1][1:]) for each in sure)
 
 
@@ -295,7 +299,8 @@ def _parsed(
             # A table that we write has quotes around cells that begin or end with blanks.
             if not line.isascii() and '"' not in line:
                 seen = list(map(trim_unseen, cells))
-                source.trimmed += sum(map(ne, seen, cells))
+                trimmed = source.reading.trimmed + sum(map(ne, seen, cells))
+                source.reading = replace(source.reading, trimmed=trimmed)
                 cells = seen
             yield Line(number, cells) if any(cells) else LeftOut(number, "blank")
 
@@ -323,7 +328,7 @@ def read_table(
     Raises:
         RecipeFileError: if two delimiters fit, or the text is no table.
     """
-    source = FileRows("table")
+    source = FileRows(Reading(shape="table"))
     file = io.StringIO(text, newline="")
     faults, first = _read_head(source, file)
     if first is None:
@@ -340,7 +345,7 @@ def read_table(
     is_own = tuple(_tolerant_cells(first[1], dialect)) in _OWN
     if not is_own:
         dialect = _dialect(sample, delimiter) if delimiter else _guess_dialect(path, sample, usual)
-    source.delimiter = dialect.delimiter
+    source.reading = Reading(shape="table", delimiter=dialect.delimiter)
     source.is_exact = is_own
     # Blanks at the ends that cannot be seen are slips, unless they are in quotes.
     if is_own and KIND not in first[1] and not faults and not has_unseen(text):
@@ -357,7 +362,7 @@ def _is_single_quoted(line: str) -> bool:
 def _is_odd(label: str) -> bool:
     """Return whether a label may be no label: of a repeated header, a comment or a formula."""
     is_word = label in CSV_HEADER or label.startswith(("# ", "// "))
-    return is_word or bool(formula_fault(label) or label_fault(label))
+    return is_word or bool(exact_fault(label))
 
 
 def _document(
@@ -367,7 +372,7 @@ def _document(
     body = [row for row in rows if isinstance(row, Line)]
     width = max((len(_without_blanks(row.cells)) for row in body), default=0)
     if width < 2:
-        raise _no_table(path, body[0].cells[0] if body else "", source.delimiter)
+        raise _no_table(path, body[0].cells[0] if body else "", source.reading.delimiter)
     grid = _grid(body)
     if grid is not None:
         return grid
@@ -383,14 +388,14 @@ def _document(
         elif row.number < number_of_header:
             document.others.append(LeftOut(row.number, "above the header"))
         elif row.number > number_of_header:
-            odd = _odd_row(row, names, known, source.delimiter)
+            odd = _odd_row(row, names, known, source.reading.delimiter)
             if odd is None:
                 cells = [*row.cells, *[""] * (len(keys) - len(row.cells))]
                 document.places.append(row.number)
                 document.value.append(dict(zip(keys, cells, strict=False)))
             else:
                 document.others.append(odd)
-    source.header = bool(names)
+    source.reading = replace(source.reading, header=bool(names))
     return document
 
 

@@ -23,7 +23,7 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.graphs.audit import degrees, reachability
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
-from wordcraft_kg.graphs.book_files.containers import read_bytes
+from wordcraft_kg.graphs.book_files.files import Decoded, read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
     REPEATED,
     SELF_RESULT,
@@ -35,7 +35,6 @@ from wordcraft_kg.graphs.book_files.reader import (
     unknown_base,
 )
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
-from wordcraft_kg.graphs.book_files.text import Decoded
 from wordcraft_kg.graphs.book_files.writing import csv_line
 from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.label_notes import (

@@ -21,11 +21,19 @@ from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest, one_of
 from wordcraft_kg.graphs.book_files.cells import odd_label
-from wordcraft_kg.graphs.book_files.containers import Content, read_content
 from wordcraft_kg.graphs.book_files.documents import Document, as_records, read_document
-from wordcraft_kg.graphs.book_files.layouts import known_layout
+from wordcraft_kg.graphs.book_files.files import (
+    Content,
+    Decoded,
+    check_encoding,
+    decode,
+    foreign_format,
+    is_json,
+    load_json,
+    read_content,
+)
+from wordcraft_kg.graphs.book_files.layouts import known_layout, read_pack
 from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines
-from wordcraft_kg.graphs.book_files.packs import read_pack
 from wordcraft_kg.graphs.book_files.rows import (
     GUIDE,
     Fault,
@@ -38,14 +46,6 @@ from wordcraft_kg.graphs.book_files.rows import (
 )
 from wordcraft_kg.graphs.book_files.rule import LEAST_REUSED, share_of_reused
 from wordcraft_kg.graphs.book_files.tables import ENDINGS, delimiter_of, read_table
-from wordcraft_kg.graphs.book_files.text import (
-    Decoded,
-    check_encoding,
-    decode,
-    foreign_format,
-    is_json,
-    load_json,
-)
 from wordcraft_kg.graphs.chains import (
     HALF,
     MOST_INGREDIENTS,

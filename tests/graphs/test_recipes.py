@@ -14,7 +14,7 @@ from refusals import refuses
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
 from wordcraft_kg.graphs.book_files import book_name
-from wordcraft_kg.graphs.book_files.tables import trimmed
+from wordcraft_kg.graphs.book_files.texts import trimmed
 from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"

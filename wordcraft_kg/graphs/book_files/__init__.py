@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.book_files.reader import BookOptions as BookOptions
 from wordcraft_kg.graphs.book_files.reader import ReadOptions as ReadOptions
 from wordcraft_kg.graphs.book_files.reader import book_name as book_name
 from wordcraft_kg.graphs.book_files.reader import read_book as read_book
-from wordcraft_kg.graphs.book_files.tables import CSV_HEADER as CSV_HEADER
+from wordcraft_kg.graphs.book_files.texts import CSV_HEADER as CSV_HEADER
 from wordcraft_kg.graphs.book_files.words import KIND as KIND
 from wordcraft_kg.graphs.book_files.writing import book_json as book_json
 from wordcraft_kg.graphs.book_files.writing import recipe_table as recipe_table

@@ -502,6 +502,7 @@ def names_by_id(things: Iterable[tuple[Any, Any]]) -> Names:
 _MANY = 0.2  # share of the cells
 _FEWEST = 2  # results by which labels with and without marks are the same
 _FORMS = {
+    "single quotes": re.compile(r"'.*'"),
     "a number of pieces": re.compile(
         r"\d+(?:[.,]\d+)?[x×*][^\W\d].*"  # 25xCopper
         r"|.*[^\W\d]\)?\s*x\d{1,3} \(.+\)"  # Iron x10 (+5 per level)

@@ -33,7 +33,6 @@ from wordcraft_kg.graphs.book_files.files import (
     read_content,
 )
 from wordcraft_kg.graphs.book_files.layouts import known_layout, read_pack
-from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines
 from wordcraft_kg.graphs.book_files.rows import (
     GUIDE,
     Fault,
@@ -45,7 +44,13 @@ from wordcraft_kg.graphs.book_files.rows import (
     refusal,
 )
 from wordcraft_kg.graphs.book_files.rule import LEAST_REUSED, share_of_reused
-from wordcraft_kg.graphs.book_files.tables import ENDINGS, delimiter_of, read_table
+from wordcraft_kg.graphs.book_files.texts import (
+    ENDINGS,
+    delimiter_of,
+    looks_like_lines,
+    read_lines,
+    read_table,
+)
 from wordcraft_kg.graphs.chains import (
     HALF,
     MOST_INGREDIENTS,

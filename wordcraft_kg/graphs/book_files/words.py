@@ -10,8 +10,12 @@ from functools import lru_cache
 from itertools import chain, takewhile
 from typing import NamedTuple
 
-from wordcraft_kg.graphs.book_files.paths import EACH, KEY, LOOPS, Path
-
+EACH = "[]"
+VALUES = "{}"
+KEY = "{key}"
+LOOPS = (EACH, VALUES)
+Path = tuple[str, ...]
+"""Steps: ``.name``, ``[]``, ``[3]``, ``{}``, and ``{key}`` for the key that ``{}`` is at."""
 _BETWEEN_WORDS = re.compile(
     r"(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])"
     "|(?<=[\u3040-\ud7af])(?=[A-Za-z])"

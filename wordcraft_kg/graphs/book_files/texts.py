@@ -1,8 +1,9 @@
-"""Tables: a row for each recipe, in any dialect, with columns in any order.
+"""Texts that people write: tables in any dialect, with columns in any order, and lines a + b = c.
 
 A table is a list of records by the names in its header, or of lists of cells without one. So its
-columns have the rules of JSON: ``json_books`` finds ingredients and results by documented words, or
-by the option `columns`.
+columns have the rules of JSON: ``documents`` finds ingredients and results by documented words, or
+by the option `columns`. In lines, either side of the sign may hold the sum: ``mud = water + earth,
+clay + rain`` gives two recipes. Marks of lists are no part of labels.
 """
 
 import csv
@@ -18,19 +19,31 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.cells import exact_fault, has_unseen, is_number, trim_unseen
+from wordcraft_kg.graphs.book_files.cells import (
+    alternatives,
+    exact_fault,
+    has_unseen,
+    is_number,
+    read_labels,
+    trim_unseen,
+    without_markup,
+)
 from wordcraft_kg.graphs.book_files.documents import Document
-from wordcraft_kg.graphs.book_files.paths import EACH
 from wordcraft_kg.graphs.book_files.rows import (
+    INFINITE_CRAFT_BASE,
     MAX_LINE_LENGTH,
+    Entry,
     Fault,
     FileRows,
     LeftOut,
+    Row,
     refusal,
+    without_nothing,
 )
 from wordcraft_kg.graphs.book_files.words import (
+    EACH,
     KIND,
     is_documented,
     is_name,
@@ -335,12 +348,7 @@ def read_table(
         raise refusal(path, "no row of a table, only comments", "table")
     start = file.tell()
     lines = [first, *enumerate(file, first[0] + 1)]
-    sample = [line for _, line in lines if line.strip()][:_SAMPLE_ROWS]
-    if max(map(len, sample)) > MAX_LINE_LENGTH:
-        raise refusal(path, f"no table: {too_long(max(sample, key=len))[:-1]}", "table")
-    if all(map(_is_single_quoted, sample)):
-        remedy = "Write double quotes, or none."
-        raise refusal(path, "a table with single quotes around its cells", "table", remedy)
+    sample = [line for _, line in lines[:_SAMPLE_ROWS] if line.strip()]
     dialect = Dialect(delimiter or usual)
     is_own = tuple(_tolerant_cells(first[1], dialect)) in _OWN
     if not is_own:
@@ -351,12 +359,6 @@ def read_table(
     if is_own and KIND not in first[1] and not faults and not has_unseen(text):
         source.numbered = number_plain_rows(text, start, dialect.delimiter, _is_odd)
     return source, _document(path, source, [*faults, *_parsed(source, lines, dialect)], is_named)
-
-
-def _is_single_quoted(line: str) -> bool:
-    """Return whether a row begins and ends with single quotes, which are no part of labels."""
-    cells = line.strip(",;|\t\r\n ")
-    return len(cells) > 1 and cells[0] == cells[-1] == "'"
 
 
 def _is_odd(label: str) -> bool:
@@ -372,16 +374,26 @@ def _document(
     body = [row for row in rows if isinstance(row, Line)]
     width = max((len(_without_blanks(row.cells)) for row in body), default=0)
     if width < 2:
-        raise _no_table(path, body[0].cells[0] if body else "", source.reading.delimiter)
+        signs = DELIMITERS.get(source.reading.delimiter, repr(source.reading.delimiter))
+        cell = body[0].cells[0] if body else ""
+        seen = (
+            f"no table, because {signs} give 1 column ({cell[:80]!r}), and no lines a + b = c "
+            "with a sign such as = or ->"
+        )
+        raise refusal(path, seen, "lines", "Another delimiter is named with --delimiter.")
     grid = _grid(body)
     if grid is not None:
         return grid
-    header = _header(path, body, is_named)
+    heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
+    is_first = not heads and (is_named or _are_unknown_names(body))
+    header = next(iter(body[:1] if is_first else heads), None)
     number_of_header = header.number if header else 0
     names = _without_blanks(header.cells) if header else []
     keys = _different(names) if names else [str(number + 1) for number in range(width)]
     document = Document([], is_table=True)
     known = {name.casefold() for name in names if is_documented(name)}
+    # Labels may be words of columns, but hardly those right below the header.
+    known |= {cell.casefold() for row in heads[1:2] for cell in row.cells}
     for row in rows:
         if not isinstance(row, Line):
             document.others.append(row)
@@ -413,20 +425,6 @@ def _grid(body: Sequence[Line]) -> Document | None:
     # In a table of effects or numbers, results are no names.
     is_closed = 2 * sum(result in names for result in results) > len(results)
     return document if is_closed else None
-
-
-def _header(path: Path, body: Sequence[Line], is_named: bool) -> Line | None:
-    """Return the row that names the columns, or None."""
-    heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
-    if not heads:
-        return body[0] if is_named or _are_unknown_names(body) else None
-    below = [row for row in body if row.number > heads[0].number]
-    is_again = len(heads) > 1 and heads[1] is below[0] and _are_mostly_names(below[0].cells)
-    if is_again and below[0].cells != heads[0].cells:
-        again = ", ".join(map(repr, below[0].cells[:4]))
-        seen = f"the row below line {heads[0].number} names the columns again: {again}"
-        raise refusal(path, seen, "table", "Keep one header line.")
-    return heads[0]
 
 
 def _odd_row(
@@ -462,19 +460,227 @@ def _different(names: Sequence[str]) -> list[str]:
     return keys
 
 
-def _no_table(path: Path, cell: str, delimiter: str) -> RecipeFileError:
-    signs = DELIMITERS.get(delimiter, repr(delimiter))
-    return refusal(
-        path,
-        f"no table, because {signs} give 1 column ({cell[:80]!r}), and no lines a + b = c with a "
-        "sign such as = or ->",
-        "lines",
-        "Another delimiter is named with --delimiter.",
-    )
-
-
 def _without_blanks(cells: list[str]) -> list[str]:
     """Return cells without the blank ones at the end."""
     while cells and not cells[-1]:
         cells = cells[:-1]
     return cells
+
+
+# --- lines ---------------------------------------------------------------------------------------
+
+_FORWARD = "→⇒⟶⟹➡⇨➔➜"
+_BACKWARD = "←⇐⟵⟸⬅⇦"
+_SIGNS = tuple(
+    re.compile(sign)
+    for sign in (
+        rf"[-=~—–]+(?:>|&gt;)|[{_FORWARD}]\ufe0f?",
+        rf"[<‹][-=~—–]+|[{_BACKWARD}]\ufe0f?",
+        r":=",
+        r"\s=\s",
+        r"=",
+        r"\s:\s",
+        r":",
+    )
+)
+"""Signs between ingredients and results, the more certain ones first."""
+_MARK = re.compile(
+    r"(?:\s*(?:[-*•–·◦▪‣+>]\s+|\*{2,}\s+|>+\s+|\(?\d+[.)\]:]\s+|\d+[.)](?=[^\W\d])|\[\d+\]\s+"
+    r"|\d+\s+[-–—]\s+|\[[ xX]?\]\s+|[☐☑☒✓✔✅]\ufe0f?\s*)){0,3}"
+)
+"""Marks of a list before a line: bullets, numbers, boxes, quotes."""
+_END_MARK = re.compile(r"\s*(?:;|<br\s*/?>|\\|[✓✔✅]\ufe0f?)\s*$", re.IGNORECASE)
+_QUOTED = re.compile(r"""(["'])((?:(?!\1).)+)\1""")
+_WIDE_SIGNS = str.maketrans("＋＝：，", "+=:,")
+"""Signs as East Asian keyboards write them."""
+_HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,}|`{3}|\[[^\]+=]*\]\s*$|[^+=:]*:\s*$)")
+_COMMENT = re.compile(r"\s*(?:#\s|#$|//)")
+_TAG = re.compile(r"#[\w.-]+:\w")  # a label of Minecraft, such as #minecraft:planks
+_LEFT_OVER = re.compile(
+    rf"^[=<>~≈|:;*\"“`]|^-[-\s]|[=<>~≈|:;*\"”`]$|\s[-–—]$|[{_FORWARD}{_BACKWARD}≈]|\[\[|\]\]|;\s"
+    r"|\s(?:[=<>~|#/]|//|:=)\s"
+)
+"""Signs, quotes and comments that a label does not hold."""
+_PREFIX = re.compile(r"^(?:[^\w\s\"'(#]+\s*|.{0,30}?[:\])|]\s+|\S*\d\S*\s+)(?=.)")
+_SUFFIX = re.compile(r"(?<=.)(?:\s*[\[(][^\[\]()]*[\])]|\s+[-–—]\s+.*|\s*[^\w\s\"')\]]+)$")
+"""Beginnings and ends of lines that may be marks, or parts of labels."""
+_OFTEN = 0.2  # share of the lines with a beginning or end
+_SELDOM = 0.1  # how many times rarer it must be in other labels
+_ENOUGH = 0.5  # share of the lines that are recipes, in a file of this shape
+_SAMPLE_LINES = 200
+
+
+_Sides = tuple[str, str, bool]
+"""A line's two sides of the sign, and whether it is an arrow to the left."""
+
+
+def looks_like_lines(text: str, *, is_table: bool) -> bool:
+    """Return whether at least half of a text's first lines have a sum and a sign.
+
+    Args:
+        text: the text.
+        is_table: whether the file's ending is that of a table; then the sum has to come before any
+            delimiter, as in a + b = c, d.
+    """
+    lines = [line for line in text[: 2**17].splitlines() if line.strip()][:_SAMPLE_LINES]
+    content = [line for line in lines if not _is_heading(line)]
+    if is_table and any(sign in line for line in content[:20] for sign in ",;\t|"):
+        starts = [_sides(re.split(r"[,;\t|]", line)[0]) for line in content]
+        return bool(content) and all(sides is not None and "+" in sides[0] for sides in starts)
+    sums = [line for line in content if _is_recipe(line[:MAX_LINE_LENGTH])]
+    return bool(content) and len(sums) >= _ENOUGH * len(content)
+
+
+def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
+    """Read a text with a sum on each line.
+
+    Args:
+        path: the file, for errors.
+        text: its text.
+        fold: whether labels are in lower case.
+
+    Raises:
+        RecipeFileError: if sums are on both sides, or an arrow points at a sum.
+    """
+    source = FileRows(Reading(shape="lines a + b = c"))
+    lines = list(enumerate(io.StringIO(text, newline=""), start=1))
+    left = right = 0
+    for number, line in lines:
+        sides = None if _is_heading(line) else _sides(line)
+        if sides is not None:
+            left += "+" in sides[0]
+            right += "+" in sides[1]
+            if sides[2] and "+" in sides[0]:
+                seen = f"line {number}, whose arrow points at a sum of ingredients"
+                raise refusal(path, seen, "lines")
+    if left and right:
+        raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
+    columns = ("sum", "result") if left >= right else ("sum", "result before it")
+    source.reading = replace(source.reading, columns=columns)
+    entries: list[Entry] = list(_entries(source, lines, sum_is_left=left >= right))
+    rows = [entry for entry in entries if isinstance(entry, Row)]
+    labels = read_labels(rows, label_fault, fold=fold)
+    source.entries = [labels.row(entry) if isinstance(entry, Row) else entry for entry in entries]
+    source.label = labels.label
+    source.reading = labels.facts(source.reading)
+    # Each label of Infinite Craft's base as a word of its own.
+    if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
+        source.entries = without_nothing(source.entries)
+    # In a line the sum may stand on either side.
+    first, last = ([row.ingredients[0] for row in rows], [row.result for row in rows])
+    inner = [label for row in rows for label in row.ingredients[1:]]
+    if left < right:
+        first, last = last, [row.ingredients[-1] for row in rows]
+    for where, pattern, ends in (("begin", _PREFIX, first), ("end", _SUFFIX, last)):
+        others = [*inner, *(last if ends is first else first)]
+        mark = _common_mark(pattern, ends, others)
+        if mark is not None:
+            seen = (
+                f"many lines {where} as with {mark[:40]!r}, which may be a mark or part of a label"
+            )
+            raise refusal(path, seen, "lines", "Remove it from the lines.")
+    return source
+
+
+def _common_mark(pattern: re.Pattern[str], ends: list[str], others: list[str]) -> str | None:
+    """Return what many labels at an end of lines have, and few other labels; None without one."""
+    marks = [found[0].strip() for found in map(pattern.search, ends) if found]
+    elsewhere = sum(1 for label in others if pattern.search(label))
+    share = len(marks) / max(len(ends), 1)
+    is_mark = len(marks) > 1 and share >= _OFTEN and elsewhere <= _SELDOM * share * len(others)
+    return marks[0] if is_mark else None
+
+
+def _entries(
+    source: FileRows, lines: list[tuple[int, str]], *, sum_is_left: bool
+) -> Iterator[Entry]:
+    for number, line in lines:
+        if not line.strip():
+            continue
+        is_directive = re.match(r"#\s*(?:base|entities)\s*:", line, re.IGNORECASE)
+        if is_directive:
+            yield from filter(None, [read_directive(source, number, line)])
+        elif _is_heading(line):
+            yield LeftOut(number, "headings or comments")
+        elif len(line) > MAX_LINE_LENGTH:
+            yield Fault(number, "row", too_long(line), "long")
+        else:
+            yield from _recipes(source, number, line, sum_is_left=sum_is_left)
+
+
+def _recipes(source: FileRows, number: int, line: str, *, sum_is_left: bool) -> Iterator[Entry]:
+    sides = _sides(line)
+    if sides is None:
+        message = (
+            f"{line.strip()[:80]!r} has no sign such as = or ->, or several; expected a + b = c."
+        )
+        yield Fault(number, "row", message, "no sign")
+        return
+    total, rest = sides[:2] if sum_is_left else (sides[1], sides[0])
+    # Several results, or several sums of the same result, between commas.
+    if sum_is_left:
+        pairs = [(_summands(total), _unwrapped(result)) for result in rest.split(",")]
+        several_outputs = source.reading.several_outputs + (len(pairs) > 1)
+        source.reading = replace(source.reading, several_outputs=several_outputs)
+    else:
+        pairs = [(_summands(part), _unwrapped(rest)) for part in total.split(",")]
+    for ingredients, result in pairs:
+        # Each fault once, in the order of the labels.
+        faults = dict.fromkeys(filter(None, map(_label_fault, (*ingredients, result))))
+        message = alternatives(ingredients, "+") or " Also, ".join(faults)
+        yield Fault(number, "label", message) if message else Row(number, ingredients, result)
+
+
+def _label_fault(label: str) -> str | None:
+    sign = _LEFT_OVER.search(label)
+    if sign is None and label.startswith("#") and not _TAG.match(label):
+        return f"{label[:80]!r} may be a comment or a label; remove the #."
+    if sign is not None and label_fault(label) is None:
+        return (
+            f"{label[:80]!r} holds {sign[0].strip() or sign[0]!r}, which may be a sign, a mark or "
+            "part of a label; expected a + b = c."
+        )
+    return label_fault(label)
+
+
+def _is_heading(line: str) -> bool:
+    """Return whether a line is a heading or comment; nested bullets and tags are recipes."""
+    # The name of a column of lines.
+    if len(line.split()) == 1 and is_documented(line):
+        return True
+    return bool(_COMMENT.match(line)) or bool(_HEADING.match(line) and not _is_recipe(line))
+
+
+def _is_recipe(line: str) -> bool:
+    sides = _sides(line)
+    return sides is not None and ("+" in sides[0] or "+" in sides[1])
+
+
+def _sides(line: str) -> _Sides | None:
+    """Return what stands left and right of a line's sign, or None without exactly one sign."""
+    content = line.translate(_WIDE_SIGNS).strip()
+    mark = _MARK.match(content)
+    content = _END_MARK.sub("", content[mark.end() if mark else 0 :])
+    for sign in _SIGNS:
+        parts = sign.split(content, maxsplit=2)
+        # A sign at an end is a mark; a less certain sign may part the line.
+        if len(parts) < 2 or not parts[0].strip() or not parts[1].strip():
+            continue
+        if len(parts) > 2:
+            return None
+        return _unwrapped(parts[0]), _unwrapped(parts[1]), sign is _SIGNS[1]
+    return None
+
+
+def _summands(text: str) -> list[str]:
+    """Return the parts of a sum; a plus without spaces is part of a label if there is one with."""
+    return [_unwrapped(part) for part in text.split(" + " if " + " in text else "+")]
+
+
+def _unwrapped(text: str) -> str:
+    """Return a text without quotes or markup around all of it."""
+    text = without_markup(text.strip())
+    # Two quoted labels stay as they are, and are refused.
+    quoted = _QUOTED.fullmatch(text)
+    inner = quoted[2].strip() if quoted else ""
+    return inner or text

@@ -452,7 +452,7 @@ def test_wrong_paths_are_refused_with_the_grammar_or_the_paths(put, columns, say
 
 def test_paths_read_any_json(put):
     deep = {"a.b": {"made": [{"of": [{"x": [a, b]}], "out": {"nm": c}} for a, b, c in ROWS]}}
-    book = read_book(put(deep), columns=[r"a\.b.made[].of[].x[]", r"a\.b.made.out.nm"])
+    book = read_book(put(deep), columns=[r"a\.b.made[].of[].x[]", r"a\.b.made[].out.nm"])
     assert recipes(book) == expected(ROWS)
 
 

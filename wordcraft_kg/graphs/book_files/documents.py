@@ -82,7 +82,6 @@ GRAMMAR = (
 _STEP = re.compile(r"\[\d*\]|\{(?:key)?\}|\.?((?:\\.|[^.\[\]{}\\])+)")
 MOST_STEPS = 50
 """Steps of the longest path."""
-_MOST_SAMPLES = 200
 _MOST_ROWS = 1_000_000  # of lists that are combined with each other
 
 
@@ -238,36 +237,38 @@ def _check_choices(path: FilePath, texts: _Texts) -> None:
 
 def _given(document: Document, columns: Sequence[str], texts: _Texts) -> Way:
     """Return the way that the option `columns` gives."""
-    value = document.value
-    first = value[0] if isinstance(value, list) else None
-    keys = {key.strip().casefold(): key for key in first} if isinstance(first, dict) else {}
+    first = document.value[0] if isinstance(document.value, list) else None
+    keys: list[str] = []
+    if isinstance(first, list | dict):
+        keys = [f".{key}" if isinstance(first, dict) else f"[{at}]" for at, key in enumerate(first)]
     paths: list[Path] = []
     for text in map(str.strip, columns):
-        # A key that is at one place only needs no path.
-        ends = [path for path in texts if path[-1].casefold() == f".{text}".casefold()]
-        steps: Path
-        if text.casefold() in keys:
-            steps = (EACH, f".{keys[text.casefold()]}")
-        elif text.isdecimal() and isinstance(first, list | dict) and 0 < int(text) <= len(first):
-            # Numbers count columns, or the labels of lists, from 1.
-            at = int(text) - 1
-            steps = (EACH, f".{list(first)[at]}" if isinstance(first, dict) else f"[{at}]")
+        # A key that is at one place only needs no path; numbers count columns, or labels of lists.
+        ends = [path for path in texts if _last_key(path) == text.casefold()]
+        at = int(text) if text.isdecimal() else 0
+        if (EACH, f".{text}") in texts or len(ends) == 1:
+            paths.append((EACH, f".{text}") if (EACH, f".{text}") in texts else ends[0])
         else:
-            steps = ends[0] if len(ends) == 1 else parse_path(text)
-        paths.append(fitted(steps, value))
-    option = f"`columns` {','.join(columns)}"
+            paths.append((EACH, keys[at - 1]) if 0 < at <= len(keys) else parse_path(text))
     if len(paths) < 2 or len(set(paths)) < len(paths):
         raise ConfigError(
-            f"{option}: expected different columns, of the ingredients and, last, of the result."
+            f"`columns` {','.join(columns)}: expected different columns, of the ingredients and, "
+            "last, of the result."
         )
     for text, steps in zip(columns, paths, strict=True):
-        if not any(True for _ in leaves(Located("", value), steps)):
+        if not any(True for _ in leaves(Located("", document.value), steps)):
             hint = nearest(text, [path_text(path, document.is_table) for path in texts])
             grammar = "" if document.is_table else f" A path is {GRAMMAR}."
             raise ConfigError(
                 f"`columns` {text!r}: no such column; {_shown_paths(texts)}.{hint}{grammar}"
             )
     return Way(tuple(paths[:-1]), (paths[-1],))
+
+
+def _last_key(path: Path) -> str:
+    """Return the key, in lower case, at which a path ends, or whose list it ends in."""
+    *_, last = ("", *(step for step in path if step != EACH))
+    return last.removeprefix(".").casefold()
 
 
 def as_records(document: Any) -> Any:
@@ -329,33 +330,6 @@ def path_text(path: Path, is_table: bool = False) -> str:
     keys = ("." + re.sub(r"([.\[\]{}\\])", r"\\\1", step[1:]) for step in path)
     steps = (key if step.startswith(".") else step for key, step in zip(keys, path, strict=True))
     return "".join(steps).replace("{}{key}", KEY).removeprefix(".")
-
-
-def fitted(path: Path, value: Any) -> Path:
-    """Return a path with a ``[]`` wherever it meets a list, judged by a document's first values.
-
-    Args:
-        path: steps, in which ``[]`` may be left out.
-        value: the document.
-    """
-    steps: list[str] = []
-    samples = [Located("", value)]
-    for step in (*path, None):
-        is_place = step is not None and (step.startswith("[") or step == KEY)
-        while not is_place and any(isinstance(each.value, list) for each in samples):
-            if len(steps) > MOST_STEPS:
-                break
-            steps.append(EACH)
-            samples = _samples(samples, EACH)
-        if step is not None:
-            steps.append(step)
-            samples = _samples(samples, step)
-    return tuple(steps)
-
-
-def _samples(samples: Sequence[Located], step: str) -> list[Located]:
-    inner = chain.from_iterable(_step(each, step) for each in samples)
-    return list(islice((each for each in inner if each.value), _MOST_SAMPLES))
 
 
 def _step(found: Located, step: str) -> Iterator[Located]:

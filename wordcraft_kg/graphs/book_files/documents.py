@@ -585,20 +585,8 @@ def _ways(texts: _Texts) -> Iterator[Way]:
     by_place += _by_column(texts)
     sure = [way for way in by_place if way.is_documented]
     taken = {path for way in sure for path in way.results if path[-1] != KEY}
-    for way in ways_by_words(path for path in texts if path not in taken):
-        yield way
-        (part, *others), (made, *_) = way.parts, way.results
-        # A pair under a key such as combinations may be a partner and a result.
-        named = {word for step in part if step.startswith(".") for word in words_of(step[1:])}
-        is_pair = not others and texts.lengths.get(part[:-1]) == {2}
-        if is_pair and not way.is_named and named.isdisjoint(INGREDIENT):
-            yield _partner(part[:-1], made)
+    yield from ways_by_words(path for path in texts if path not in taken)
     yield from by_place
-
-
-def _partner(pair: Path, thing: Path) -> Way:
-    """Return the guess that a pair below a thing holds a partner and a result."""
-    return Way((thing, (*pair, "[0]")), ((*pair, "[1]"),), is_documented=False)
 
 
 def _by_keys(texts: _Texts, path: Path) -> Iterator[Way]:
@@ -620,7 +608,6 @@ def _by_keys(texts: _Texts, path: Path) -> Iterator[Way]:
         is_text = any(isinstance(value, str) for value in texts[path])
         if is_text and (not named or words_of(named) & RESULT):
             yield Way((keys[-2], inner), (path,), by_place=True)
-            yield Way((inner, path), (keys[-2],), is_documented=False)
 
 
 def _by_place(texts: _Texts, path: Path) -> Iterator[Way]:
@@ -635,7 +622,9 @@ def _by_place(texts: _Texts, path: Path) -> Iterator[Way]:
         thing = (*path[:-2], KEY)
         yield Way((path,), (thing,), by_place=True)
         if lengths == {2}:
-            yield _partner(parent, thing)
+            # Or a partner and what it makes.
+            partner, made = (*parent, "[0]"), (*parent, "[1]")
+            yield Way((thing, partner), (made,), is_documented=False)
     elif path[-2:] == (VALUES, EACH) and has_texts and not _are_sums(texts[key]):
         # Two labels below a key may be anything about it; sums are recipes.
         is_sum = _are_sums(values)
@@ -670,10 +659,6 @@ def _by_column(texts: _Texts) -> Iterator[Way]:
         a, b, c = columns
         for one, other, made in ((a, b, c), (b, c, a), (a, c, b)):
             yield Way((one, other), (made,), False, False, is_order=is_unnamed)
-    if len(columns) == 2 and is_unnamed:
-        sums = [path for path in columns if all("+" in cell for cell in texts[path])]
-        if len(sums) == 1:
-            yield Way(tuple(sums), tuple(path for path in columns if path not in sums))
 
 
 def _are_sums(keys: Sequence[Any], *, has_commas: bool = True) -> bool:

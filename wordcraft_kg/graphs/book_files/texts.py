@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence, Set
 from functools import cache
-from itertools import chain
+from itertools import chain, takewhile
 from operator import ne
 from pathlib import Path
 from typing import NamedTuple
@@ -65,6 +65,7 @@ _SAMPLE_ROWS = 200
 _EVEN = 0.9  # share of rows with the most frequent number of cells
 _FEWEST_BELOW = 3  # rows below a header of other words
 _HEADER_ROWS = 6  # first rows among which the header is
+_COMMENT = re.compile(r"//|#(?:\s|$)|#\s*(?:base|entities)\s*:", re.IGNORECASE)
 _RULE = re.compile(r"[-=+:\s|]*[-=]{2,}[-=+:\s|]*|[-=+:\s|]*:[-=][-=+:\s|]*")
 """The line below the header of a table in Markdown or Org."""
 
@@ -112,9 +113,9 @@ def read_directive(source: FileRows, number: int, line: str) -> Fault | None:
         number: the line's number.
         line: a line with ``#``; other comments are passed over.
     """
-    key, colon, rest = line.removeprefix("#").partition(":")
-    name = key.strip().lower()
-    if not line.startswith("#") or not colon or name not in ("base", "entities"):
+    key, _, rest = line.partition(":")
+    name = key.removeprefix("#").strip().lower()
+    if name not in ("base", "entities") or not _is_comment(line):
         return None
     if len(line) > MAX_LINE_LENGTH:
         return Fault(number, "directive", too_long(line))
@@ -265,22 +266,9 @@ def _are_unknown_names(body: Sequence[Line]) -> bool:
 # --- the table -----------------------------------------------------------------------------------
 
 
-def _read_head(source: FileRows, file: io.StringIO) -> tuple[list[Fault], tuple[int, str] | None]:
-    """Read comments up to the first row; return faults and this row."""
-    faults: list[Fault] = []
-    for number, line in enumerate(file, start=1):
-        if line.startswith("//") or _is_comment(line):
-            faults += filter(None, [read_directive(source, number, line)])
-        elif line.strip():
-            return faults, (number, line)
-    return faults, None
-
-
 def _is_comment(line: str) -> bool:
-    """Return whether a line is a comment: # and a blank, or a directive, or only #."""
-    if not line.startswith("#"):
-        return False
-    return not line[1:2].strip() or bool(re.match(r"#\s*(?:base|entities)\s*:", line, re.I))
+    """Return whether a line is a comment: // or # and a blank, or a directive."""
+    return _COMMENT.match(line) is not None
 
 
 def _parsed(
@@ -298,7 +286,7 @@ def _parsed(
         elif line[0] == "\ufeff":
             message = "a byte order mark in the middle, as where two files were joined; remove it."
             yield Fault(number, "row", message, "mark")
-        elif line.startswith(("# ", "// ")):
+        elif _is_comment(line):
             yield LeftOut(number, "comments")
         elif dialect.is_framed and not text.startswith("|"):
             yield LeftOut(number, "outside of the table")
@@ -342,12 +330,14 @@ def read_table(
         RecipeFileError: if two delimiters fit, or the text is no table.
     """
     source = FileRows(Reading(shape="table"))
-    file = io.StringIO(text, newline="")
-    faults, first = _read_head(source, file)
-    if first is None:
+    lines = list(enumerate(io.StringIO(text, newline=""), start=1))
+    head = list(takewhile(lambda line: not line[1].strip() or _is_comment(line[1]), lines))
+    lines = lines[len(head) :]
+    if not lines:
         raise refusal(path, "no row of a table, only comments", "table")
-    start = file.tell()
-    lines = [first, *enumerate(file, first[0] + 1)]
+    faults = list(filter(None, (read_directive(source, *line) for line in head)))
+    first = lines[0]
+    start = sum(len(line) for _, line in (*head, first))
     sample = [line for _, line in lines[:_SAMPLE_ROWS] if line.strip()]
     dialect = Dialect(delimiter or usual)
     is_own = tuple(_tolerant_cells(first[1], dialect)) in _OWN
@@ -363,7 +353,7 @@ def read_table(
 
 def _is_odd(label: str) -> bool:
     """Return whether a label may be no label: of a repeated header, a comment or a formula."""
-    is_word = label in CSV_HEADER or label.startswith(("# ", "// "))
+    is_word = label in CSV_HEADER or _is_comment(label)
     return is_word or bool(exact_fault(label))
 
 
@@ -494,7 +484,6 @@ _QUOTED = re.compile(r"""(["'])((?:(?!\1).)+)\1""")
 _WIDE_SIGNS = str.maketrans("＋＝：，", "+=:,")
 """Signs as East Asian keyboards write them."""
 _HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,}|`{3}|\[[^\]+=]*\]\s*$|[^+=:]*:\s*$)")
-_COMMENT = re.compile(r"\s*(?:#\s|#$|//)")
 _TAG = re.compile(r"#[\w.-]+:\w")  # a label of Minecraft, such as #minecraft:planks
 _LEFT_OVER = re.compile(
     rf"^[=<>~≈|:;*\"“`]|^-[-\s]|[=<>~≈|:;*\"”`]$|\s[-–—]$|[{_FORWARD}{_BACKWARD}≈]|\[\[|\]\]|;\s"
@@ -597,9 +586,9 @@ def _entries(
     for number, line in lines:
         if not line.strip():
             continue
-        is_directive = re.match(r"#\s*(?:base|entities)\s*:", line, re.IGNORECASE)
-        if is_directive:
-            yield from filter(None, [read_directive(source, number, line)])
+        fault = read_directive(source, number, line)
+        if fault is not None:
+            yield fault
         elif _is_heading(line):
             yield LeftOut(number, "headings or comments")
         elif len(line) > MAX_LINE_LENGTH:
@@ -648,7 +637,7 @@ def _is_heading(line: str) -> bool:
     # The name of a column of lines.
     if len(line.split()) == 1 and is_documented(line):
         return True
-    return bool(_COMMENT.match(line)) or bool(_HEADING.match(line) and not _is_recipe(line))
+    return _is_comment(line.lstrip()) or bool(_HEADING.match(line) and not _is_recipe(line))
 
 
 def _is_recipe(line: str) -> bool:

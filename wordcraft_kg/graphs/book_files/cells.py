@@ -178,6 +178,8 @@ def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> tuple[list[str
     if isinstance(value, str) and value[:1] in "[({ \n":
         listed = listed_value(value)
         value = value if listed is None else listed
+    elif isinstance(value, str) and joiner == "":
+        return [value], ""
     labels = labels_in(value)
     if labels is None:
         return [], f"{shown(value)} holds no label under a documented key."
@@ -358,7 +360,7 @@ class Labels:
         """Return the recipe of a row of texts, or its fault; two pieces of one thing are a pair."""
         texts = (*row.ingredients, row.result)
         faults = []
-        if not self.faults.keys().isdisjoint(texts):
+        if self.faults and not self.faults.keys().isdisjoint(texts):
             faults = [self.faults[text] for text in texts if text in self.faults]
         if row.kind:
             faults += filter(None, [label_fault(row.kind)])
@@ -529,7 +531,7 @@ _MARKS = re.compile(r"<[^>]*>|[^\w\s]|[\d_]")
 """What is no letter."""
 
 
-def odd_label(rows: Iterable[Row]) -> str:
+def odd_label(rows: Sequence[Row]) -> str:
     """Return what many labels hold beside a name, with an example; empty without such labels.
 
     A few such cells may be labels: of a game, or of Infinite Craft, whose players name anything.
@@ -537,11 +539,8 @@ def odd_label(rows: Iterable[Row]) -> str:
     Args:
         rows: the recipes.
     """
-    ingredients: Counter[str] = Counter()
-    results: Counter[str] = Counter()
-    for row in rows:
-        ingredients.update(row.ingredients)
-        results[row.result] += 1
+    ingredients = Counter(chain.from_iterable(row.ingredients for row in rows))
+    results = Counter(row.result for row in rows)
     for form, pattern in _FORMS.items():
         odd = [_often(pattern, labels) for labels in (ingredients, results)]
         is_in_names = bool(odd[1]) and form in _IN_NAMES

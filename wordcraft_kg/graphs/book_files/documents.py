@@ -179,7 +179,8 @@ def read_document(
         _check_choices(path, texts)
         ways = list(islice(_ways(texts), _MOST_WAYS))
         documented = [read(way) for way in ways if way.is_documented]
-        guesses = (read(way) for way in ways if not way.is_documented)
+        unsure = (way for way in ways if not way.is_documented)
+        guesses = map(read, chain(unsure, _by_column(texts)))
         taken = choose(path, documented, guesses, anchor, allows_single=allows_single)
         if taken is None:
             seen = f"no documented words name ingredients and a result; {_shown_paths(texts)}"
@@ -581,8 +582,9 @@ def _shown_paths(texts: _Texts) -> str:
 
 def _ways(texts: _Texts) -> Iterator[Way]:
     """Yield the ways to read a document, the more certain ones first."""
-    by_place = [way for path in texts for way in (*_by_keys(texts, path), *_by_place(texts, path))]
-    by_place += _by_column(texts)
+    # Flat records have nothing but keys.
+    nested = [path for path in texts if len(path) != 2 or path[0] != EACH or path[1][0] != "."]
+    by_place = [way for path in nested for way in (*_by_keys(texts, path), *_by_place(texts, path))]
     sure = [way for way in by_place if way.is_documented]
     taken = {path for way in sure for path in way.results if path[-1] != KEY}
     yield from ways_by_words(path for path in texts if path not in taken)
@@ -645,7 +647,7 @@ def _by_place(texts: _Texts, path: Path) -> Iterator[Way]:
 
 
 def _by_column(texts: _Texts) -> Iterator[Way]:
-    """Yield ways of three columns or keys whose names say nothing, and of two without names."""
+    """Yield guesses for three columns or keys whose names say nothing."""
     columns = [path for path in texts if path[:1] == (EACH,) and path[1:] == path[-1:]]
     columns = [path for path in columns if is_plain(path[-1][1:])]
     columns = [path for path in columns if not all(map(is_number, texts[path]))]

@@ -33,7 +33,8 @@ UNSEEN = "".join(
     )
 )
 """Characters at the ends of a cell that cannot be seen, and are no part of a label."""
-_UNSEEN = re.compile(f"[{UNSEEN[1:]}]")
+HIDDEN = re.compile(f"[{UNSEEN[1:]}]")
+"""A character that cannot be seen, other than a plain space."""
 NUMBER = "\x01"
 """Before a number of JSON, which is an id until a list names it; no label holds it."""
 Names = Mapping[str, str | None]
@@ -282,11 +283,6 @@ def without_markup(cell: str) -> str:
         if found:
             cell = next(filter(None, found.groups())).strip()
     return cell
-
-
-def has_unseen(text: str) -> bool:
-    """Return whether a text holds characters that cannot be seen, other than plain spaces."""
-    return not text.isascii() and _UNSEEN.search(text) is not None
 
 
 def exact_fault(label: str) -> str | None:

@@ -48,20 +48,14 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
     entities, recipes, items = (document.get(key) for key in ("entities", "recipes", "items"))
     if isinstance(entities, list) and isinstance(recipes, list):
         return _our_layout(path, document)
-    if isinstance(entities, dict) and all(map(_has_pairs, entities.values())):
-        return _official_layout(path, entities)
+    if isinstance(entities, dict):
+        are_things = all(isinstance(each, dict) and "recipes" in each for each in entities.values())
+        return _official_layout(path, entities) if are_things else None
     if isinstance(items, list) and isinstance(recipes, list) and items and recipes:
-        return _dump(path, items, recipes) if all(map(_is_index_row, recipes)) else None
+        # By type: true and false are instances of int, but no indices.
+        forms = {isinstance(row, list) and tuple(map(type, row)) for row in recipes}
+        return _dump(path, items, recipes) if forms == {(int, int, int)} else None
     return None
-
-
-def _has_pairs(entry: Any) -> bool:
-    return isinstance(entry, dict) and "recipes" in entry
-
-
-def _is_index_row(row: Any) -> bool:
-    # By type: true and false are instances of int, but no indices.
-    return isinstance(row, list) and len(row) == 3 and all(type(each) is int for each in row)
 
 
 def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:

@@ -344,7 +344,7 @@ class BookRows:
     def base(self) -> dict[str, Place] | None:
         """Declared base entities and their places."""
         base = self.source.base
-        return None if base is None else {self._label(label): at for label, at in base.items()}
+        return None if base is None else {self._label(text): at for text, at in base.items()}
 
     @property
     def listed(self) -> dict[str, Place]:

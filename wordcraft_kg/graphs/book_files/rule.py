@@ -89,9 +89,14 @@ class Candidate:
         return {(frozenset(row.ingredients), row.result) for row in self.rows}
 
     @cached_property
+    def results(self) -> set[str]:
+        """The different results."""
+        return {result for _, result in self.recipes}
+
+    @property
     def num_made(self) -> int:
         """Number of different results."""
-        return len({result for _, result in self.recipes})
+        return len(self.results)
 
     @cached_property
     def share(self) -> float:
@@ -108,8 +113,7 @@ class Candidate:
     @cached_property
     def contradictions(self) -> int:
         """Number of recipes that make an element or a part of themselves, or share their pair."""
-        labels = {label for parts, made in self.recipes for label in (*parts, made)}
-        elements = {label for label in labels if label.casefold() in ELEMENTS}
+        elements = {label for label in self.labels_used if label.casefold() in ELEMENTS}
         if len(elements) < _FEWEST_ELEMENTS:
             elements = set()
         odd = sum(made in elements or made in parts for parts, made in self.recipes)
@@ -141,11 +145,10 @@ class Candidate:
         sum_of = " + ".join(label[:40] for label in first.ingredients[:8])
         return f"{sum_of} = {first.result[:40]} ({self.command})"
 
-    def is_order_of(self, other: "Candidate") -> bool:
-        """Return whether most of its results are labels of another reading."""
-        results = {made for _, made in self.recipes}
-        labels = {label for parts, made in other.recipes for label in (*parts, made)}
-        return len(results & labels) * 2 > len(results)
+    @cached_property
+    def labels_used(self) -> set[str]:
+        """All labels of its recipes."""
+        return {label for parts, made in self.recipes for label in (*parts, made)}
 
     def is_like(self, other: "Candidate") -> bool:
         """Return whether two readings share most of their recipes."""
@@ -201,7 +204,8 @@ def choose(
     # Another order of the same labels is a reading only if it is no odder.
     if best.way.by_place or not best.way.is_named:
         odd = [each for each in others if each.contradictions < best.contradictions]
-        odd = [each for each in odd if not each.way.is_documented and each.is_order_of(best)]
+        odd = [each for each in odd if not each.way.is_documented]
+        odd = [each for each in odd if len(each.results & best.labels_used) * 2 > each.num_made]
         odd = [each for each in odd if each.is_clean]
         if odd:
             raise _several(path, "two readings fit", [best, *odd], anchor)

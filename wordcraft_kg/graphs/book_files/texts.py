@@ -22,9 +22,9 @@ from msgspec.structs import replace
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.cells import (
+    HIDDEN,
     alternatives,
     exact_fault,
-    has_unseen,
     is_number,
     read_labels,
     trim_unseen,
@@ -206,11 +206,7 @@ def _dialect(lines: Sequence[str], delimiter: str) -> Dialect:
         return Dialect(delimiter)
     stripped = [line.strip() for line in lines]
     framed = [line.startswith("|") and line.count("|") > 1 for line in stripped]
-    return Dialect(delimiter, all(framed) or (any(framed) and any(map(_is_rule, stripped))))
-
-
-def _is_rule(line: str) -> bool:
-    return bool(_RULE.fullmatch(line))
+    return Dialect(delimiter, all(framed) or (any(framed) and any(map(_RULE.fullmatch, stripped))))
 
 
 def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
@@ -223,7 +219,9 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
     even: list[Dialect] = []
     for candidate in DELIMITERS:
         dialect = _dialect(lines, candidate)
-        rows = [_tolerant_cells(line, dialect) for line in lines if not _is_rule(line.strip())]
+        rows = [
+            _tolerant_cells(line, dialect) for line in lines if not _RULE.fullmatch(line.strip())
+        ]
         (width, number), *_ = Counter(map(len, rows)).most_common(1) or [(0, 0)]
         if any(map(_are_names, rows[:_HEADER_ROWS])):
             with_header.append(dialect)
@@ -277,9 +275,7 @@ def _parsed(
     """Yield the cells of each line; faults, comments, and text around a table of Markdown."""
     for number, line in lines:
         text = line.strip()
-        if dialect.delimiter == "|" and _is_rule(text):
-            continue
-        if not text:
+        if not text or (dialect.delimiter == "|" and _RULE.fullmatch(text)):
             continue
         if len(line) > MAX_LINE_LENGTH:
             yield Fault(number, "row", too_long(line), "long")
@@ -346,7 +342,12 @@ def read_table(
     source.reading = Reading(shape="table", delimiter=dialect.delimiter)
     source.is_exact = is_own
     # Blanks at the ends that cannot be seen are slips, unless they are in quotes.
-    if is_own and KIND not in first[1] and not faults and not has_unseen(text):
+    if (
+        is_own
+        and KIND not in first[1]
+        and not faults
+        and (text.isascii() or not HIDDEN.search(text))
+    ):
         source.numbered = number_plain_rows(text, start, dialect.delimiter, _is_odd)
     return source, _document(path, source, [*faults, *_parsed(source, lines, dialect)], is_named)
 
@@ -379,7 +380,11 @@ def _document(
     header = next(iter(body[:1] if is_first else heads), None)
     number_of_header = header.number if header else 0
     names = _without_blanks(header.cells) if header else []
-    keys = _different(names) if names else [str(number + 1) for number in range(width)]
+    # Numbers where names are missing or repeated.
+    keys = [
+        name if name and name not in names[:at] else f"{name or 'column'} {at + 1}"
+        for at, name in enumerate(names)
+    ] or [str(at + 1) for at in range(width)]
     document = Document([], is_table=True)
     known = {name.casefold() for name in names if is_documented(name)}
     # Labels may be words of columns, but hardly those right below the header.
@@ -439,15 +444,6 @@ def _odd_row(
         )
         return Fault(number, "row", message, f"width {len(cells)}")
     return None
-
-
-def _different(names: Sequence[str]) -> list[str]:
-    """Return names of columns, with numbers where names are missing or repeated."""
-    keys: list[str] = []
-    for number, name in enumerate(names, start=1):
-        key = name or f"column {number}"
-        keys.append(f"{key} {number}" if key in keys else key)
-    return keys
 
 
 def _without_blanks(cells: list[str]) -> list[str]:

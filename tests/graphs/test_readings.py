@@ -392,6 +392,10 @@ REFUSED = {
         "id,ingredient,result\n" + "".join(f"1,{a},{c}\n1,{b},{c}\n" for a, b, c in ROWS),
         "most rows have one ingredient",
     ),
+    "choices of two ingredients": (
+        [{"ingredients": [[a, "oak"], [b, "fir"]], "result": c} for a, b, c in ROWS],
+        "may be choices of an ingredient",
+    ),
     "choices beside ingredients": (
         [{"ingredients": [["oak", "fir"], "coal"], "result": "x"}],
         NO_WORDS,

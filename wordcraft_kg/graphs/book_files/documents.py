@@ -220,17 +220,23 @@ def _texts_of(document: Document) -> "_Texts":
 
 
 def _check_choices(path: FilePath, texts: _Texts) -> None:
-    """Refuse a document in which an ingredient is a text in some places, and a list in others.
+    """Refuse lists that may be choices of an ingredient, or several ingredients or recipes.
 
     Raises:
-        RecipeFileError: if there is such a key: its lists may be choices, or several ingredients.
+        RecipeFileError: if an ingredient is a text in some places and a list in others, or if
+            ingredients beside a result are lists of lists.
     """
     for lists in texts:
-        single = lists[:-1]
         # Within one loop, a key holds what belongs to a thing, such as its result or results. A
         # map's values have no key: {"water": {"earth": ["mud", "clay"]}} has several results.
+        single = lists[:-1]
         num_loops = sum(step in LOOPS for step in single)
-        if lists[-1:] == (EACH,) and single in texts and num_loops > 1 and single[-1][0] == ".":
+        are_odd = lists[-1:] == (EACH,) and single in texts and num_loops > 1
+        holder, key = lists[:-3], lists[-3:-2]
+        if lists[-2:] == (EACH, EACH) and key and words_of(key[0][1:]) & INGREDIENT:
+            beside = (other[-1] for other in texts if other[:-1] == holder)
+            are_odd = any(words_of(other[1:]) & RESULT for other in beside)
+        if are_odd and single[-1][0] != "{":
             seen = f"the lists of {path_text(single)!r} may be choices of an ingredient or several"
             remedy = "Write each choice as a recipe of its own, or name columns with --columns."
             raise refusal(path, seen, "json", remedy)

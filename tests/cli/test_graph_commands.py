@@ -778,7 +778,7 @@ def test_describe_counts_all_and_shows_invisible_characters(run, book):
     assert f" and {unreachable - 10} more\n" in text
     assert "zero<U+200B>width" in run("describe", path, "--entity", "zero\u200bwidth").out
     assert "zero<U+200B>widt'" in run("describe", path, "--entity", "zero\u200bwidt").err
-    note = "note [invisible] line 78: 'zero<U+200B>width' holds an invisible character"
+    note = "note [invisible] line 78: the label 'zero<U+200B>width' holds an invisible character"
     assert note in run("check-book", path, "--all").out
 
 

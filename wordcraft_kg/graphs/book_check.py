@@ -426,33 +426,28 @@ def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> list[int]:
 
 
 def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    for label in graph.entities:
-        if graph.is_half_product[graph.id_of(label)]:
-            continue
-        if "&" in label and HTML_ENTITY.search(label):
-            message = f"'{label}' holds an HTML entity; write the character itself"
-            yield _note("html", message, _at([label], line_of))
-        if " + " in label:
-            message = f"'{label}' is one entity here. {OWN_COLUMNS}"
-            yield _note("several", message, _at([label], line_of))
-        if "," in label:
-            message = f"the label '{label}' contains a comma, at which other tools may split it"
-            yield _problem("comma", message, _at([label], line_of))
-        if label != label.strip():
-            message = f"the label {label!r} begins or ends with a space; remove it"
-            yield _problem("space", message, _at([label], line_of))
-        if is_missing(label):
-            message = f"the label '{label}' may be a missing value; leave the cell empty"
-            yield _note("missing", message, _at([label], line_of))
-        if label == NOTHING:
-            message = "'Nothing' is an entity here; in Infinite Craft it means no result"
-            yield _note("nothing", message, _at([label], line_of))
+    """Yield findings about single labels, without half-products."""
+    for label in graph.labels(np.flatnonzero(~graph.is_half_product)):
         visible = for_terminal(label)
-        if visible != label:
-            message = (
-                f"'{visible}' holds an invisible character; remove it, or replace it by a space"
-            )
-            yield _note("invisible", message, _at([label], line_of))
+        has_entity = "&" in label and HTML_ENTITY.search(label) is not None
+        is_padded = label != label.strip()
+        marks = (
+            (has_entity, _note, "html", "holds an HTML entity; write the character itself"),
+            (" + " in label, _note, "several", f"is one entity here. {OWN_COLUMNS}"),
+            (is_missing(label), _note, "missing", "may be a missing value; leave the cell empty"),
+            (label == NOTHING, _note, "nothing", "in Infinite Craft means no result"),
+            (visible != label, _note, "invisible", "holds an invisible character; remove it"),
+            (is_padded, _problem, "space", "begins or ends with a space; remove it"),
+            (
+                "," in label,
+                _problem,
+                "comma",
+                "contains a comma, at which other tools may split it",
+            ),
+        )
+        for is_odd, finding, kind, message in marks:
+            if is_odd:
+                yield finding(kind, f"the label '{visible}' {message}", _at([label], line_of))
 
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:

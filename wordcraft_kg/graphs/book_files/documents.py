@@ -232,11 +232,12 @@ def _check_choices(path: FilePath, texts: _Texts) -> None:
         single = lists[:-1]
         num_loops = sum(step in LOOPS for step in single)
         are_odd = lists[-1:] == (EACH,) and single in texts and num_loops > 1
+        are_odd = are_odd and single[-1].startswith(".")
         holder, key = lists[:-3], lists[-3:-2]
         if lists[-2:] == (EACH, EACH) and key and words_of(key[0][1:]) & INGREDIENT:
             beside = (other[-1] for other in texts if other[:-1] == holder)
             are_odd = any(words_of(other[1:]) & RESULT for other in beside)
-        if are_odd and single[-1][0] != "{":
+        if are_odd:
             seen = f"the lists of {path_text(single)!r} may be choices of an ingredient or several"
             remedy = "Write each choice as a recipe of its own, or name columns with --columns."
             raise refusal(path, seen, "json", remedy)
@@ -590,7 +591,7 @@ def _ways(texts: _Texts) -> Iterator[Way]:
     """Yield the ways to read a document, the more certain ones first."""
     # Flat records have nothing but keys.
     nested = [path for path in texts if len(path) != 2 or path[0] != EACH or path[1][0] != "."]
-    by_place = [way for path in nested for way in (*_by_keys(texts, path), *_by_place(texts, path))]
+    by_place = [way for path in nested for way in (*_by_keys(texts, path), *_by_list(texts, path))]
     sure = [way for way in by_place if way.is_documented]
     taken = {path for way in sure for path in way.results if path[-1] != KEY}
     yield from ways_by_words(path for path in texts if path not in taken)
@@ -598,51 +599,44 @@ def _ways(texts: _Texts) -> Iterator[Way]:
 
 
 def _by_keys(texts: _Texts, path: Path) -> Iterator[Way]:
-    """Yield ways in which keys are ingredients of what is at a path: sums, or two keys around."""
-    keys = [(*path[:at], VALUES, KEY) for at, step in enumerate(path) if step == VALUES]
-    keys = [key for key in keys if key in texts]
-    named = path[-1][1:] if path[-1].startswith(".") else ""
-    is_result = named and (words_of(named) & RESULT or is_name(named)) and is_plain(named)
-    is_inside = path[-2:] == (VALUES, EACH)
-    if not keys or path[-1] == KEY or not (is_result or path[-1] == VALUES or is_inside):
+    """Yield ways to read what is at a path below keys that are labels, or sums of them."""
+    maps = [at for at, step in enumerate(path) if step == VALUES]
+    keys = tuple((*path[: at + 1], KEY) for at in maps)
+    if path in texts.counted and path[-3:] == (VALUES, VALUES, KEY):
+        # Numbers of pieces by label: {"torch": {"plank": 2, "stick": 1}}.
+        yield Way((path,), (keys[-2],), is_named=False, by_place=True)
+    if not maps or path[-1] == KEY:
         return
-    inner = keys[-1]
-    steps = path[len(inner) - 1 :]
+    below = path[maps[-1] + 1 :]
+    name = below[0][1:] if len(below) == 1 and below[0].startswith(".") else ""
+    is_result = bool(words_of(name) & RESULT) and is_plain(name)
+    has_texts = any(isinstance(value, str) for value in texts[path])
+    is_sum = _are_sums(texts[path])
     # Commas in keys may be parts of labels of things that are made of lists.
-    sums = _are_sums(texts[inner], has_commas=EACH not in steps)
-    if sums and not _are_sums(texts[path]) and (not named or steps == path[-1:]):
-        yield Way((inner,), (path,), by_place=True)
-    elif len(keys) > 1 and not sums and len(inner) - len(keys[-2]) == 1:
-        is_text = any(isinstance(value, str) for value in texts[path])
-        if is_text and (not named or words_of(named) & RESULT):
-            yield Way((keys[-2], inner), (path,), by_place=True)
+    are_sums = _are_sums(texts[keys[-1]], has_commas=EACH not in below)
+    if below == (EACH, EACH) and has_texts:
+        yield Way((path,), (keys[-1],), by_place=True)
+        if texts.lengths[path[:-1]] == {2}:
+            # Or a partner and what it makes.
+            partner, made = (*path[:-1], "[0]"), (*path[:-1], "[1]")
+            yield Way((keys[-1], partner), (made,), is_documented=False)
+    elif not (is_result or is_name(name) or below in ((), (EACH,))):
+        return
+    elif are_sums and not is_sum:
+        yield Way(keys[-1:], (path,), by_place=True)
+    elif is_sum and not name:
+        yield Way((path,), keys[-1:], by_place=True)
+    elif has_texts and maps[-2:] == [maps[-1] - 1, maps[-1]] and (is_result or not name):
+        yield Way(keys[-2:], (path,), by_place=True)
+    elif has_texts and below == (EACH,):
+        # Two labels below a key may be anything about it.
+        yield Way((path,), keys[-1:], is_documented=False)
 
 
-def _by_place(texts: _Texts, path: Path) -> Iterator[Way]:
-    """Yield ways of shapes without keys of their own, in which places tell the roles."""
-    values = texts[path]
-    has_texts = any(isinstance(value, str) for value in values)
-    parent, lengths = path[:-1], texts.lengths.get(path[:-1])
-    key = (*parent, KEY)
+def _by_list(texts: _Texts, path: Path) -> Iterator[Way]:
+    """Yield ways to read lists of three labels, and of ingredients in a list before the result."""
     beside = path[-1:] if path[-1] == "[0]" else ()  # a label and something beside it
     outer = path[: len(path) - len(beside)]
-    if path[-3:] == (VALUES, EACH, EACH) and has_texts:
-        thing = (*path[:-2], KEY)
-        yield Way((path,), (thing,), by_place=True)
-        if lengths == {2}:
-            # Or a partner and what it makes.
-            partner, made = (*parent, "[0]"), (*parent, "[1]")
-            yield Way((thing, partner), (made,), is_documented=False)
-    elif path[-2:] == (VALUES, EACH) and has_texts and not _are_sums(texts[key]):
-        # Two labels below a key may be anything about it; sums are recipes.
-        is_sum = _are_sums(values)
-        if is_sum or path[-3:-2] != (VALUES,):
-            yield Way((path,), (key,), is_documented=is_sum, by_place=True)
-    elif path[-1:] == (VALUES,) and _are_sums(values) and not _are_sums(texts[(*path, KEY)]):
-        yield Way((path,), ((*path, KEY),), by_place=True)
-    elif path in texts.counted and path[-3:] == (VALUES, VALUES, KEY):
-        # Numbers of pieces by label: {"torch": {"plank": 2, "stick": 1}}.
-        yield Way((path,), ((*path[:-2], KEY),), is_named=False, by_place=True)
     if outer[-2:] == (EACH, EACH) and texts.lengths.get(outer[:-1]) == {3}:
         a, b, c = ((*outer[:-1], f"[{place}]", *beside) for place in range(3))
         yield Way((a, b), (c,), by_place=True, is_order=True)

@@ -1,8 +1,7 @@
 """Read a recipe book: the bytes, their text, the rows of its shape, and the recipes of the rows.
 
-``containers`` has the bytes, ``text`` their encoding; tables, lines, JSON and data packs yield the
-same entries (``rows``), by a reading that ``rule`` takes. :func:`read_book` stops at the first
-fault; ``check_book`` takes the same :class:`BookRows` and lists all faults.
+:func:`read_book` stops at the first fault; ``check_book`` takes the same :class:`BookRows` and
+lists all faults.
 """
 
 import logging

@@ -144,7 +144,7 @@ BAD_TABLES = {
     "newline in a label": (
         "csv",
         TABLE + 'a,"b\nb",c\n',
-        "line 2: unexpected end of data; a quoted cell ends in its",
+        "line 2: a quote without its end, or text behind it; a quoted cell ends in its",
     ),
     "NUL in a label": ("csv", TABLE + "a,b\0b,c\n", "a binary file (it holds zero bytes)"),
     "blank label in the base": (
@@ -160,12 +160,12 @@ BAD_TABLES = {
     "unclosed quote": (
         "csv",
         TABLE + 'a,b,c\na,"b,c\n',
-        "book.csv, line 3: unexpected end of data",
+        "book.csv, line 3: a quote without its end",
     ),
     "quote amid a label": (
         "csv",
         TABLE + 'a,"b"b,c\n',
-        "book.csv, line 2: ',' expected after '\"'",
+        "book.csv, line 2: a quote without its end, or text behind it",
     ),
     "XML": ("xml", "<a>\n<b/>\n</a>\n", "XML, which is not read"),
     "no ending": ("", "a b c\n", "no table, because commas give 1 column"),

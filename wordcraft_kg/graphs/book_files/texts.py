@@ -6,7 +6,6 @@ by the option `columns`. In lines, either side of the sign may hold the sum: ``m
 clay + rain`` gives two recipes. Marks of lists are no part of labels.
 """
 
-import csv
 import io
 import re
 from collections import Counter
@@ -119,8 +118,7 @@ def read_directive(source: FileRows, number: int, line: str) -> Fault | None:
         return None
     if len(line) > MAX_LINE_LENGTH:
         return Fault(number, "directive", too_long(line))
-    # One line gives one row, or none if nothing follows the colon.
-    labels = next(csv.reader([trimmed(rest.strip(), ",")]), [])
+    labels = _tolerant_cells(rest.strip(), Dialect(","))
     for fault in filter(None, map(label_fault, labels)):
         return Fault(number, "directive", fault)
     if name == "base":
@@ -149,54 +147,41 @@ def cells_of(line: str, dialect: Dialect) -> list[str]:
         The cells; empty for a blank row.
 
     Raises:
-        csv.Error: if a quote does not end, or text follows its end.
+        ValueError: if a quote does not end, or text follows its end.
     """
     delimiter = dialect.delimiter
     line = line.rstrip("\r\n")
     if dialect.is_framed:
         line = line.strip().removeprefix(delimiter).removesuffix(delimiter)
-    line = trimmed(line, delimiter)
-    if not line:
+    if not line.strip(" "):
         return []
     if '"' not in line:
-        return line.split(delimiter)
-    # Lines end where the file's lines end, which csv takes for several rows at lone \r only.
-    rows = csv.reader(io.StringIO(line, newline=""), delimiter=delimiter, strict=True)
-    (cells,) = rows
-    return cells
-
-
-def trimmed(line: str, delimiter: str) -> str:
-    """Strip spaces around the cells in a table row; spaces within quotes stay.
-
-    Args:
-        line: the row, with or without its line end.
-        delimiter: one character between cells.
-    """
-    has_inner_space = f"{delimiter} " in line or f" {delimiter}" in line
-    has_outer_space = line.startswith(" ") or line.rstrip("\r\n").endswith(" ")
-    # The pattern is slow, and most rows of a large book have no spaces around cells.
-    if not has_inner_space and not has_outer_space:
-        return line
-    # Group 1 is the cell after any spaces, with those at its end if it has no quotes.
-    return _cell_pattern(delimiter).sub(lambda cell: cell[1].strip(" "), line)
+        return [cell.strip(" ") for cell in line.split(delimiter)]
+    cells = []
+    at = 0
+    while True:
+        cell = _cell_pattern(delimiter).match(line, at)
+        if cell is None:
+            raise ValueError("a quote without its end, or text behind it")
+        quoted, plain, is_more = cell.groups()
+        cells.append(plain.strip(" ") if quoted is None else quoted.replace('""', '"'))
+        if not is_more:
+            return cells
+        at = cell.end()
 
 
 @cache
 def _cell_pattern(delimiter: str) -> re.Pattern[str]:
-    """Return a pattern for a cell after any spaces.
-
-    A quoted cell goes up to the spaces before its end, any other up to its end.
-    """
+    """Return a pattern for a cell in quotes or without, after any spaces, and its delimiter."""
     d = re.escape(delimiter)
-    return re.compile(rf' *+("(?:[^"]|"")*+"(?= *+(?:[{d}\r\n]|$))|[^{d}\r\n]*+)')
+    return re.compile(rf' *+(?:"((?:[^"]|"")*+)"|([^{d}"][^{d}]*+|)) *+(?:({d})|$)')
 
 
 def _tolerant_cells(line: str, dialect: Dialect) -> list[str]:
     """Return the cells of a row; one with a quote that does not end is split at delimiters."""
     try:
         return cells_of(line, dialect)
-    except csv.Error:
+    except ValueError:
         return [cell.strip(" ") for cell in line.rstrip("\r\n").split(dialect.delimiter)]
 
 
@@ -289,7 +274,7 @@ def _parsed(
         else:
             try:
                 cells = cells_of(line, dialect)
-            except (csv.Error, ValueError) as error:
+            except ValueError as error:
                 message = f"{error}; a quoted cell ends in its line, and a quote in it is doubled."
                 yield Fault(number, "row", message, "quote")
                 continue

@@ -426,6 +426,13 @@ REFUSED = {
         "'1' belongs to several things",
     ),
     "many labels under keys": ({"x": list("abcdef"), "y": list("klmnop")}, NO_WORDS),
+    "names of some ids only": (
+        [
+            {"name": c, "ingredients": [{"key": x, "label": x.title()} for x in (a, b)]}
+            for a, b, c in ROWS
+        ],
+        "two readings fit",
+    ),
     "two lists": (
         {"one": listed("parents", "child"), "two": listed("inputs", "output", rows=KITCHEN)},
         "two readings fit",

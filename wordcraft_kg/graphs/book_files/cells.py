@@ -471,7 +471,10 @@ def _names_of(uses: Collection[str], tables: Iterable[Names]) -> Names:
                 joined[key] = name if joined.get(key, name) == name else None
     # A text that is a name already stays, also if it is the id of something else.
     names = set(joined.values())
-    return {text: joined[text] for text in uses if text in joined and text not in names}
+    # Ids stay if some have no name and names are used nowhere, so that no book has both.
+    if not names.isdisjoint(uses) or set(uses) <= joined.keys() | names:
+        return {text: joined[text] for text in uses if text in joined and text not in names}
+    return {}
 
 
 def names_by_id(things: Iterable[tuple[Any, Any]]) -> Names:

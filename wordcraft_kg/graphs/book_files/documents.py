@@ -25,7 +25,6 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.book_files.cells import (
     JOINERS,
-    NUMBER,
     Names,
     cell_fault,
     exact_fault,
@@ -201,8 +200,9 @@ def read_document(
     # Nothing is no result where labels tell that the game is Infinite Craft.
     every_text = set(chain.from_iterable(each for each in texts.values() if type(each[0]) is str))
     every_text.update(*(row.ingredients for row in best.rows))
-    if not source.is_exact and every_text.issuperset(INFINITE_CRAFT_BASE):
-        source.entries = without_nothing(best.entries)
+    craft = {label.lower() if fold else label for label in INFINITE_CRAFT_BASE}
+    if not source.is_exact and every_text.issuperset(craft):
+        source.entries = without_nothing(best.entries, fold=fold)
         # Saves list items with emoji; another table or list may have these labels by chance.
         if not source.base and any(path[-1:] in ((".text",), (".emoji",)) for path in texts):
             source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
@@ -719,12 +719,14 @@ def _candidate(
     if document.is_table:
         entries.sort(key=itemgetter(0))
     rows = [entry for entry in entries if isinstance(entry, Row)]
-    # Numbers are no results, unless they are names.
-    ids = {row.result for row in rows if is_number(row.result.removeprefix(NUMBER))}
-    ids.difference_update(*names)
-    if rows and not is_given and not is_exact and all(row.result in ids for row in rows):
+    # Numbers are no results, unless they are names or ids.
+    numbers = {row.result for row in rows if is_number(row.result)}
+    numbers.difference_update(*names)
+    if rows and not is_given and not is_exact and all(row.result in numbers for row in rows):
         message = "is a number; a result is a name. If it is one, name the columns with --columns."
-        entries = [fault_at(row.place, "label", f"{row.result!r} {message}") for row in rows]
+        entries = []
+        if way.is_named and not way.by_place:
+            entries += (fault_at(row.place, "label", f"{row.result!r} {message}") for row in rows)
         rows = []
     labels = read_labels(
         rows,

@@ -535,7 +535,7 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     source.reading = labels.facts(source.reading)
     # Each label of Infinite Craft's base as a word of its own.
     if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
-        source.entries = without_nothing(source.entries)
+        source.entries = without_nothing(source.entries, fold=fold)
     # In a line the sum may stand on either side.
     first, last = ([row.ingredients[0] for row in rows], [row.result for row in rows])
     inner = [label for row in rows for label in row.ingredients[1:]]

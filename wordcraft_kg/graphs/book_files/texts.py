@@ -214,10 +214,8 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
             even.append(dialect)
     fitting = with_header or even or [_dialect(lines, usual)]
     if len(fitting) > 1:
-        readings = []
-        for dialect in fitting[:2]:
-            cells = _tolerant_cells(lines[-1], dialect)
-            readings.append(f"{cells} ({DELIMITERS[dialect.delimiter]})")
+        last = lines[-1]
+        readings = [f"{_tolerant_cells(last, d)} ({DELIMITERS[d.delimiter]})" for d in fitting[:2]]
         seen = f"two delimiters fit: {' or '.join(readings)}"
         raise refusal(path, seen, "table", "Choose one with --delimiter.")
     return fitting[0]

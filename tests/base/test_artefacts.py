@@ -28,7 +28,7 @@ from wordcraft_kg.base.errors import (
 )
 from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.book_files import read_book
-from wordcraft_kg.graphs.book_files.containers import MAX_BOOK_SIZE
+from wordcraft_kg.graphs.book_files.files import MAX_BOOK_SIZE
 from wordcraft_kg.models.scorers.features import make_features
 
 

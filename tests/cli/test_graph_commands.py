@@ -144,7 +144,7 @@ BAD_TABLES = {
     "newline in a label": (
         "csv",
         TABLE + 'a,"b\nb",c\n',
-        "line 2: unexpected end of data; a quoted cell ends in its",
+        "line 2: a quote without its end, or text behind it; a quoted cell ends in its",
     ),
     "NUL in a label": ("csv", TABLE + "a,b\0b,c\n", "a binary file (it holds zero bytes)"),
     "blank label in the base": (
@@ -160,12 +160,12 @@ BAD_TABLES = {
     "unclosed quote": (
         "csv",
         TABLE + 'a,b,c\na,"b,c\n',
-        "book.csv, line 3: unexpected end of data",
+        "book.csv, line 3: a quote without its end",
     ),
     "quote amid a label": (
         "csv",
         TABLE + 'a,"b"b,c\n',
-        "book.csv, line 2: ',' expected after '\"'",
+        "book.csv, line 2: a quote without its end, or text behind it",
     ),
     "XML": ("xml", "<a>\n<b/>\n</a>\n", "XML, which is not read"),
     "no ending": ("", "a b c\n", "no table, because commas give 1 column"),
@@ -778,7 +778,7 @@ def test_describe_counts_all_and_shows_invisible_characters(run, book):
     assert f" and {unreachable - 10} more\n" in text
     assert "zero<U+200B>width" in run("describe", path, "--entity", "zero\u200bwidth").out
     assert "zero<U+200B>widt'" in run("describe", path, "--entity", "zero\u200bwidt").err
-    note = "note [invisible] line 78: 'zero<U+200B>width' holds an invisible character"
+    note = "note [invisible] line 78: the label 'zero<U+200B>width' holds an invisible character"
     assert note in run("check-book", path, "--limit", 99).out
 
 

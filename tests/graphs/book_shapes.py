@@ -379,7 +379,7 @@ def _shapes():
             **CHAIN,
         ),
         # Refused, with what is missing.
-        of("single quotes", "b.csv", table(quote="'"), says="single quotes around its cells"),
+        of("single quotes", "b.csv", table(quote="'"), says="holds single quotes"),
         of("SQLite", "b.db", database(), says="an SQLite database; export"),
         of(
             "items only",

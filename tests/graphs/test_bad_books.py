@@ -141,7 +141,9 @@ def test_html_entities_and_text_from_right_to_left_are_kept_and_named(put):
     book = read_book(put(text))
     assert "salt &amp; pepper" in book.entities
     notes = [f.message for f in check_book(put(text)).findings if f.kind == "html"]
-    assert notes == ["'salt &amp; pepper' holds an HTML entity; write the character itself"]
+    assert notes == [
+        "the label 'salt &amp; pepper' holds an HTML entity; write the character itself"
+    ]
     assert ("אש", "מים", "אדים") in book.recipes
 
 

@@ -152,7 +152,7 @@ def test_spoilt_tables_end_in_no_traceback_and_lose_no_row_in_silence(tmp_path, 
             continue
         faults = sum(isinstance(entry, tuple) and len(entry) != 2 for entry in rows)
         places = rows_in(text)
-        head = sum(line.startswith("#") for line in places[:1]) + rows.source.header
+        head = sum(line.startswith("#") for line in places[:1]) + rows.source.reading.header
         assert len(places) - head <= rows.rows + faults, (seed, text)
         try:
             book = read_book(path)

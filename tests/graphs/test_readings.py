@@ -392,11 +392,18 @@ REFUSED = {
         "id,ingredient,result\n" + "".join(f"1,{a},{c}\n1,{b},{c}\n" for a, b, c in ROWS),
         "most rows have one ingredient",
     ),
+    "choices of two ingredients": (
+        [{"ingredients": [[a, "oak"], [b, "fir"]], "result": c} for a, b, c in ROWS],
+        "may be choices of an ingredient",
+    ),
     "choices beside ingredients": (
         [{"ingredients": [["oak", "fir"], "coal"], "result": "x"}],
         NO_WORDS,
     ),
-    "numbers as results": ("a,b,result\nwater,earth,12\nfire,sand,13\n", NO_WORDS),
+    "numbers as results": (
+        "a,b,result\nwater,earth,12\nfire,sand,13\n",
+        "line 2: '12' is a number; a result is a name",
+    ),
     "weights": ("a,b,weight\nwater,earth,0.5\nfire,sand,0.25\n", "weight"),
     "merged cells": ("a,b,result\nwater,earth,mud\n,fire,steam\n", "line 3: a blank cell before"),
     "a missing value": ("a,b,result\nice,NA,water\n", "line 2: 'NA' may be a missing value"),
@@ -419,6 +426,13 @@ REFUSED = {
         "'1' belongs to several things",
     ),
     "many labels under keys": ({"x": list("abcdef"), "y": list("klmnop")}, NO_WORDS),
+    "names of some ids only": (
+        [
+            {"name": c, "ingredients": [{"key": x, "label": x.title()} for x in (a, b)]}
+            for a, b, c in ROWS
+        ],
+        "two readings fit",
+    ),
     "two lists": (
         {"one": listed("parents", "child"), "two": listed("inputs", "output", rows=KITCHEN)},
         "two readings fit",
@@ -449,7 +463,7 @@ def test_wrong_paths_are_refused_with_the_grammar_or_the_paths(put, columns, say
 
 def test_paths_read_any_json(put):
     deep = {"a.b": {"made": [{"of": [{"x": [a, b]}], "out": {"nm": c}} for a, b, c in ROWS]}}
-    book = read_book(put(deep), columns=[r"a\.b.made[].of[].x[]", r"a\.b.made.out.nm"])
+    book = read_book(put(deep), columns=[r"a\.b.made[].of[].x[]", r"a\.b.made[].out.nm"])
     assert recipes(book) == expected(ROWS)
 
 

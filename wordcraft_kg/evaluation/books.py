@@ -9,7 +9,7 @@ from typing import Unpack
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base.artefacts import made_folder
+from wordcraft_kg.base.artefacts import staged_file
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.book_check import (
@@ -170,6 +170,8 @@ def view_check(
     located = locate_book(book)
     in_folder = located.path / "graph.json"
     path = in_folder if in_folder.is_file() else located.path
+    # A file that another process writes during this check is not replaced.
+    replaces = fix is not None and fix.exists()
     # Opened before the check, which may take seconds: a wrong name fails at once.
     other = None if against is None else open_book(against)
     check = check_book(path, base or located.base, located.name, **options)
@@ -180,8 +182,8 @@ def view_check(
             raise RecipeFileError(
                 f"{path}: no recipe is readable, so nothing was written to {fix}."
             )
-        with made_folder(fix.parent):
-            kept_columns = write_mended(check, check.book, fix)
+        with staged_file(fix, force=replaces) as staged:
+            kept_columns = write_mended(check, check.book, staged)
     if graph is not None:
         try:
             check = _with_words(check, graph)

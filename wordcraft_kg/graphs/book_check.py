@@ -22,8 +22,8 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.graphs.audit import degrees, reachability
-from wordcraft_kg.graphs.book_files.containers import read_bytes
-from wordcraft_kg.graphs.book_files.entries import OWN_COLUMNS
+from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
+from wordcraft_kg.graphs.book_files.files import Decoded, read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
     REPEATED,
     SELF_RESULT,
@@ -208,7 +208,7 @@ def check_book(
         if path.is_dir():
             raise
         return BookCheck((_problem("unreadable", str(error)),), None, None)
-    findings = _of_bytes(rows)
+    findings = _of_bytes(rows.decoded)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
     findings += _of_left_out(rows)
@@ -254,7 +254,7 @@ def check_book(
     )
 
 
-def _of_bytes(file: BookRows) -> list[Finding]:
+def _of_bytes(file: Decoded) -> list[Finding]:
     """Return findings about the bytes of a text: mark, line ends, encoding."""
     findings = []
     if file.encoding not in ("", "utf-8"):
@@ -321,16 +321,15 @@ def _read_rows(
     kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     faulty = [fault.place for fault in chain(*faults.values()) if fault.kind != "directive"]
     if faulty:
-        rows.left_out[FAULTY] = len(faulty)
-        rows.places_left_out[FAULTY] = faulty
+        rows.left_out[FAULTY] = faulty
     return lines_of, replace(book, base=base, kinds=kinds)
 
 
 def _of_left_out(rows: BookRows) -> Iterator[Finding]:
     """Yield findings about rows that are no recipe; those with a fault have findings already."""
-    for reason, number in rows.left_out.items():
-        lines = _numbers(rows.places_left_out.get(reason, ()))
-        message = f"{counted(number, 'row')} {reason}"
+    for reason, places in rows.left_out.items():
+        lines = _numbers(places)
+        message = f"{counted(len(places), 'row')} {reason}"
         # In a table or lines such a row is a slip; in JSON it is a thing without a recipe.
         is_slip = reason == WITHOUT and bool(lines)
         if is_slip:
@@ -341,7 +340,7 @@ def _of_left_out(rows: BookRows) -> Iterator[Finding]:
 
 def _lost(rows: BookRows, lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[str, list[Place]]:
     """Return the places of all rows that are no recipe of the book, by reason."""
-    lost = defaultdict[str, list[Place]](list, rows.places_left_out)
+    lost = defaultdict[str, list[Place]](list, rows.left_out)
     for recipe, places in lines_of.items():
         if recipe.is_self_result:
             lost[SELF_RESULT] += places
@@ -427,33 +426,28 @@ def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> list[int]:
 
 
 def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    for label in graph.entities:
-        if graph.is_half_product[graph.id_of(label)]:
-            continue
-        if "&" in label and HTML_ENTITY.search(label):
-            message = f"'{label}' holds an HTML entity; write the character itself"
-            yield _note("html", message, _at([label], line_of))
-        if " + " in label:
-            message = f"'{label}' is one entity here. {OWN_COLUMNS}"
-            yield _note("several", message, _at([label], line_of))
-        if "," in label:
-            message = f"the label '{label}' contains a comma, at which other tools may split it"
-            yield _problem("comma", message, _at([label], line_of))
-        if label != label.strip():
-            message = f"the label {label!r} begins or ends with a space; remove it"
-            yield _problem("space", message, _at([label], line_of))
-        if is_missing(label):
-            message = f"the label '{label}' may be a missing value; leave the cell empty"
-            yield _note("missing", message, _at([label], line_of))
-        if label == NOTHING:
-            message = "'Nothing' is an entity here; in Infinite Craft it means no result"
-            yield _note("nothing", message, _at([label], line_of))
+    """Yield findings about single labels, without half-products."""
+    for label in graph.labels(np.flatnonzero(~graph.is_half_product)):
         visible = for_terminal(label)
-        if visible != label:
-            message = (
-                f"'{visible}' holds an invisible character; remove it, or replace it by a space"
-            )
-            yield _note("invisible", message, _at([label], line_of))
+        has_entity = "&" in label and HTML_ENTITY.search(label) is not None
+        is_padded = label != label.strip()
+        marks = (
+            (has_entity, _note, "html", "holds an HTML entity; write the character itself"),
+            (" + " in label, _note, "several", f"is one entity here. {OWN_COLUMNS}"),
+            (is_missing(label), _note, "missing", "may be a missing value; leave the cell empty"),
+            (label == NOTHING, _note, "nothing", "in Infinite Craft means no result"),
+            (visible != label, _note, "invisible", "holds an invisible character; remove it"),
+            (is_padded, _problem, "space", "begins or ends with a space; remove it"),
+            (
+                "," in label,
+                _problem,
+                "comma",
+                "contains a comma, at which other tools may split it",
+            ),
+        )
+        for is_odd, finding, kind, message in marks:
+            if is_odd:
+                yield finding(kind, f"the label '{visible}' {message}", _at([label], line_of))
 
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:

@@ -1,23 +1,25 @@
 """Read and write recipe books: files that list recipes, in documented shapes.
 
-Read ``reader`` first: :func:`read_book` takes a file's bytes (``containers``) and text (``text``),
-and one of four readers of its shape, which yield the same rows (``rows``):
+Read ``reader`` first: :func:`read_book` takes a file's bytes and text (``files``), and one of three
+readers of its shape, which yield the same rows (``rows``):
 
-- ``tables``, with a header of documented words (``words``), or columns that the user names;
-- ``lines``: a + b = c;
-- ``json_books``: documented keys, or ``paths`` that the user names; ``layouts`` has formats of
-  their own, such as ours, the paper's, HIF and saves of Infinite Craft;
-- ``packs``: Minecraft.
+- ``texts``: tables, with a header of documented words or columns that the user names, and lines
+  a + b = c;
+- ``documents``: JSON, by documented keys (``words``) or by paths that the user names; the rows of a
+  table are a document, too;
+- ``layouts``: formats of their own, such as ours, the paper's, HIF, dumps of Infinite Craft and
+  packs of Minecraft.
 
-``rule`` takes one reading of a table or of JSON, or refuses the file with the commands that read
-it. ``entries`` and ``cells`` find labels, ``writing`` writes books. Labels are matched exactly.
+``cells`` finds the labels in cells, for all shapes. ``rule`` takes one way to read a document, or
+refuses the file with the commands that read it. ``writing`` writes books. Labels are matched
+exactly.
 """
 
 from wordcraft_kg.graphs.book_files.reader import BookOptions as BookOptions
 from wordcraft_kg.graphs.book_files.reader import ReadOptions as ReadOptions
 from wordcraft_kg.graphs.book_files.reader import book_name as book_name
 from wordcraft_kg.graphs.book_files.reader import read_book as read_book
-from wordcraft_kg.graphs.book_files.tables import CSV_HEADER as CSV_HEADER
+from wordcraft_kg.graphs.book_files.texts import CSV_HEADER as CSV_HEADER
 from wordcraft_kg.graphs.book_files.words import KIND as KIND
 from wordcraft_kg.graphs.book_files.writing import book_json as book_json
 from wordcraft_kg.graphs.book_files.writing import recipe_table as recipe_table

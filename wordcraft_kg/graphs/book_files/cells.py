@@ -1,20 +1,28 @@
-"""What cells hold beside labels: lists, joiners, numbers of pieces, marks, unseen characters.
+"""The labels in cells: pieces of a cell, and the label that each text of a file stands for.
 
-Characters at the ends that cannot be seen are left out. Numbers such as in ``2 water`` are left out
-if many cells have them; a few may as well be part of labels, and are only named, as are marks.
+Each different text is judged once, for all rows: characters at its ends that cannot be seen, quotes
+and markup are left out; numbers such as in ``2 water`` are left out if many texts have them; an id
+becomes the name that the file gives it. What still looks like more than a label is a fault.
 """
 
 import ast
 import json
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
-from wordcraft_kg.graphs.book_files.rows import Row
+from msgspec.structs import replace
+
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, LeftOut, Raw, Row, fault_at
 from wordcraft_kg.graphs.book_files.words import is_documented, name_rank, names_thing
-from wordcraft_kg.graphs.label_notes import count_in
+from wordcraft_kg.graphs.chains import is_half_product
+from wordcraft_kg.graphs.label_notes import count_in, is_missing
+from wordcraft_kg.graphs.reading import Reading
+from wordcraft_kg.graphs.recipes import label_fault, shown
 
 UNSEEN = "".join(
     (
@@ -25,141 +33,18 @@ UNSEEN = "".join(
     )
 )
 """Characters at the ends of a cell that cannot be seen, and are no part of a label."""
-_UNSEEN = re.compile(f"[{UNSEEN[1:]}]")
-_SIGN = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
-"""A sign of multiplication beside a number."""
-_MARKUP = (
-    re.compile(r"“([^“”]+)”|«\s?([^«»]+?)\s?»|„([^„“”]+)[“”]"),
-    re.compile(r"\*\*([^*]+)\*\*|__([^_]+)__|`([^`]+)`"),
-    re.compile(r"\[\[([^\[\]|]+)\]\]|\[([^\[\]]+)\]\([^()\s]*\)"),
+HIDDEN = re.compile(f"[{UNSEEN[1:]}]")
+"""A character that cannot be seen, other than a plain space."""
+NUMBER = "\x01"
+"""Before a number of JSON, which is an id until a list names it; no label holds it."""
+Names = Mapping[str, str | None]
+"""Names by id; None for an id of several names."""
+_OWN_NAMES = "ingredient_a,ingredient_b,result"
+OWN_COLUMNS = (
+    "Write each ingredient in a column of its own, as in ingredient_a,ingredient_b,ingredient_c,"
+    "result, which `ingredients` chain reads, and one recipe in each row."
 )
-"""Quotes, and markup of wikis and Markdown such as links, around a whole cell."""
-_BESIDE = re.compile(
-    r"^!\[[^\]]*\](?:\[[^\]]*\]|\([^()]*\))\s*(?:<br\s*/?>)?\s*(?=\S)"
-    r"|(?<=\S)\s*\(https?://[^\s()]*\)$"
-)
-"""An image before a label, and an address behind it."""
-_CLEAR = 0.2  # share of the cells with numbers by which these are numbers of pieces
-_MOST_MERGERS = 0.1  # share of the rows with numbers that may make what they are made of
-
-
-class Cells:
-    """The labels in a file's cells.
-
-    Attributes:
-        trimmed: cells with characters at their ends that cannot be seen.
-        unwrapped: cells with quotes or markup around them.
-        numbers: numbers of pieces other than one that were left out.
-        example: a cell with a number of pieces; empty if none is left out.
-    """
-
-    def __init__(self, rows: Iterable[Row]):
-        """Judge cells by a file's rows.
-
-        Args:
-            rows: the recipes.
-        """
-        self.trimmed = 0
-        self.unwrapped = 0
-        self.numbers = 0
-        # Most labels are met again: a look-up is faster than a check.
-        self._clean: set[str] = set()
-        self.example = _first_count([(*row.ingredients, row.result) for row in rows])
-
-    def are_clean(self, cells: Collection[str]) -> bool:
-        """Return whether cells are labels that were met before, without anything beside them."""
-        return self._clean.issuperset(cells)
-
-    def counted_label(self, cell: str) -> tuple[str, int]:
-        """Return the label in a cell, and its number of pieces."""
-        trimmed = trim_unseen(cell)
-        self.trimmed += trimmed != cell
-        seen = without_markup(trimmed)
-        self.unwrapped += seen != trimmed
-        found = count_in(seen) if self.example else None
-        if found is None:
-            if seen == cell:
-                self._clean.add(cell)
-            return seen, 1
-        label, number = found
-        self.numbers += number != 1
-        return label, number
-
-
-def trim_unseen(cell: str) -> str:
-    """Return a cell without characters at its ends that cannot be seen.
-
-    A cell of nothing else is empty. A joiner of width zero within an emoji stays.
-    """
-    if cell.isascii():
-        return cell.strip(" ")
-    return cell.strip(UNSEEN)
-
-
-def without_markup(cell: str) -> str:
-    """Return a cell without quotes and markup around all of it.
-
-    Example:
-        >>> [without_markup(cell) for cell in ("**[mud](/wiki/mud)**", "“mud”", "a **b**")]
-        ['mud', 'mud', 'a **b**']
-    """
-    if "](" in cell or "![" in cell or "://" in cell:
-        cell = _BESIDE.sub("", cell)
-    # Markup may be nested, such as a bold link: each kind once from outside, and once more.
-    for pattern in (*_MARKUP, *_MARKUP):
-        found = pattern.fullmatch(cell)
-        if found:
-            cell = next(filter(None, found.groups())).strip()
-    return cell
-
-
-def has_unseen(text: str) -> bool:
-    """Return whether a text holds characters that cannot be seen, other than plain spaces."""
-    return not text.isascii() and _UNSEEN.search(text) is not None
-
-
-def _first_count(rows: Sequence[Sequence[str]]) -> str:
-    """Return a cell with a number of pieces if a clear share of the cells has such numbers.
-
-    In games of merging, ``sword (1) + sword (1) = sword (2)``, numbers belong to labels: without
-    them, rows would make what they are made of.
-    """
-    every_cell = chain.from_iterable(rows)
-    times = Counter(without_markup(trim_unseen(cell)) for cell in every_cell)
-    # Labels by the cells that hold a number of pieces beside them.
-    bare: dict[str, str] = {}
-    for cell in times:
-        found = count_in(cell)
-        if found:
-            label, _ = found
-            bare[cell] = label
-    numbered = sum(times[cell] for cell in bare)
-    if numbered < max(_CLEAR * times.total(), 1):
-        return ""
-    surely_counted = sum(times[cell] for cell in _surely_counted(bare, times))
-    if surely_counted < _CLEAR * numbered:
-        return ""  # such as 7 Up
-    with_numbers = [row for row in rows if not bare.keys().isdisjoint(row)]
-    mergers = sum(_is_merger(row, bare) for row in with_numbers)
-    if mergers > _MOST_MERGERS * len(with_numbers):
-        return ""
-    return next(iter(bare))
-
-
-def _surely_counted(bare: Mapping[str, str], cells: Collection[str]) -> list[str]:
-    """Return cells whose number has a sign, or whose label also has another number, or none."""
-    forms = Counter(bare.get(cell, cell) for cell in cells)
-    return [cell for cell, label in bare.items() if _SIGN.search(cell) or forms[label] > 1]
-
-
-def _is_merger(row: Sequence[str], bare: dict[str, str]) -> bool:
-    """Return whether a row makes one of its ingredients only if numbers are left out."""
-    *ingredients, result = row
-    if result in ingredients:
-        return False
-    bare_ingredients = {bare.get(cell, cell) for cell in ingredients}
-    return bare.get(result, result) in bare_ingredients
-
+"""Remedy for a cell with several things."""
 
 # --- several labels in one cell ------------------------------------------------------------------
 
@@ -170,6 +55,16 @@ WEAK_JOINERS = (" and ", " & ", "&", " x ", " × ", "×", " X ", " und ", " et "
 _OFTEN = 0.5  # share of the cells with a joiner
 _LISTED = re.compile(r"\s*[\[({]\s*(?:[\[({]\s*)?[\"'].*[\])}]\s*", re.DOTALL)
 _MOST_BRACKETS = 1_000  # in a cell; deeper lists are no recipes
+_MOST_WITHOUT_GRID = 3  # ingredients; more may be the slots of a crafting grid
+_ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>|, ", re.IGNORECASE)
+_FIGURE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number, or a text of one."""
+    if isinstance(value, str):
+        return bool(_FIGURE.fullmatch(value.strip()))
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def listed_value(cell: str) -> Any:
@@ -207,43 +102,21 @@ def labels_in(value: Any) -> list[str] | None:
         return []
     if isinstance(value, str):
         return [value]
+    if is_number(value):
+        return [f"{NUMBER}{value}"]
     if isinstance(value, list | tuple | set):
         # A label and its number of pieces, as in ["egg", 2].
         values = list(value)
         if len(values) == 2 and isinstance(values[0], str) and is_number(values[1]):
             return [values[0]]
         parts = [labels_in(part) for part in values]
-        if None in parts:
-            return None
-        return list(chain.from_iterable(filter(None, parts)))
+        return None if None in parts else list(chain.from_iterable(filter(None, parts)))
     if isinstance(value, dict):
         names = [key for key in value if names_thing(str(key)) and isinstance(value[key], str)]
         if names:
             return [value[min(names, key=name_rank)]]
         if value and all(isinstance(key, str) and is_number(value[key]) for key in value):
             return None if any(map(is_documented, value)) else list(value)
-    return None
-
-
-def is_number(value: Any) -> bool:
-    """Return whether a value is a number, or a text of one."""
-    if isinstance(value, str):
-        return bool(_FIGURE.fullmatch(value.strip()))
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-_FIGURE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
-
-
-_FORMULA = re.compile(
-    r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
-)
-
-
-def formula_fault(cell: str) -> str | None:
-    """Return why a cell is a spreadsheet's formula, or None."""
-    if cell[:1] in ("=", "@", "#") and _FORMULA.match(cell):
-        return f"{cell[:80]!r} is a spreadsheet's formula or its error; save the values."
     return None
 
 
@@ -274,15 +147,8 @@ def find_joiner(
     return None if is_parted else ""
 
 
-def parts_of(cell: str, joiner: str) -> list[str]:
-    """Return the labels in a cell; without a joiner the cell is one label."""
-    if not joiner:
-        return [cell]
-    return [part.strip() for part in cell.split(joiner)]
-
-
-def alternatives(ingredients: Sequence[str], joiner: str) -> str | None:
-    """Return why the parts of a cell may be those of several recipes, or None.
+def alternatives(ingredients: Sequence[str], joiner: str) -> str:
+    """Return why the parts of a cell may be those of several recipes; empty if they are not.
 
     Args:
         ingredients: parts between joiners, such as "water", "earth or rain", "dirt".
@@ -294,12 +160,411 @@ def alternatives(ingredients: Sequence[str], joiner: str) -> str | None:
         sign = _ALTERNATIVE.search(part)
         has_sum = joiner.strip() != "+" and " + " in part
         if has_sum or (sign and len(ingredients) > 2):
-            shown = "+" if sign is None else sign[0].strip()
+            between = "+" if sign is None else sign[0].strip()
             return (
                 f"{part[:80]!r} in a sum of {len(ingredients)} may be the end of one recipe and "
-                f"the start of another, with {shown!r} between them; write one in each row."
+                f"the start of another, with {between!r} between them; write one in each row."
             )
-    return None
+    return ""
 
 
-_ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>|, ", re.IGNORECASE)
+def _pieces(value: Any, joiner: str | None, *, is_alone: bool) -> tuple[list[str], str]:
+    """Return the texts in a cell or a value of JSON, and why they are not certain, or "".
+
+    Args:
+        value: the cell or value.
+        joiner: see :func:`find_joiner`.
+        is_alone: whether it holds all ingredients of its row.
+    """
+    if isinstance(value, str) and value[:1] in "[({ \n":
+        listed = listed_value(value)
+        value = value if listed is None else listed
+    elif isinstance(value, str) and joiner == "":
+        return [value], ""
+    labels = labels_in(value)
+    if labels is None:
+        return [], f"{shown(value)} holds no label under a documented key."
+    if isinstance(value, list) and len(labels) > 1 and not is_alone:
+        # A list in the place of one of several ingredients.
+        return [], (
+            f"{shown(value)} may be choices of an ingredient or several ingredients; write each "
+            "choice as a recipe of its own."
+        )
+    if not isinstance(value, str) or not value or joiner == "":
+        return labels, ""
+    several = [part.strip() for part in value.split(joiner)] if joiner else [value]
+    signs = (*JOINERS, *WEAK_JOINERS)
+    if joiner is None or (len(several) == 1 and any(sign in value for sign in signs)):
+        return (
+            [],
+            f"{value[:80]!r} may be one ingredient or several; write {joiner or '+'} between.",
+        )
+    return several, alternatives(several, joiner)
+
+
+def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
+    """Yield the recipes in a row, by the texts in its cells; a fault if they are not certain.
+
+    Args:
+        raw: the row.
+        joiner: the sign between ingredients in one cell, see :func:`find_joiner`.
+    """
+    parts: list[str] = []
+    made: list[str] = []
+    messages = []
+    # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of many
+    # slots blanks are usual.
+    if raw.parts[:1] == [""] and any(raw.parts) and len(raw.parts) <= _MOST_WITHOUT_GRID:
+        filled = next(filter(None, raw.parts))
+        messages.append(
+            f"a blank cell before {filled!r:.80}, as where cells were merged; fill it, or write a "
+            "single ingredient first."
+        )
+    for value in raw.parts:
+        texts, message = _pieces(value, joiner, is_alone=len(raw.parts) == 1)
+        parts += texts
+        messages.append(message)
+    for value in raw.results:
+        texts, message = _pieces(value, "", is_alone=True)
+        made += texts
+        messages.append(message)
+    if any(messages):
+        yield fault_at(raw.place, "label", next(filter(None, messages)))
+    elif not parts or not made:
+        yield LeftOut(raw.place, WITHOUT)
+    else:
+        yield from (Row(raw.place, parts, result, raw.kind) for result in made)
+
+
+# --- the label of a text -------------------------------------------------------------------------
+
+_SIGN = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
+"""A sign of multiplication beside a number."""
+_MARKUP = (
+    re.compile(r"“([^“”]+)”|«\s?([^«»]+?)\s?»|„([^„“”]+)[“”]"),
+    re.compile(r"\*\*([^*]+)\*\*|__([^_]+)__|`([^`]+)`"),
+    re.compile(r"\[\[([^\[\]|]+)\]\]|\[([^\[\]]+)\]\([^()\s]*\)"),
+)
+"""Quotes, and markup of wikis and Markdown such as links, around a whole cell."""
+_BESIDE = re.compile(
+    r"^!\[[^\]]*\](?:\[[^\]]*\]|\([^()]*\))\s*(?:<br\s*/?>)?\s*(?=\S)"
+    r"|(?<=\S)\s*\(https?://[^\s()]*\)$"
+)
+"""An image before a label, and an address behind it."""
+_CLEAR = 0.2  # share of the cells with numbers by which these are numbers of pieces
+_MOST_MERGERS = 0.1  # share of the rows with numbers that may make what they are made of
+_FORMULA = re.compile(
+    r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
+)
+
+
+def trim_unseen(cell: str) -> str:
+    """Return a cell without characters at its ends that cannot be seen.
+
+    A cell of nothing else is empty. A joiner of width zero within an emoji stays.
+    """
+    return cell.strip(" " if cell.isascii() else UNSEEN)
+
+
+def without_markup(cell: str) -> str:
+    """Return a cell without quotes and markup around all of it.
+
+    Example:
+        >>> [without_markup(cell) for cell in ("**[mud](/wiki/mud)**", "“mud”", "a **b**")]
+        ['mud', 'mud', 'a **b**']
+    """
+    if "](" in cell or "![" in cell or "://" in cell:
+        cell = _BESIDE.sub("", cell)
+    if cell[-1:].isalnum():
+        return cell
+    # Markup may be nested, such as a bold link: each kind once from outside, and once more.
+    for pattern in (*_MARKUP, *_MARKUP):
+        found = pattern.fullmatch(cell)
+        if found:
+            cell = next(filter(None, found.groups())).strip()
+    return cell
+
+
+def exact_fault(label: str) -> str | None:
+    """Return why a cell of our own table is no label, or None."""
+    if label[:1] in ("=", "@", "#") and _FORMULA.match(label):
+        return f"{label[:80]!r} is a spreadsheet's formula or its error; save the values."
+    return label_fault(label)
+
+
+def cell_fault(text: str) -> str | None:
+    """Return why a text in a table or in JSON may be no label, or None."""
+    if is_missing(text):
+        return (
+            f"{text!r} may be a missing value or a label. Leave the cell empty; if it is a "
+            f"label, write a table with the columns {_OWN_NAMES}."
+        )
+    if " + " in text and not is_half_product(text):
+        return (
+            f"{text[:80]!r} may be several things or one. {OWN_COLUMNS} As one label, it needs a "
+            f"table with the columns {_OWN_NAMES} alone."
+        )
+    return exact_fault(text)
+
+
+@dataclass
+class Labels:
+    """The labels that the texts of a file stand for.
+
+    Attributes:
+        label_of: label by text.
+        faults: why a text is no label, by text.
+        pieces: number of pieces by text, where texts hold such numbers.
+        example: a text with a number of pieces; empty if none is left out.
+        fold: whether labels are in lower case.
+        trimmed: cells with characters at their ends that cannot be seen.
+        unwrapped: cells with quotes or markup around them.
+        counts_dropped: numbers of pieces other than one that were left out.
+    """
+
+    label_of: dict[str, str] = field(default_factory=dict)
+    faults: dict[str, str] = field(default_factory=dict)
+    pieces: dict[str, int] = field(default_factory=dict)
+    example: str = ""
+    fold: bool = False
+    trimmed: int = 0
+    unwrapped: int = 0
+    counts_dropped: int = 0
+
+    def label(self, text: str) -> str:
+        """Return the label of an entity that is declared or listed, which counts for nothing."""
+        label = without_markup(trim_unseen(text))
+        found = count_in(label) if self.example else None
+        label = label if found is None else found[0]
+        return label.lower() if self.fold else label
+
+    def facts(self, reading: Reading) -> Reading:
+        """Return the record of a reading with what was left out of cells."""
+        notes = []
+        if self.example:
+            notes.append(f"numbers read as pieces, such as '{self.example[:60]}'")
+        if self.unwrapped:
+            notes.append(f"{counted(self.unwrapped, 'cell')} without quotes or markup")
+        return replace(
+            reading,
+            trimmed=reading.trimmed + self.trimmed,
+            counts_dropped=reading.counts_dropped + self.counts_dropped,
+            notes=(*notes, *reading.notes),
+        )
+
+    def row(self, row: Row) -> Entry:
+        """Return the recipe of a row of texts, or its fault; two pieces of one thing are a pair."""
+        texts = (*row.ingredients, row.result)
+        faults = []
+        if self.faults and not self.faults.keys().isdisjoint(texts):
+            faults = [self.faults[text] for text in texts if text in self.faults]
+        if row.kind:
+            faults += filter(None, [label_fault(row.kind)])
+        if faults:
+            return fault_at(row.place, "label", " Also, ".join(dict.fromkeys(faults)))
+        labels = list(map(self.label_of.__getitem__, row.ingredients))
+        if len(labels) == 1 and self.pieces.get(row.ingredients[0], 1) > 1:
+            labels *= 2
+        return Row(row.place, labels, self.label_of[row.result], row.kind)
+
+
+def read_labels(
+    rows: Sequence[Row],
+    fault: Callable[[str], str | None],
+    names: Iterable[Names] = (),
+    *,
+    is_exact: bool = False,
+    is_given: bool = False,
+    fold: bool = False,
+) -> Labels:
+    """Find the label of each text in the rows of a file.
+
+    Args:
+        rows: recipes by the texts in their cells.
+        fault: returns why a text is no label, or None.
+        names: names by id, of each kind of ids that the file has.
+        is_exact: whether texts are labels as they stand.
+        is_given: whether the user names the reading, so that numbers are labels.
+        fold: whether labels are in lower case.
+    """
+    uses = Counter(chain.from_iterable(row.ingredients for row in rows))
+    uses.update(row.result for row in rows)
+    labels = Labels(fold=fold)
+    name_of = _names_of(uses, names)
+    for text in uses:
+        name = name_of.get(text, text)
+        if is_given:
+            name = (name or text).removeprefix(NUMBER)
+        if name is None or name.startswith(NUMBER):
+            belongs = "belongs to several things" if name is None else "is the id of nothing here"
+            found = f"{text.removeprefix(NUMBER)[:80]!r} {belongs}; give names instead."
+        else:
+            labels.label_of[text] = name
+            found = fault(name) or ""
+        if found:
+            labels.faults[text] = found
+    if not is_exact:
+        _clean(labels, rows, uses)
+    if fold:
+        labels.label_of = {text: label.lower() for text, label in labels.label_of.items()}
+    return labels
+
+
+def _clean(labels: Labels, rows: Sequence[Row], uses: Counter[str]) -> None:
+    """Leave out what stands beside the labels, and count it."""
+    bare: dict[str, tuple[str, int]] = {}
+    for text, name in labels.label_of.items():
+        trimmed = trim_unseen(name)
+        label = without_markup(trimmed)
+        labels.trimmed += uses[text] * (trimmed != name)
+        labels.unwrapped += uses[text] * (label != trimmed)
+        labels.label_of[text] = label
+        found = count_in(label)
+        if found:
+            bare[text] = found
+        if not label:
+            labels.faults.setdefault(text, str(label_fault(label)))
+    if not _are_counts(bare, labels, rows, uses):
+        return
+    labels.example = next(iter(bare))
+    for text, (label, number) in bare.items():
+        labels.label_of[text] = label
+        labels.pieces[text] = number
+        labels.counts_dropped += uses[text] * (number != 1)
+
+
+def _are_counts(
+    bare: Mapping[str, tuple[str, int]], labels: Labels, rows: Sequence[Row], uses: Counter[str]
+) -> bool:
+    """Return whether a clear share of the cells has numbers of pieces.
+
+    In games of merging, ``sword (1) + sword (1) = sword (2)``, numbers belong to labels: without
+    them, rows would make what they are made of.
+    """
+    num_counted = sum(uses[text] for text in bare)
+    if num_counted < max(_CLEAR * uses.total(), 1):
+        return False
+    label_of = {text: bare[text][0] if text in bare else labels.label_of[text] for text in uses}
+    # A sign, or the same label with another number, or none; else such as 7 Up.
+    forms = Counter(label_of.values())
+    sure = [text for text in bare if _SIGN.search(text) or forms[label_of[text]] > 1]
+    if sum(uses[text] for text in sure) < _CLEAR * num_counted:
+        return False
+    with_counts = [
+        row for row in rows if not bare.keys().isdisjoint((*row.ingredients, row.result))
+    ]
+    mergers = [
+        row
+        for row in with_counts
+        if row.result not in row.ingredients
+        and label_of[row.result] in map(label_of.__getitem__, row.ingredients)
+    ]
+    return len(mergers) <= _MOST_MERGERS * len(with_counts)
+
+
+def _names_of(uses: Collection[str], tables: Iterable[Names]) -> Names:
+    """Return the names of texts that are ids; None for an id of several things."""
+    joined: dict[str, str | None] = {}
+    for table in tables:
+        if not table.keys().isdisjoint(uses):
+            for key, name in table.items():
+                joined[key] = name if joined.get(key, name) == name else None
+    # A text that is a name already stays, also if it is the id of something else.
+    names = set(joined.values())
+    # Ids stay if some have no name and names are used nowhere, so that no book has both.
+    if not names.isdisjoint(uses) or set(uses) <= joined.keys() | names:
+        return {text: joined[text] for text in uses if text in joined and text not in names}
+    return {}
+
+
+def names_by_id(things: Iterable[tuple[Any, Any]]) -> Names:
+    """Return names by id.
+
+    Args:
+        things: id and name of each thing.
+
+    Returns:
+        The names; None where one id has several names. Empty if several ids have one name, so that
+        names would merge things.
+    """
+    names: dict[str, str | None] = {}
+    for identifier, name in things:
+        if identifier in (None, "") or not isinstance(name, str) or not name:
+            continue
+        keys = [str(identifier), f"{NUMBER}{identifier}"]
+        for key in keys if is_number(identifier) else keys[:1]:
+            names[key] = name if names.get(key, name) == name else None
+    kept = [name for key, name in names.items() if name is not None and not key.startswith(NUMBER)]
+    return {} if len(set(kept)) < len(kept) else names
+
+
+# --- labels in forms that are not read -----------------------------------------------------------
+
+_MANY = 0.2  # share of the cells
+_FEWEST = 2  # results by which labels with and without marks are the same
+_FORMS = {
+    "single quotes": re.compile(r"'.*'"),
+    "a number of pieces": re.compile(
+        r"\d+(?:[.,]\d+)?[x×*][^\W\d].*"  # 25xCopper
+        r"|.*[^\W\d]\)?\s*x\d{1,3} \(.+\)"  # Iron x10 (+5 per level)
+        r"|(?:.*\s)?\d+\s?(?:pcs|pieces|kg|ml|cl|tbsp|tsp)\b.*",  # 3 pcs
+        re.DOTALL,
+    ),
+    "a number": re.compile(
+        r"\d+-[^\W\d].*"  # 2-Iron
+        r"|.*[^\W\d]\s*:\s?\d{1,3}"  # metal: 2
+        r"|.*[^\W\d_a-zA-Z]\d{1,3}"  # 冰心2; H2 is a formula
+        r"|.*\(\d{1,3}\)",  # egg (2), if it is not read as a number of pieces
+        re.DOTALL,
+    ),
+    "a choice": re.compile(r".+(?: or |[^\W\d]/[^\W\d]|\((?:any|or)\b).*"),
+    "the sign of a recipe": re.compile(r".*\w\s?(?:=|[-=]>|→)\s?\w.*"),
+    "an address": re.compile(r".*https?://.*"),
+    "markup": re.compile(
+        r".*(?:<(?:br|img|a|b|i|span|p)\b[^>]*>|!\[|\[\[|(?:File|Image):\S+ |^:\w+:).*", re.DOTALL
+    ),
+}
+_IN_NAMES = ("a number", "a choice", "the sign of a recipe")
+"""Forms that are part of names if results have them as well, such as = in formulas."""
+_MARKS = re.compile(r"<[^>]*>|[^\w\s]|[\d_]")
+"""What is no letter."""
+
+
+def odd_label(rows: Sequence[Row]) -> str:
+    """Return what many labels hold beside a name, with an example; empty without such labels.
+
+    A few such cells may be labels: of a game, or of Infinite Craft, whose players name anything.
+
+    Args:
+        rows: the recipes.
+    """
+    ingredients = Counter(chain.from_iterable(row.ingredients for row in rows))
+    results = Counter(row.result for row in rows)
+    for form, pattern in _FORMS.items():
+        odd = [_often(pattern, labels) for labels in (ingredients, results)]
+        is_in_names = bool(odd[1]) and form in _IN_NAMES
+        if any(odd) and not is_in_names:
+            return f"{(odd[0] or odd[1])[:80]!r} holds {form}"
+    if not ingredients.keys().isdisjoint(results):
+        return ""
+    # Results that are ingredients only without their numbers or signs.
+    bare = {_letters(cell): cell for cell in ingredients}
+    same = {cell: bare[_letters(cell)] for cell in results if _letters(cell) in bare}
+    same.pop("", None)
+    if len(same) >= max(_FEWEST, _MANY * len(results)):
+        result, ingredient = next(iter(same.items()))
+        return f"{ingredient[:80]!r} may be the ingredient {result[:80]!r}, with other signs"
+    signs = [cell for cell in results if not any(map(str.isalnum, cell))]
+    if len(signs) > len(results) / 2 and any(bare):
+        return f"{signs[0][:80]!r} is a sign, and ingredients are words"
+    return ""
+
+
+def _often(pattern: re.Pattern[str], labels: Counter[str]) -> str:
+    """Return a label that a pattern matches, if it matches many of them; else an empty text."""
+    odd = {label: number for label, number in labels.items() if pattern.fullmatch(label)}
+    return next(iter(odd), "") if sum(odd.values()) >= _MANY * labels.total() else ""
+
+
+def _letters(cell: str) -> str:
+    return " ".join(_MARKS.sub(" ", cell).split())

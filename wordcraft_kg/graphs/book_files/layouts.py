@@ -1,24 +1,33 @@
-"""JSON layouts with keys of their own: ours, the paper's, HIF, dumps of Infinite Craft."""
+"""Formats of their own: our JSON, the paper's, HIF, dumps of Infinite Craft, packs of Minecraft.
+
+In a pack a pattern becomes the set of its ingredients, of two pieces a pair; where one of several
+items may be used, each choice is a recipe. A tag that the pack defines stands for its members,
+which are choices; any other tag, such as ``#minecraft:planks``, is an entity of its own.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain, repeat
-from pathlib import Path
+from itertools import chain, combinations_with_replacement, islice, product, repeat
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
+from wordcraft_kg.graphs.book_files.files import parsed_json
 from wordcraft_kg.graphs.book_files.rows import (
     INFINITE_CRAFT_BASE,
+    WITHOUT,
     Entry,
     Fault,
     FileRows,
+    LeftOut,
     Row,
     refusal,
     without_nothing,
 )
 from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
 from wordcraft_kg.graphs.label_notes import NOTHING
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import check_label, label_fault, shown
 
 
@@ -36,25 +45,17 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
         return None
     if is_hif(document):
         return _hypergraph(path, document)
-    entities, recipes = document.get("entities"), document.get("recipes")
-    items = document.get("items")
+    entities, recipes, items = (document.get(key) for key in ("entities", "recipes", "items"))
     if isinstance(entities, list) and isinstance(recipes, list):
         return _our_layout(path, document)
-    if isinstance(entities, dict) and all(map(_has_pairs, entities.values())):
-        return _official_layout(path, entities)
-    if not isinstance(items, list) or not isinstance(recipes, list) or not items:
-        return None
-    is_dump = bool(recipes) and all(map(_is_index_row, recipes))
-    return _dump(path, items, recipes) if is_dump else None
-
-
-def _has_pairs(entry: Any) -> bool:
-    return isinstance(entry, dict) and "recipes" in entry
-
-
-def _is_index_row(row: Any) -> bool:
-    # By type: true and false are instances of int, but no indices.
-    return isinstance(row, list) and len(row) == 3 and all(type(each) is int for each in row)
+    if isinstance(entities, dict):
+        are_things = all(isinstance(each, dict) and "recipes" in each for each in entities.values())
+        return _official_layout(path, entities) if are_things else None
+    if isinstance(items, list) and isinstance(recipes, list) and items and recipes:
+        # By type: true and false are instances of int, but no indices.
+        forms = {isinstance(row, list) and tuple(map(type, row)) for row in recipes}
+        return _dump(path, items, recipes) if forms == {(int, int, int)} else None
+    return None
 
 
 def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
@@ -66,36 +67,34 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
     if kinds is not None and (not isinstance(kinds, list) or len(kinds) != len(rows)):
         expected = 'expected a list with a kind, or "", for each recipe.'
         raise RecipeFileError(f"{path}: kinds is {shown(kinds)}; {expected}")
-    source = FileRows("our own JSON", is_exact=True)
-    _list(source, path, document["entities"], base)
+    source = _listing("our own JSON", path, document["entities"], base)
     places = (f"recipes[{index}]" for index in range(len(rows)))
     raws = zip(places, rows, kinds or repeat(""), strict=False)
-    source.entries = _exact(raws, source.listed, "[ingredient, ingredient, result]")
+    source.entries = list(_exact(raws, source.listed, "[ingredient, ingredient, result]"))
     return source
 
 
 def _official_layout(path: Path, entities: Mapping[str, Mapping[str, Any]]) -> FileRows:
     """Read the layout of the paper's code: pairs below each entity."""
-    source = FileRows("the paper's JSON", is_exact=True)
-    _list(source, path, list(entities), None)
-    source.entries = _exact(_pairs_below(entities), source.listed, "a list of ingredients")
-    return source
-
-
-def _pairs_below(entities: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Any, Any]]:
+    source = _listing("the paper's JSON", path, list(entities), None)
+    raws: list[tuple[str, Any, str]] = []
     for result, entry in entities.items():
         place = f"entities['{result}'].recipes"
         pairs = entry["recipes"]
-        if not isinstance(pairs, list):
-            yield place, pairs, ""
-            continue
-        for index, pair in enumerate(pairs):
-            row = [*pair, result] if isinstance(pair, list) and pair else pair
-            yield f"{place}[{index}]", row, ""
+        if isinstance(pairs, list):
+            rows = ([*pair, result] if isinstance(pair, list) and pair else pair for pair in pairs)
+            raws += ((f"{place}[{index}]", row, "") for index, row in enumerate(rows))
+        else:
+            raws.append((place, pairs, ""))
+    source.entries = list(_exact(raws, source.listed, "a list of ingredients"))
+    return source
 
 
-def _list(source: FileRows, path: Path, entities: Iterable[Any], base: list[Any] | None) -> None:
-    """Note the entities that a file lists, and its base among them."""
+def _listing(
+    shape: str, path: Path, entities: Iterable[Any], base: Sequence[Any] | None
+) -> FileRows:
+    """Return the rows of a file that lists its entities, and the base among them."""
+    source = FileRows(Reading(shape=shape), is_exact=True)
     for index, label in enumerate(entities):
         place = f"entities[{index}]"
         source.listed[check_label(label, f"{path}: {place}")] = place
@@ -106,6 +105,7 @@ def _list(source: FileRows, path: Path, entities: Iterable[Any], base: list[Any]
             if fault:
                 raise RecipeFileError(f"{path}: base[{index}]: {fault}")
             source.base[label] = f"base[{index}]"
+    return source
 
 
 def _unknown(label: Any, known: Mapping[str, Any]) -> str | None:
@@ -126,8 +126,7 @@ def _exact(
             yield Fault(place, "row", f"{place} is {shown(row)}; expected {expected}.", "own row")
             continue
         faults = [_unknown(label, known) for label in row]
-        if kind != "":
-            faults.append(label_fault(kind))
+        faults += [label_fault(kind)] if kind != "" else []
         fault = next(filter(None, faults), None)
         if fault is None:
             yield Row(place, row[:-1], row[-1], kind)
@@ -138,8 +137,8 @@ def _exact(
 def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
     """Read a directed hypergraph in HIF, as `export --format hif` writes it."""
     found = recipes_of_hif(document, str(path))
-    source = FileRows("a hypergraph (HIF)", is_exact=True, counts_dropped=found.dropped_counts)
-    _list(source, path, found.listed, None if found.base is None else list(found.base))
+    source = _listing("a hypergraph (HIF)", path, found.listed, found.base)
+    source.reading = Reading(shape=source.reading.shape, counts_dropped=found.dropped_counts)
     # For people, edges count from 1.
     source.entries = [
         Row(f"edge {number}", row[:-1], row[-1], kind)
@@ -150,7 +149,6 @@ def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
 
 def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:
     """Read a dump of Infinite Craft: rows of indices of two ingredients, and of the result."""
-    source = FileRows("a dump of Infinite Craft", is_exact=True)
     labels = [
         item.get("text", item.get("name")) if isinstance(item, dict) else item for item in items
     ]
@@ -159,6 +157,7 @@ def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> Fi
         if not 0 <= place < len(names):
             seen = f"the index {place:,} in recipes, of {len(names):,} items"
             raise refusal(path, seen, "infinite-craft")
+    source = FileRows(Reading(shape="a dump of Infinite Craft"), is_exact=True)
     source.listed = {name: "items" for name in names if name != NOTHING}
     if source.listed.keys() >= set(INFINITE_CRAFT_BASE):
         source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
@@ -167,3 +166,137 @@ def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> Fi
         for number, (a, b, made) in enumerate(rows)
     )
     return source
+
+
+# --- packs of Minecraft --------------------------------------------------------------------------
+
+_MAX_CHOICES = 256
+"""Recipes that one file may stand for, where each ingredient may be one of several items."""
+_ENTITY_KEYS = ("item", "id", "tag", "fluid")
+_RESULT_KEYS = ("result", "output", "results", "outputs")
+_MOST_LEVELS = 8  # tags within tags
+Tags = dict[str, list[str]]
+"""Items by tag."""
+
+
+def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
+    """Read the recipes of a data pack.
+
+    Args:
+        files: names and bytes of its JSON files: recipes, and tags of items.
+    """
+    tags: Tags = {}
+    recipes: list[tuple[str, Any]] = []
+    for name, data in files:
+        value = _parsed(name, data)
+        parts = PurePosixPath(name).with_suffix("").parts
+        if "tags" not in parts:
+            recipes.append((name, value))
+        elif isinstance(value, dict) and isinstance(value.get("values"), list):
+            # data/demo/tags/items/planks is the tag demo:planks; below tags is the registry.
+            at = parts.index("tags")
+            tag = f"{parts[at - 1]}:{'/'.join(parts[at + 2 :])}"
+            tags.setdefault(tag, []).extend(_choices(value["values"], {}))
+    notes = (f"{len(tags):,} tags of the pack are choices of their items",) if tags else ()
+    # Each round opens one level of tags within tags; a circle ends with the rounds.
+    for _ in range(_MOST_LEVELS):
+        tags |= {tag: list(dict.fromkeys(_choices(items, tags))) for tag, items in tags.items()}
+    read = [_recipes(tags, name, value) for name, value in recipes]
+    return FileRows(
+        Reading(
+            shape="Minecraft recipes", counts_dropped=sum(number for _, number in read), notes=notes
+        ),
+        list(chain.from_iterable(entries for entries, _ in read)),
+        is_exact=True,
+    )
+
+
+def _parsed(name: str, data: bytes) -> Any:
+    """Return the value in a file, or the file's fault."""
+    try:
+        # Some editors write a byte order mark, which the game reads over.
+        value = parsed_json(name, data.decode("utf-8-sig"))
+    except RecipeFileError as error:
+        return Fault(name, "row", str(error), "not JSON")
+    except ValueError as error:
+        return Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
+    if isinstance(value, dict):
+        return value
+    message = f"{name} is {shown(value)}; expected an object."
+    return Fault(name, "row", message, "not an object")
+
+
+def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
+    """Return the recipes in a file, and how many numbers of pieces they do not keep."""
+    if isinstance(value, Fault):
+        return [value], 0
+    parts = _parts(value)
+    result: Any = next(filter(None, map(value.get, _RESULT_KEYS)), [])
+    results = result if isinstance(result, list) else [result]
+    made = _choices(results[0], {}) if results else []
+    slots = [list(dict.fromkeys(_choices(part, tags))) for part in parts or ()]
+    # One more than allowed tells that there are too many, and no product is made in full.
+    choices = list(islice(_sets_of(slots), _MAX_CHOICES + 1))
+    reason = ""
+    if parts is None:
+        reason = "with a damaged pattern"
+    elif len(results) > 1:
+        reason = "with several results"
+    elif not parts or len(made) != 1:
+        reason = WITHOUT
+    elif not all(slots) or any(map(label_fault, chain(made, *slots))):
+        reason = "with an ingredient of an unknown kind"
+    elif len(choices) > _MAX_CHOICES:
+        reason = f"with more than {_MAX_CHOICES} choices of ingredients"
+    if reason:
+        return [LeftOut(name, reason)], 0
+    holders = [holder for holder in (*(parts or ()), *results, value) if isinstance(holder, dict)]
+    dropped = sum(holder.get("count", holder.get("amount", 1)) != 1 for holder in holders)
+    # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.
+    is_set = len(set(map(tuple, slots))) < len(slots) > 2
+    return [Row(name, ingredients, made[0]) for ingredients in choices], dropped + is_set
+
+
+def _parts(value: dict[str, Any]) -> list[Any] | None:
+    """Return a recipe's ingredients, one for each piece; None for a damaged pattern."""
+    # Crafting with a shape: signs in a pattern, and what each sign stands for; a space is empty.
+    key, pattern = value.get("key"), value.get("pattern")
+    if isinstance(key, dict) and isinstance(pattern, list):
+        is_text = all(isinstance(row, str) for row in pattern)
+        signs = "".join(pattern).replace(" ", "") if is_text else ""
+        is_damaged = not is_text or " " in key or not set(signs) <= key.keys()
+        return None if is_damaged else [key[sign] for sign in signs]
+    # Crafting without a shape.
+    if isinstance(value.get("ingredients"), list):
+        return list(value["ingredients"])
+    # Smithing; smelting, stonecutting and such.
+    slots = ("template", "base", "addition") if "addition" in value else ("ingredient",)
+    return [value[slot] for slot in slots if value.get(slot)]
+
+
+def _sets_of(slots: Sequence[Sequence[str]]) -> Iterable[tuple[str, ...]]:
+    """Return the sets of ingredients that a recipe allows.
+
+    Args:
+        slots: the items of which one is used, for each piece.
+    """
+    # A pair of equal things stays a pair, in either order; larger amounts are no part of a set.
+    if len(slots) == 2 and set(slots[0]) == set(slots[1]):
+        return combinations_with_replacement(slots[0], 2)
+    return product(*(slots if len(slots) == 2 else dict.fromkeys(map(tuple, slots))))
+
+
+def _choices(part: Any, tags: Tags) -> list[str]:
+    """Return the items of which one is used; empty if one of them is of an unknown kind."""
+    if isinstance(part, list):
+        choices = [_choices(each, tags) for each in part]
+        return list(chain.from_iterable(choices)) if all(choices) else []
+    label = part
+    if isinstance(part, dict):
+        # As in the game's files: a tag stands for several items.
+        texts = [key for key in _ENTITY_KEYS if isinstance(part.get(key), str)]
+        label = part[texts[0]] if texts else ""
+        label = f"#{label}" if texts[:1] == ["tag"] else label
+    if not isinstance(label, str) or not label:
+        return []
+    return tags.get(label[1:], [label]) if label.startswith("#") else [label]

@@ -1,35 +1,55 @@
 """Read a recipe book: the bytes, their text, the rows of its shape, and the recipes of the rows.
 
-``containers`` has the bytes, ``text`` their encoding; tables, lines, JSON and data packs yield the
-same entries (``rows``), by a reading that ``rule`` takes. :func:`read_book` stops at the first
-fault; ``check_book`` takes the same :class:`BookRows` and lists all faults.
+:func:`read_book` stops at the first fault; ``check_book`` takes the same :class:`BookRows` and
+lists all faults.
 """
 
 import logging
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from dataclasses import replace as replace_field
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
+
+from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest, one_of
-from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files.cells import Cells, trim_unseen, without_markup
-from wordcraft_kg.graphs.book_files.containers import Content, read_content
-from wordcraft_kg.graphs.book_files.entries import Document
-from wordcraft_kg.graphs.book_files.json_books import as_records, rows_of_document
-from wordcraft_kg.graphs.book_files.json_text import is_json, load_json
-from wordcraft_kg.graphs.book_files.layouts import known_layout
-from wordcraft_kg.graphs.book_files.lines import looks_like_lines, read_lines
-from wordcraft_kg.graphs.book_files.packs import read_pack
-from wordcraft_kg.graphs.book_files.rows import GUIDE, Fault, FileRows, LeftOut, Place, Row, refusal
-from wordcraft_kg.graphs.book_files.rule import BookReading
-from wordcraft_kg.graphs.book_files.tables import ENDINGS, delimiter_of, read_table
-from wordcraft_kg.graphs.book_files.text import check_encoding, decode, foreign_format
+from wordcraft_kg.graphs.book_files.cells import odd_label
+from wordcraft_kg.graphs.book_files.documents import Document, as_records, read_document
+from wordcraft_kg.graphs.book_files.files import (
+    Content,
+    Decoded,
+    check_encoding,
+    decode,
+    foreign_format,
+    is_json,
+    load_json,
+    read_content,
+)
+from wordcraft_kg.graphs.book_files.layouts import known_layout, read_pack
+from wordcraft_kg.graphs.book_files.rows import (
+    GUIDE,
+    Fault,
+    FileRows,
+    LeftOut,
+    Place,
+    Row,
+    fault_at,
+    refusal,
+)
+from wordcraft_kg.graphs.book_files.rule import LEAST_REUSED, share_of_reused
+from wordcraft_kg.graphs.book_files.texts import (
+    ENDINGS,
+    delimiter_of,
+    looks_like_lines,
+    read_lines,
+    read_table,
+)
 from wordcraft_kg.graphs.chains import (
     HALF,
     MOST_INGREDIENTS,
@@ -37,7 +57,7 @@ from wordcraft_kg.graphs.chains import (
     is_step,
     makes_nothing,
 )
-from wordcraft_kg.graphs.label_notes import count_in, notes_about
+from wordcraft_kg.graphs.label_notes import notes_about
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows, check_label, label_fault
 
@@ -179,7 +199,7 @@ def read_book(
         # Recipes that the book left out have no kind in it.
         kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     logging.getLogger(__name__).info("%s: %s", path, reading.line())
-    return replace(book, base=declared, kinds=kinds, reading=reading)
+    return replace_field(book, base=declared, kinds=kinds, reading=reading)
 
 
 def _without_faults(path: Path, rows: "BookRows") -> Iterator[Recipe]:
@@ -216,21 +236,22 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
         if GUIDE in str(error) or path.name == "graph.json":
             raise
         raise RecipeFileError(f"{str(error).rstrip('.')}. See {GUIDE}.") from None
-    rows = BookRows(content, source, options)
-    if rows.whole.odd_label:
-        seen = f"{rows.whole.odd_label}, in a form that is not read"
-        raise refusal(path, seen, "table", "Write one label in each cell, the same in all.")
-    rows.encoding, rows.has_mark, rows.text = decoded.encoding, decoded.has_mark, decoded.text
+    rows = BookRows(content, source, options, decoded)
+    odd = "" if source.is_exact else odd_label(rows.whole)
+    if odd:
+        remedy = "Write one label in each cell, the same in all."
+        raise refusal(path, f"{odd}, in a form that is not read", "table", remedy)
     return rows
 
 
 def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> FileRows:
     """Return the rows of a text: its beginning counts more than the file's ending."""
+    fold = options.case == "fold"
     find = partial(
-        rows_of_document,
+        read_document,
         path,
         columns=options.columns,
-        fold=options.case == "fold",
+        fold=fold,
         allows_single=options.single_ingredient is not None,
     )
     if ending in _JSON_ENDINGS or is_json(text):
@@ -240,19 +261,17 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         lists = [each for each in inner if isinstance(each, list)]
         is_text = len(lists) == 1 and all(isinstance(each, str) for each in lists[0])
         lines = "\n".join(lists[0]) if is_text else ""
-        is_list = is_text and isinstance(value, list)
-        if is_list or looks_like_lines(lines, is_table=False):
+        if is_text and (isinstance(value, list) or looks_like_lines(lines, is_table=False)):
             return _source_of(path, ".txt", lines, options)
         source = None if options.columns is not None else known_layout(path, value)
-        source = source or find(Document(as_records(value)), FileRows("JSON"))
-        source.shape += " lines" if is_lines else ""
-        return source
+        shape = "JSON lines" if is_lines else "JSON"
+        return source or find(Document(as_records(value)), FileRows(Reading(shape=shape)))
     # Lines are often saved under the ending of a table.
     if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
         if options.columns is not None:
             seen = "lines a + b = c, which have no columns"
             raise refusal(path, seen, "lines", "Leave --columns out.")
-        return read_lines(path, text)
+        return read_lines(path, text, fold=fold)
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
     by_name = not all(column.strip().isdecimal() for column in options.columns or ["1"])
     usual = ENDINGS.get(ending, ",")
@@ -274,47 +293,39 @@ class BookRows:
     Attributes:
         content: the file's bytes and container.
         source: its rows.
-        encoding, has_mark, text: of its text, see ``text.Decoded``; empty for a data pack.
+        options: what the user says about the file.
+        decoded: its text; empty for a data pack.
         kinds: kind of reasoning by recipe; complete after the iteration.
         rows: rows that were recipes.
-        left_out: number of other entries by reason.
-        places_left_out: their places by reason.
+        left_out: places of other entries by reason.
         arities: number of rows by number of ingredients.
-        whole: all recipes, to judge what may be advised; empty for our own shapes.
     """
 
-    def __init__(self, content: Content, source: FileRows, options: BookOptions):
+    def __init__(
+        self,
+        content: Content,
+        source: FileRows,
+        options: BookOptions,
+        decoded: Decoded = Decoded("", "", False),  # noqa: B008, a frozen value
+    ):
         """Take a file's rows; they are read while iterating.
 
         Args:
             content: the file's bytes.
             source: its rows, which were not iterated yet.
             options: what the user says about the file.
+            decoded: its text.
         """
         self.content = content
         self.source = source
         self.options = options
-        self.encoding = ""
-        self.has_mark = False
-        self.text = ""
+        self.decoded = decoded
         self.kinds: dict[Recipe, str] = {}
         self.rows = 0
-        self.left_out: Counter[str] = Counter()
-        self.places_left_out: dict[str, list[Place]] = {}
+        self.left_out: defaultdict[str, list[Place]] = defaultdict(list)
         self.arities: Counter[int] = Counter()
         self._counts_dropped = 0
         self._halves: set[Recipe] = set()
-        self._changes = options.case == "fold" or options.ingredients == "chain"
-        self._cells: Cells | None = None
-        self.whole = BookReading((), ())
-        # These shapes are hardly met by chance, and users know their columns.
-        is_named = options.columns is not None
-        self._is_sure = is_named or source.is_exact or source.columns[:1] == ("sum",)
-        # Shapes of our own hold any label, so that a book is read as it was written.
-        if not source.is_exact and source.numbered is None:
-            source.entries = list(source.entries)
-            self.whole = BookReading((), source.entries)
-            self._cells = Cells(self.whole.rows)
 
     def all_at_once(self) -> RecipeRows | None:
         """Return the recipes of all rows, if they are nothing but plain pairs; None to iterate.
@@ -322,7 +333,7 @@ class BookRows:
         Rows are counted as by an iteration.
         """
         numbered = self.source.numbered
-        if numbered is None or self._changes:
+        if numbered is None or self.options.case == "fold" or self.options.ingredients == "chain":
             return None
         self.rows += len(numbered)
         self.arities[2] += len(numbered)
@@ -332,24 +343,34 @@ class BookRows:
     def base(self) -> dict[str, Place] | None:
         """Declared base entities and their places."""
         base = self.source.base
-        return None if base is None else {self._label(label): at for label, at in base.items()}
+        return None if base is None else {self._label(text): at for text, at in base.items()}
 
     @property
     def listed(self) -> dict[str, Place]:
         """Entities listed outside of recipes and their places."""
         return {self._label(label): place for label, place in self.source.listed.items()}
 
-    def _label(self, cell: str) -> str:
-        """Return the label of an entity that is declared or listed, which counts for nothing."""
-        label = cell
-        if self._cells is not None:
-            label = without_markup(trim_unseen(cell))
-            found = count_in(label) if self._cells.example else None
-            label = label if found is None else found[0]
-        return self._folded(label)
-
-    def _folded(self, label: str) -> str:
+    def _label(self, text: str) -> str:
+        """Return the label of an entity that is declared or listed."""
+        label = self.source.label(text)
         return label.lower() if self.options.case == "fold" else label
+
+    @property
+    def whole(self) -> list[Row]:
+        """All recipes as the file has them."""
+        return [entry for entry in self.source.entries if isinstance(entry, Row)]
+
+    @cached_property
+    def _hangs_together(self) -> bool:
+        """Whether the rows are surely recipes, so that options for single ones may be advised."""
+        if self.options.columns is not None or self.source.is_exact:
+            return True
+        single = [row.ingredients[0] for row in self.whole if len(row.ingredients) == 1]
+        # What alone makes several things is rather a remark.
+        is_remark = len(single) > 1 and len(set(single)) == 1
+        is_line = self.source.reading.columns[:1] == ("sum",)
+        share = share_of_reused((row.ingredients, row.result) for row in self.whole)
+        return is_line or (share > LEAST_REUSED and len(self.whole) > 1 and not is_remark)
 
     def __iter__(self) -> Iterator[tuple[Place, list[Recipe]] | Fault]:
         """Yield each row's place and recipes, the row's own recipe last, and faults.
@@ -357,115 +378,77 @@ class BookRows:
         A chain is several recipes; its first ones make half-products.
         """
         for entry in self.source.entries:
-            if isinstance(entry, Row):
-                self.rows += 1
-                yield from self._row(entry)
-            elif isinstance(entry, Fault):
-                # A directive is no row, and what it declares is no recipe.
-                self.rows += int(entry.kind != "directive")
-                yield entry
+            found = self._recipes(entry) if isinstance(entry, Row) else entry
+            # A directive is no row, and what it declares is no recipe.
+            self.rows += not (isinstance(entry, Fault) and entry.kind == "directive")
+            if isinstance(found, LeftOut):
+                self.left_out[found.reason].append(found.place)
+            elif isinstance(found, Fault):
+                yield found
             else:
-                self.rows += 1
-                self.left_out[entry.reason] += 1
-                self.places_left_out.setdefault(entry.reason, []).append(entry.place)
+                yield entry.place, found
 
-    def _row(self, row: Row) -> Iterator[tuple[Place, list[Recipe]] | Fault]:
-        """Yield a row's recipes or its fault; nothing for a row that is left out."""
+    def _recipes(self, row: Row) -> list[Recipe] | Fault | LeftOut:
+        """Return a row's recipes or its fault, or why it is left out."""
         place, ingredients, result, kind = row
-        cells = (*ingredients, result)
-        if self._cells is not None and not self._cells.are_clean(cells):
-            ingredients, result = self._labels(self._cells, row)
-        blank = next((label for label in (*ingredients, result) if not label), None)
-        if blank is not None:
-            message = f"{cells!r:.80} has a blank label; every entity needs a name."
-            yield self._fault(place, "label", message)
-            return
         self.arities[len(ingredients)] += 1
-        if self._changes:
-            ingredients = [self._folded(label) for label in ingredients]
-            result = self._folded(result)
-        recipes: list[Recipe] | Fault | LeftOut
-        if len(ingredients) == 2:
-            recipes = self._pair(place, ingredients, result)
+        if self.options.case == "fold":
+            ingredients = [label.lower() for label in ingredients]
+            result = result.lower()
+        if len(ingredients) != 2:
+            recipes = self._of_other_arity(place, ingredients, result)
         else:
-            recipes = self._paired(place, ingredients, result)
-        if isinstance(recipes, LeftOut):
-            self.left_out[recipes.reason] += 1
-        elif isinstance(recipes, Fault):
-            yield recipes
-        else:
-            known = self.kinds.setdefault(recipes[-1], kind) if kind else kind
+            recipes = [Recipe.of(ingredients[0], ingredients[1], result)]
+            if not is_step(recipes[0]):
+                message = (
+                    f"the label {result[:80]!r} ends like a half-product, in{HALF!r}, and is not "
+                    f"that of {ingredients[0][:80]!r} and {ingredients[1][:80]!r}; rename it."
+                )
+                return fault_at(place, "label", message)
+        if kind and isinstance(recipes, list):
+            known = self.kinds.setdefault(recipes[-1], kind)
             if known != kind:
                 message = f"{recipes[-1]} has the kind '{kind}' here, and '{known}' above."
-                yield self._fault(place, "row", message)
-                return
-            yield place, recipes
+                return fault_at(place, "row", message)
+        return recipes
 
-    def _fault(self, place: Place, kind: str, message: str, group: str = "") -> Fault:
-        where = f"{place}: " if isinstance(place, str) else ""
-        return Fault(place, kind, where + message, group)
-
-    def _labels(self, cells: Cells, row: Row) -> tuple[list[str], str]:
-        """Return the labels in a row's cells; two and more pieces of one thing are a pair."""
-        found = list(map(cells.counted_label, row.ingredients))
-        result, _ = cells.counted_label(row.result)
-        labels = [label for label, _ in found]
-        is_several = len(found) == 1 and found[0][1] > 1
-        return labels * 2 if is_several else labels, result
-
-    def _pair(self, place: Place, ingredients: Sequence[str], result: str) -> list[Recipe] | Fault:
-        """Return a row's pair, unless its half-products are not those that chains make."""
-        recipe = Recipe.of(ingredients[0], ingredients[1], result)
-        if not is_step(recipe):
-            message = (
-                f"the label {result[:80]!r} ends like a half-product, in{HALF!r}, and is not that "
-                f"of {ingredients[0][:80]!r} and {ingredients[1][:80]!r}; rename it."
-            )
-            return self._fault(place, "label", message)
-        return [recipe]
-
-    def _paired(
+    def _of_other_arity(
         self, place: Place, ingredients: Sequence[str], result: str
     ) -> list[Recipe] | Fault | LeftOut:
         """Return the recipes of two ingredients for a row of one, or of three and more."""
         is_chain = self.options.ingredients == "chain"
+        number = f"{len(ingredients):,} ingredients of '{result[:80]}'"
         if len(ingredients) > MOST_INGREDIENTS:
-            message = (
-                f"{len(ingredients):,} ingredients of '{result[:80]}'; the limit is "
-                f"{MOST_INGREDIENTS:,}."
-            )
-            return self._fault(place, "row", message, "many ingredients")
+            message = f"{number}; the limit is {MOST_INGREDIENTS:,}."
+            return fault_at(place, "row", message, "many ingredients")
         if len(ingredients) > 2 and not is_chain:
-            remedy = f"{_COLUMNS} See {GUIDE}#arities."
-            if self._is_sure or self.whole.hangs_together:
-                remedy = f"{_CHAIN} See {GUIDE}#arities."
+            remedy = _CHAIN if self._hangs_together else _COLUMNS
             message = (
-                f"{' + '.join(ingredients)[:80]!r} are {len(ingredients):,} ingredients of "
-                f"'{result[:80]}'; a recipe needs two. {remedy}"
+                f"{' + '.join(ingredients)[:80]!r} are {number}; a recipe needs two. {remedy} "
+                f"See {GUIDE}#arities."
             )
-            return self._fault(place, "row", message, f"{len(ingredients)} ingredients")
+            return fault_at(place, "row", message, f"{len(ingredients)} ingredients")
         distinct = list(dict.fromkeys(ingredients))
-        if len(distinct) == 1 and _TOTAL.fullmatch(distinct[0]):
-            message = f"'{distinct[0]}' alone is rather a total than an ingredient; remove it."
-            return self._fault(place, "row", message, "total")
         self._counts_dropped += len(ingredients) - len(distinct)
         if len(distinct) > 1:
             return self._chained(place, distinct, result)
         (one,) = distinct
+        if _TOTAL.fullmatch(one):
+            message = f"'{one}' alone is rather a total than an ingredient; remove it."
+            return fault_at(place, "row", message, "total")
+        single = self.options.single_ingredient
         if len(ingredients) > 1:
             # Several pieces of one thing, not a single ingredient that something else makes into.
-            return [Recipe.of(one, one, result)]
-        single = self.options.single_ingredient
-        if single is None and not is_chain:
+            single = _SELF
+        elif single is None and not is_chain:
             remedy = _COLUMNS
-            hangs_together = self._is_sure or self.whole.hangs_together
-            if hangs_together and one != self.whole.remark:
+            if self._hangs_together:
                 remedy = (
                     f"Write it twice, or build the graph with `single_ingredient` {_SELF}, which "
                     f"reads {one} + {one}, or the name of what it is combined with."
                 )
             message = f"'{one}' is the only ingredient; a recipe needs two. {remedy}"
-            return self._fault(place, "label", message)
+            return fault_at(place, "label", message)
         return [Recipe.of(one, one if single in (None, _SELF) else str(single), result)]
 
     def _chained(
@@ -478,12 +461,12 @@ class BookRows:
         marked = next((label for label in (*ingredients, result) if " + " in label), None)
         if marked is not None and len(ingredients) > 2:
             message = f"the label {marked[:80]!r} looks like a half-product; rename its ' + '."
-            return self._fault(place, "label", message)
+            return fault_at(place, "label", message)
         *halves, last = chain(ingredients, result)
         too_long = label_fault(halves[-1].result) if halves else None
         if too_long is not None:
             message = f"the half-product of {len(ingredients) - 1:,} ingredients has {too_long}"
-            return self._fault(place, "label", message, "long half-product")
+            return fault_at(place, "label", message, "long half-product")
         new = [half for half in halves if half not in self._halves]
         self._halves.update(new)
         return [*new, last]
@@ -498,40 +481,21 @@ class BookRows:
             self_results: number of rows left out because the result is an ingredient.
             labels: all labels, for remarks about them.
         """
-        source = self.source
-        left_out = Counter(self.left_out)
+        left_out = Counter({reason: len(places) for reason, places in self.left_out.items()})
         left_out[REPEATED] += merged
         left_out[SELF_RESULT] += self_results
-        reasons = {reason: number for reason, number in left_out.items() if number}
-        notes = [*source.notes, *notes_about(labels)]
-        trimmed = source.trimmed
-        counts_dropped = source.counts_dropped + self._counts_dropped
-        if self._cells is not None:
-            trimmed += self._cells.trimmed
-            counts_dropped += self._cells.numbers
-            if self._cells.unwrapped:
-                number = counted(self._cells.unwrapped, "cell")
-                notes.insert(0, f"{number} without quotes or markup")
-            if self._cells.example:
-                notes.insert(0, f"numbers read as pieces, such as '{self._cells.example[:60]}'")
-        return Reading(
-            shape=source.shape,
+        reading = self.source.reading
+        return replace(
+            reading,
             container=self.content.container,
-            encoding=self.encoding,
-            delimiter=source.delimiter,
-            header=source.header,
-            columns=source.columns,
-            num_results=source.num_results,
-            ignored=source.ignored,
+            encoding=self.decoded.encoding,
             case="fold" if self.options.case == "fold" else "",
             rows=self.rows,
-            kept=self.rows - sum(reasons.values()),
-            left_out=reasons,
+            kept=self.rows - left_out.total(),
+            left_out={reason: number for reason, number in left_out.items() if number},
             arities={str(arity): self.arities[arity] for arity in sorted(self.arities)},
-            counts_dropped=counts_dropped,
-            trimmed=trimmed,
-            several_outputs=source.several_outputs,
-            notes=tuple(notes),
+            counts_dropped=reading.counts_dropped + self._counts_dropped,
+            notes=(*reading.notes, *notes_about(labels)),
         )
 
 

@@ -1,12 +1,13 @@
 """What every reader yields: recipes, faults and rows left out; and the words of refusals."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.label_notes import NOTHING
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import RecipeRows
 
 Place = int | str
@@ -30,6 +31,22 @@ MAX_LINE_LENGTH = 100_000
 """Longest line, in characters: a file without line ends fails early, with the reason."""
 INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
 WITHOUT = "without ingredients or result"
+
+
+class Raw(NamedTuple):
+    """A row of a file: values in which labels are to be found.
+
+    Attributes:
+        place: where it stands.
+        parts: cells or values of JSON with the ingredients.
+        results: those with the results.
+        kind: kind of reasoning.
+    """
+
+    place: Place
+    parts: Sequence[Any]
+    results: Sequence[Any]
+    kind: str = ""
 
 
 class Row(NamedTuple):
@@ -85,36 +102,23 @@ class FileRows:
     """The entries of one file in one shape.
 
     Attributes:
-        shape: name of the shape, for people.
-        entries: recipes, faults and rows left out, in the file's order; iterated once.
+        reading: what is known of how the file is read.
+        entries: recipes, faults and rows left out, in the file's order.
         base: declared base entities with their places; None without a declaration.
         listed: entities that the file lists outside of recipes, with their places.
-        delimiter, header, columns, num_results, ignored: see
-            :class:`~wordcraft_kg.graphs.reading.Reading`.
         is_exact: whether cells are labels as they stand, as in our own shapes.
+        label: returns the label that a declared or listed text stands for.
         numbered: all recipes at once, if each row is a plain recipe of two ingredients.
-        trimmed: cells without the characters at their ends that cannot be seen.
-        counts_dropped: ingredients whose number of pieces was dropped.
-        several_outputs: entries with several results.
-        notes: remarks for the announcement.
         records: cells of a table's rows by the names of the columns, by line.
     """
 
-    shape: str
+    reading: Reading
     entries: Iterable[Entry] = ()
     base: dict[str, Place] | None = None
     listed: dict[str, Place] = field(default_factory=dict)
-    delimiter: str = ""
-    header: bool = True
-    columns: tuple[str, ...] = ()
-    num_results: int = 1
-    ignored: tuple[str, ...] = ()
     is_exact: bool = False
+    label: Callable[[str], str] = str
     numbered: RecipeRows | None = None
-    trimmed: int = 0
-    counts_dropped: int = 0
-    several_outputs: int = 0
-    notes: list[str] = field(default_factory=list)
     records: dict[Place, dict[str, str]] = field(default_factory=dict)
 
 
@@ -136,18 +140,26 @@ def refusal(path: Path | str, seen: str, anchor: str, remedy: str = "") -> Recip
     )
 
 
-def without_nothing(entries: Iterable[Entry]) -> list[Entry]:
+def fault_at(place: Place, kind: str, message: str, group: str = "") -> Fault:
+    """Return a fault, whose message names a place that is no line."""
+    where = f"{place}: " if isinstance(place, str) else ""
+    return Fault(place, kind, where + message, group)
+
+
+def without_nothing(entries: Iterable[Entry], *, fold: bool = False) -> list[Entry]:
     """Return entries of Infinite Craft, in which Nothing is no result.
 
     Args:
         entries: all entries of a file whose labels hold the base of Infinite Craft.
+        fold: whether labels are in lower case.
     """
+    nothing = NOTHING.lower() if fold else NOTHING
     kept: list[Entry] = []
     for entry in entries:
-        reason = ""
-        if isinstance(entry, Row) and entry.result == NOTHING:
-            reason = "with the result Nothing"
-        elif isinstance(entry, Row) and NOTHING in entry.ingredients:
-            reason = "with Nothing as ingredient"
-        kept.append(LeftOut(entry.place, reason) if reason else entry)
+        if isinstance(entry, Row) and entry.result == nothing:
+            kept.append(LeftOut(entry.place, "with the result Nothing"))
+        elif isinstance(entry, Row) and nothing in entry.ingredients:
+            kept.append(LeftOut(entry.place, "with Nothing as ingredient"))
+        else:
+            kept.append(entry)
     return kept

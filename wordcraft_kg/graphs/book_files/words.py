@@ -7,11 +7,15 @@ of a table are paths of one key, so that tables and JSON have one set of rules.
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, takewhile
 from typing import NamedTuple
 
-from wordcraft_kg.graphs.book_files.paths import EACH, KEY, LOOPS, Path
-
+EACH = "[]"
+VALUES = "{}"
+KEY = "{key}"
+LOOPS = (EACH, VALUES)
+Path = tuple[str, ...]
+"""Steps: ``.name``, ``[]``, ``[3]``, ``{}``, and ``{key}`` for the key that ``{}`` is at."""
 _BETWEEN_WORDS = re.compile(
     r"(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])"
     "|(?<=[\u3040-\ud7af])(?=[A-Za-z])"
@@ -115,13 +119,14 @@ CONTAINERS = SUMS | words_of(
 """Keys of a file's lists of recipes or things."""
 _BY = words_of("with from of by using")
 _FIRST = ORDINAL | words_of("first second third fourth left right")
+_PARTNERS = words_of("with partner other")
 _SLOT = WEAK | ID | {"name"}
 _NAMES = frozenset(NAME)
 _KNOWN = RESULT | INGREDIENT | CONTAINERS | ID
 _PROPERTIES = COUNT | IGNORED
 
 
-class ColumnRoles(NamedTuple):
+class Way(NamedTuple):
     """A way to read columns or keys.
 
     Attributes:
@@ -130,6 +135,7 @@ class ColumnRoles(NamedTuple):
         is_named: whether the results are named as results, not only as a thing.
         is_documented: whether all words are documented; the others are guesses for refusals.
         by_place: whether the places of labels tell their roles, and no words do.
+        is_order: whether it is one of three orders of columns whose names say nothing.
     """
 
     parts: tuple[Path, ...]
@@ -137,6 +143,7 @@ class ColumnRoles(NamedTuple):
     is_named: bool = True
     is_documented: bool = True
     by_place: bool = False
+    is_order: bool = False
 
 
 def is_plain(key: str) -> bool:
@@ -217,25 +224,40 @@ def _around(path: Path, at: int) -> Path:
     return path[: loops[-1] + 1] if loops else ()
 
 
-def _family(path: Path) -> tuple[object, ...]:
-    """Return a path without the numbers of its keys: equal for ingredient 1 and ingredient 2."""
-    return tuple(words_of(step[1:]) - _FIRST if step.startswith(".") else step for step in path)
-
-
-def _plain_words(path: Path) -> frozenset[str]:
-    """Return the words of the last key, without those that tell ids from names."""
-    keys = [step for step in path if step.startswith(".")]
-    return words_of(keys[-1][1:]) - ID - _NAMES - _FIRST - {"name"}
-
-
 def _families(paths: Iterable[Path]) -> list[tuple[Path, ...]]:
+    """Return paths in groups that differ in numbers of keys only, as ingredient 1 and 2 do."""
     families: dict[tuple[object, ...], list[Path]] = {}
     for path in paths:
-        families.setdefault(_family(path), []).append(path)
+        steps = (words_of(step[1:]) - _FIRST if step.startswith(".") else step for step in path)
+        families.setdefault(tuple(steps), []).append(path)
     return list(map(tuple, families.values()))
 
 
-def readings(paths: Iterable[Path]) -> Iterator[ColumnRoles]:
+def _plain_words(family: Iterable[Path]) -> frozenset[str]:
+    """Return the words of the last keys, without those that tell ids from names."""
+    keys = [[step for step in path if step.startswith(".")][-1] for path in family]
+    return frozenset(chain.from_iterable(map(words_of, keys))) - ID - _NAMES - _FIRST
+
+
+def _common(paths: Sequence[Path]) -> Path:
+    """Return the steps with which all paths begin."""
+    steps = zip(*paths, strict=False)
+    return tuple(each[0] for each in takewhile(lambda each: len(set(each)) == 1, steps))
+
+
+def _is_around(thing: Path, path: Path) -> bool:
+    """Return whether the object with a thing's name holds what is at a path."""
+    outer = _around(thing, len(thing))
+    return bool(outer) and path[: len(outer)] == outer and thing != path
+
+
+def _rank(thing: Path) -> tuple[int, int]:
+    """Return a key by which the innermost thing comes first, and its name before id and key."""
+    rank = 4 * len(NAME) if thing[-1] == KEY else name_rank(thing[-1][1:])
+    return -len(_around(thing, len(thing))), rank
+
+
+def ways_by_words(paths: Iterable[Path]) -> Iterator[Way]:
     """Yield the ways in which documented words let labels be read, the more certain ones first.
 
     Args:
@@ -246,70 +268,35 @@ def readings(paths: Iterable[Path]) -> Iterator[ColumnRoles]:
         role, at = _role(path)
         by_role.setdefault(role, {})[path] = at
     results = by_role.get("result", {})
-    things = by_role.get("thing", {})
+    things = sorted(by_role.get("thing", {}), key=_rank)
+    unknown = tuple(by_role.get("unknown", ()))
     slots = [family for family in _families(by_role.get("slot", {})) if results or things]
     slots = [family for family in slots if len(family) > 1 or family[0][-1] in LOOPS]
     parts = _families(by_role.get("part", {}))
-    sums = _families(by_role.get("sum", {}))
-    families = parts or sums or slots
+    # Words such as first, or a name, are parts of recipes only where nothing else is.
+    families = parts or _families(by_role.get("sum", {})) or slots
     # Ingredients under several words, such as an optional one, may all belong to a recipe.
-    different = {frozenset().union(*map(_plain_words, family)): family for family in parts}
-    if len(different) > 1 and len({_common(family) for family in different.values()}) < 3:
+    different = {_plain_words(family): family for family in parts}
+    if len(different) == 2:
         families = [*families, tuple(chain.from_iterable(different.values()))]
     # Two columns of other names beside a result are rather its ingredients: a guess.
-    unknown = tuple(by_role.get("unknown", ()))
     if not families and len(unknown) in (1, 2):
-        yield from (ColumnRoles(unknown, made, is_documented=False) for made in _families(results))
-    # Words such as first, or a name, are parts of recipes only where nothing else is.
+        yield from (Way(unknown, made, is_documented=False) for made in _families(results))
     for family in families:
         around = _common(family)
-        is_partner = len(family) == 1 and _is_partner(family[0])
+        last = words_of(family[0][-1][1:]) if family[0][-1].startswith(".") else frozenset()
+        # {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}
+        is_partner = len(family) == 1 and bool(last & _PARTNERS)
         for made in _families(results):
             outer = _around(made[0], results[made[0]])
             if is_partner:
-                yield from _partners(family, made, things)
+                near = (thing for thing in things if _is_around(thing, made[0]))
+                near = (thing for thing in near if thing[:-1] != made[0][:-1])
+                yield from (Way((thing, *family), made) for thing in near)
             elif around[: len(outer)] == outer:
-                yield ColumnRoles(family, made)
+                yield Way(family, made)
         if not is_partner or not results:
-            near = [thing for thing in things if _is_around(thing, around)]
-            # The innermost thing first, and its name before its id and its key.
-            near.sort(key=lambda thing: (-len(_around(thing, len(thing))), _rank(thing)))
-            yield from (ColumnRoles(family, (thing,), is_named=False) for thing in near)
-            guesses = [guess for guess in unknown if _is_around(guess, around)]
-            yield from (ColumnRoles(family, (guess,), False, False) for guess in guesses)
-
-
-def _partners(
-    family: tuple[Path, ...], made: tuple[Path, ...], things: Iterable[Path]
-) -> Iterator[ColumnRoles]:
-    """Yield readings of a partner below a thing.
-
-    Such as {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}.
-    """
-    for thing in things:
-        if _is_around(thing, made[0]) and thing[:-1] != made[0][:-1]:
-            yield ColumnRoles((thing, *family), made)
-
-
-def _is_partner(path: Path) -> bool:
-    return path[-1].startswith(".") and bool(words_of(path[-1][1:]) & {"with", "partner", "other"})
-
-
-def _common(paths: Sequence[Path]) -> Path:
-    """Return the steps with which all paths begin."""
-    first, last = min(paths), max(paths)
-    length = 0
-    while length < min(len(first), len(last)) and first[length] == last[length]:
-        length += 1
-    return first if len(paths) == 1 else first[:length]
-
-
-def _is_around(thing: Path, path: Path) -> bool:
-    """Return whether the object with a thing's name holds what is at a path."""
-    outer = _around(thing, len(thing))
-    return bool(outer) and path[: len(outer)] == outer and thing != path
-
-
-def _rank(thing: Path) -> int:
-    last = thing[-1]
-    return 4 * len(NAME) if last == KEY else name_rank(last[1:])
+            near = (thing for thing in things if _is_around(thing, around))
+            yield from (Way(family, (thing,), is_named=False) for thing in near)
+            guesses = (guess for guess in unknown if _is_around(guess, around))
+            yield from (Way(family, (guess,), False, False) for guess in guesses)

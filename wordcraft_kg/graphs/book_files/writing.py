@@ -9,7 +9,7 @@ from typing import Any
 from wordcraft_kg.base.artefacts import output_target, write_atomically
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
-from wordcraft_kg.graphs.book_files.tables import CSV_HEADER
+from wordcraft_kg.graphs.book_files.texts import CSV_HEADER
 from wordcraft_kg.graphs.book_files.words import KIND
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 from wordcraft_kg.graphs.row_text import json_recipes, row_text

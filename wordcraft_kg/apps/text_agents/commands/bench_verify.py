@@ -29,7 +29,8 @@ def bench_verify(
     The exit code is 1 if any is refused.
 
     Args:
-        folders: folders of `bench run`, or ZIP archives of their two files.
+        folders: folders of `bench run`, ZIP archives of their two files, or folders and archives of
+            such folders.
         player: the player of the submissions, as for `bench run`.
         weights: file with a text player's weights.
         timeout: seconds for an answer of a program.
@@ -40,7 +41,7 @@ def bench_verify(
         raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")
     marks: list[dict[str, Any]] = []
     lines = []
-    for folder in folders:
+    for folder in (inner for path in folders for inner in _submissions(path)):
         # A refused submission does not end the command: the others are still checked.
         try:
             checked = verify(folder)
@@ -60,3 +61,13 @@ def bench_verify(
         lines.append(f"{mark}  {checked.track}  {checked.player}  {result}   {folder}")
     output.result({"submissions": marks}, lines)
     return 1 if any(one["mark"] == "refused" for one in marks) else 0
+
+
+def _submissions(path: Path) -> list[Path]:
+    """Return the submissions at a path; the path itself for an archive that cannot be read."""
+    from wordcraft_kg.apps.text_agents.submission_files import submissions_at
+
+    try:
+        return submissions_at(path)
+    except WordCraftKGError:
+        return [path]

@@ -318,7 +318,7 @@ def test_a_log_of_a_benchmark_track_becomes_a_submission_that_verifies(play, tmp
     assert submission.invalid_actions >= submission.figures.games == len(log.samples)
     assert submission.tokens["input"] == 10 * submission.tokens["output"] > 0
     with pytest.raises(
-        ConfigError, match=f"are of everyday-v2/{track}; expected everyday-v2/craft-8-lite"
+        ConfigError, match=f"are of everyday-v3/{track}; expected everyday-v3/craft-8-lite"
     ):
         bench_run("craft-8-lite", player=f"inspect:{log.location}", out=tmp_path / "other")
     with pytest.raises(ConfigError, match="the games have none"):

@@ -93,7 +93,6 @@ _LINE_MARKS = " \t*•+-"
 _BOXED = re.compile(r"\\boxed\s*\{")
 _LATEX_TEXT = re.compile(r"\\(?:text|textbf|textit|mathrm|mathbf|mbox)\s*\{([^{}]*)\}")
 _LATEX_MARK = re.compile(r"\\[()\[\], ]|\\q?quad\b|\$")
-_LATEX_END = re.compile(r"^(?:\s|\\[\])]|\$)*$")  # lines that only close a formula
 _AROUND = r"[\s*_`'\"“”‘’«»()\[\]]*"
 _JOINER = re.compile(
     rf"{_AROUND}(?:(?P<sign>[+&])|[,;]"
@@ -150,8 +149,6 @@ def read_answer(message: str, labels: Sequence[str]) -> Pair:
     if written:
         return _same([_in_line(last_line(answer), labels) for answer in written], labels)
     line = last_line(text)
-    if "\\" in line or "$" in line:
-        line = last_line(_without_formula_ends(text))
     try:
         return _in_line(line, labels)
     except _NoPair:
@@ -307,14 +304,6 @@ def _boxed(line: str) -> Iterator[str]:
             if depth == 0:
                 yield line[match.end() : place]
                 break
-
-
-def _without_formula_ends(message: str) -> str:
-    """Return a message without last lines that only close a formula."""
-    lines = message.splitlines()
-    while lines and _LATEX_END.match(lines[-1]):
-        lines.pop()
-    return "\n".join(lines)
 
 
 @dataclass(frozen=True)

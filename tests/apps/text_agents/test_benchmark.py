@@ -543,7 +543,9 @@ def test_a_forced_run_keeps_the_earlier_until_it_is_complete(submitted, tmp_path
         with pytest.raises(WordCraftKGError):
             bench_run("craft-8-lite", out=out, force=True, **refused)
         assert {path.name: path.read_bytes() for path in out.rglob("*.json*")} == before
-    with pytest.raises(PlayerError, match=r"are kept; to continue, repeat the command\.$"):
+    with pytest.raises(
+        PlayerError, match=r"Finished games are in .*; repeat the command to continue\.$"
+    ):
         bench_run("craft-8-lite", player=stops, out=out, force=True)
     assert verify(out).games_hash == sha256_of(out / "games.jsonl")
     assert (out / "submission.json").read_bytes() == before["submission.json"]

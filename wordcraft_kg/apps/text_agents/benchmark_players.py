@@ -5,7 +5,6 @@ packages add kinds by the entry point group ``wordcraft_kg.bench_players``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -21,12 +20,11 @@ from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
-    GamesHeader,
     PlayedSettings,
     TaskGameRecord,
     WorldGameRecord,
 )
-from wordcraft_kg.apps.text_agents.results import play_all, read_games, replaced_games
+from wordcraft_kg.apps.text_agents.results import play_program, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
 from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
@@ -417,11 +415,8 @@ def _check_split(folder: str, split: str, track: Track) -> None:
 def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     play = track.play(settings.look_ups)
     with LinePlayer(argument, timeout=settings.timeout) as program:
-        header = GamesHeader(player=program.name, settings=play.settings)
         folder = settings.messages
-        replaced = replaced_games(folder, header) if settings.is_replacing else nullcontext(folder)
-        with replaced as games:
-            play_all(program.name, program.speaker, play, games)
+        play_program(program, program.name, play, folder, is_replacing=settings.is_replacing)
     played = read_games(settings.messages / GAMES_FILE)[1]
     return _recorded(track, settings, program.name, play.settings, played)
 

@@ -98,6 +98,11 @@ class Conversation:
         """Whether the game is over."""
         return self.game.is_over
 
+    @property
+    def after_the_end(self) -> str:
+        """Reply to a message after the end of the game, which changes nothing; else empty."""
+        return f"This game is over. {self.game.state}" if self.is_over else ""
+
     def hear(self, message: str) -> str:
         """Carry out the attempt or look-up in a player's message.
 

@@ -106,7 +106,7 @@ class HostedGame:
     @contextmanager
     def _hearing(self, message: str) -> Iterator[None]:
         if self.talk.is_over:
-            raise EpisodeError(f"This game is over. {self.talk.game.state} Start a new game.")
+            raise EpisodeError(f"{self.talk.after_the_end} Start a new game.")
         try:
             yield
         except ActionError as error:

@@ -3,8 +3,6 @@
 import hashlib
 import shutil
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +17,7 @@ from wordcraft_kg.base.artefacts import (
     read_small_file,
     what_is,
 )
-from wordcraft_kg.base.errors import ConfigError, OutputExistsError, PlayerError
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Force
@@ -81,6 +79,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+    from wordcraft_kg.apps.text_agents.results import continuable
     from wordcraft_kg.apps.text_agents.submission import MESSAGES, write_submission
     from wordcraft_kg.runs.folder import locked_folder
 
@@ -101,7 +100,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     with locked_folder(out, "written"):
         # Once more under the lock: another process may have played meanwhile.
         is_replacing = check_folder()
-        with _continuable(messages, is_program=is_program):
+        with continuable(messages):
             settings = RunSettings(messages, look_ups, timeout, weights, is_replacing)
             kind, entrant = enter(opened, player, settings)
         if declared.tokens and entrant.tokens is not None:
@@ -218,22 +217,6 @@ class _Declared:
             "price": self.price,
             "licence": self.licence or acceptable(entrant.licence, LONGEST_NAME),
         }
-
-
-@contextmanager
-def _continuable(messages: Path, *, is_program: bool) -> Iterator[None]:
-    """Say, when the games are interrupted or the player fails, whether they can be continued."""
-    from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
-
-    with sigterm_as_interrupt():
-        try:
-            yield
-        except (KeyboardInterrupt, PlayerError) as error:
-            why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
-            has_games = is_program and any(messages.rglob(GAMES_FILE))
-            kept = " Finished games are kept; to continue, repeat the command." if has_games else ""
-            raise type(error)(f"{why}{kept}") from None
 
 
 def _prompts(entrant: "Entrant", own: str | None) -> dict[str, Any]:

@@ -26,11 +26,8 @@ def submissions_at(path: Path) -> list[Path]:
     """Return the submissions at a path, in folders and archives at any depth, in order.
 
     Args:
-        path: a folder or an archive; a path without a submission is returned as it is, so that
-            reading it says what is missing.
-
-    Raises:
-        ArtefactError: if an archive is damaged.
+        path: a folder or an archive; a folder without a submission and a damaged archive are
+            returned as they are, so that reading them says what is wrong.
     """
     if path.is_file() and path.suffix == ARCHIVE:
         return _in_archive(path)
@@ -73,7 +70,10 @@ def _archive_of(submission: Path) -> Path | None:
 
 
 def _in_archive(archive: Path) -> list[Path]:
-    """Return the paths of an archive's submissions; the archive itself if it has none."""
-    members = map(PurePosixPath, ZipArchive(archive, read_small_file(archive)).members)
+    """Return the paths of an archive's submissions; the archive itself if it has or shows none."""
+    try:
+        members = map(PurePosixPath, ZipArchive(archive, read_small_file(archive)).members)
+    except ArtefactError:
+        return [archive]
     folders = [archive / member.parent for member in members if member.name == SUBMISSION_FILE]
     return sorted(folders) or [archive]

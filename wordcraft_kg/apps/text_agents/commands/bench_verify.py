@@ -1,5 +1,6 @@
 """``wordcraft-kg bench verify``."""
 
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +37,13 @@ def bench_verify(
         timeout: seconds for an answer of a program.
     """
     from wordcraft_kg.apps.text_agents.submission import metrics_text, verify
+    from wordcraft_kg.apps.text_agents.submission_files import submissions_at
 
     if not folders:
         raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")
     marks: list[dict[str, Any]] = []
     lines = []
-    for folder in (inner for path in folders for inner in _submissions(path)):
+    for folder in chain.from_iterable(map(submissions_at, folders)):
         # A refused submission does not end the command: the others are still checked.
         try:
             checked = verify(folder)
@@ -61,13 +63,3 @@ def bench_verify(
         lines.append(f"{mark}  {checked.track}  {checked.player}  {result}   {folder}")
     output.result({"submissions": marks}, lines)
     return 1 if any(one["mark"] == "refused" for one in marks) else 0
-
-
-def _submissions(path: Path) -> list[Path]:
-    """Return the submissions at a path; the path itself for an archive that cannot be read."""
-    from wordcraft_kg.apps.text_agents.submission_files import submissions_at
-
-    try:
-        return submissions_at(path)
-    except WordCraftKGError:
-        return [path]

@@ -63,8 +63,8 @@ def evaluate_text(
     """Evaluate a program that plays by text, on the tasks and tables for agents.
 
     For each JSON object on stdin (a line with text, goal, table, attempts_left, game, new), the
-    program writes a line with two items to combine, such as: water + earth. Repeat the command to
-    continue an interrupted evaluation.
+    program writes a line with two items to combine, such as: water + earth. A JSON string holds an
+    answer of several lines. Repeat the command to continue an interrupted evaluation.
 
     Args:
         graph: graph folder, recipe book or known book's name.

@@ -148,10 +148,14 @@ FORMS = (  # all mean number + necklace
     "number and necklace, please.",
     "number\nnecklace",
     "- number\n- necklace",
+    "1. **number**\n2. **necklace**",
+    "\u200bnumber + necklace\u200b",
     "{number} + {necklace}",
     "[number] + [necklace]",
     "<number> + <necklace>",
     "I combine items 1 and 9.",
+    "I'd go with 1 + 9.",
+    "Thought: both count.\nAction: combine\nAction Input: number, necklace",
     "Items 1 + 9",
     "number  +  necklace",
     "Pair: number + necklace",
@@ -253,6 +257,7 @@ NUMBERS = ("1", "7", "-7", "12", "3")
         ('["7", -7]', ("7", "-7")),
         ("I add 7 + -7 here", ("7", "-7")),
         ("7 -7", ("7", "-7")),
+        ("I add 1 + 3 here", ("1", "3")),
     ],
 )
 def test_a_label_that_is_a_number_goes_before_the_place(message, pair):

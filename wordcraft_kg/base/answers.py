@@ -77,7 +77,10 @@ _REASONING = re.compile(
 # Some chat templates write the opening tag into the prompt, so the message has the end alone.
 _END_OF_REASONING = re.compile(r"\A.*</(?:think|thinking|reasoning)>", re.IGNORECASE | re.DOTALL)
 _TURN = re.compile(r"<[|｜][^<>\n]{1,60}[|｜]>|\[/?INST\]")
-_INLINE_TAG = re.compile(r"</?(?:b|i|u|em|strong|code|span|mark|kbd|tt)>", re.IGNORECASE)
+# With characters that show nothing.
+_INLINE_TAG = re.compile(
+    r"</?(?:b|i|u|em|strong|code|span|mark|kbd|tt)>|[\u200b\ufeff]", re.IGNORECASE
+)
 _ELEMENT = re.compile(r"<([A-Za-z_]\w{0,30})>([^<>]{0,1000})</\1>")
 _TAG = re.compile(r"</?([A-Za-z_][\w:-]{0,40})(?:[=\s][^<>\n]{0,100})?/?>")
 _PLUS = "\uff0b\ufe62\u2795"
@@ -110,7 +113,8 @@ _LIST_NUMBER = re.compile(r"\d+[.)]\s*")
 _NUMBER_BEFORE = re.compile(r"(?:^|\s)\(?#?\d+[.):]?\s*$")
 _COUNT = re.compile(r"\b(?:one|1\s?[x×])\s+(?=\w)", re.IGNORECASE)
 _ITEM_NUMBERS = re.compile(
-    r"\bitems?\s+(?:numbers?\s+)?#?(\d{1,4})\s*(?:[+&,]|and|with)\s*(?:item\s+)?#?(\d{1,4})\b",
+    r"(?:\bitems?\s+(?:numbers?\s+)?#?(\d{1,4})\s*(?:[+&,]|and|with)\s*(?:item\s+)?"
+    r"|(?<![\w.+-])#?(\d{1,4})\s*\+\s*)#?(\d{1,4})\b",
     re.IGNORECASE,
 )
 
@@ -238,9 +242,10 @@ def _elsewhere(text: str, labels: Sequence[str]) -> Pair | None:
     if not pairs and len(lines) == 2:
         # An item in each line.
         index = index_of(tuple(labels))
-        first, second = (" ".join(line.strip(_LINE_MARKS).split()) for line in lines)
-        firsts = places_named(first, index, by_number=True)
-        pairs += product(firsts, places_named(second, index, by_number=True))
+        first, second = (_LIST_NUMBER.sub("", line.strip(_LINE_MARKS), count=1) for line in lines)
+        firsts = places_named(" ".join(first.split()), index, by_number=True)
+        seconds = places_named(" ".join(second.split()), index, by_number=True)
+        pairs += product(firsts, seconds)
     return _same(pairs, labels) if pairs else None
 
 
@@ -367,9 +372,13 @@ def _only_pair(line: str, labels: Sequence[str]) -> list[Pair]:
 
 
 def _with_names(numbers: re.Match[str], labels: Sequence[str]) -> str:
-    """Return two items by their names where a sentence has their numbers, as ``items 1 and 9``."""
-    places = [int(number) - 1 for number in numbers.groups()]
-    is_named = any(label.casefold().startswith("item") for label in labels)
+    """Return two items by their names where a sentence has their numbers, as ``items 1 and 9``.
+
+    Text in which a number or the word before it may belong to a label stays as it is.
+    """
+    written = [number for number in numbers.groups() if number]
+    places = [int(number) - 1 for number in written]
+    is_named = any(label in written or label.casefold().startswith("item") for label in labels)
     if is_named or not all(0 <= place < len(labels) for place in places):
         return numbers[0]
     return " + ".join(labels[place] for place in places)

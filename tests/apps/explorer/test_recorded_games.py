@@ -122,4 +122,4 @@ def test_the_games_of_a_benchmark_are_those_of_its_submission():
     with pytest.raises(GraphMismatchError, match="was played on graph"):
         read_table_games(open_graph("kitchen"), folder)
     with pytest.raises(ConfigError, match="expected a folder of 'people serve'"):
-        read_table_games(open_graph("kitchen"), folder.parent)
+        read_table_games(open_graph("kitchen"), folder.parents[1])

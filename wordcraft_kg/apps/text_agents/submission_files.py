@@ -56,7 +56,8 @@ def read_submission_file(submission: Path, name: str) -> bytes:
     if member not in archive.members:
         raise ArtefactError(
             f"{submission} has no {name}; expected the files {SUBMISSION_FILE} and {GAMES_FILE} of "
-            "`wordcraft-kg bench run`."
+            f"`wordcraft-kg bench run`, or one of several folders with them, as in "
+            f"{path.name}/NAME."
         )
     return archive.read(member, SMALL_FILE)
 

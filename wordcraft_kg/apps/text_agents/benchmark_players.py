@@ -230,7 +230,8 @@ def _words(track: Track, vectors: str, settings: RunSettings) -> Entrant:
     labels = track.world.graph.entities
     # Made-up words have no vector.
     features = glove_features(labels) if vectors == "glove" else make_features(vectors, labels)
-    name = f"nearest words ({vectors})"
+    # Another name than that of `nearest-words`, which may have these vectors on another track.
+    name = f"nearest words by {vectors}"
     knows = f"{_TRAINED_ON['none']}, words"
     chooser = nearest_words(features.unit_vectors)
     return Entrant(name, decisions(track, chooser), knows, _OWN_LICENCE)

@@ -204,6 +204,9 @@ REFUSED = (
     '{"first": "number", "second": "unicorn"}',
     '{"first": true, "second": "number"}',
     "I use 1 and 9 now.",  # numbers in a sentence are no items
+    "I use 1 + 9 or 3.",
+    "I use 1 + 9 + 3.",
+    "Items 1, 9 and 3",
     "<think>number + necklace",  # reasoning that was cut off
     "<answer>number + sand</answer> or <answer>number + child</answer>",
     '[{"name": "combine", "arguments": {"first": "number", "second": "sand"}},'

@@ -114,7 +114,7 @@ _NUMBER_BEFORE = re.compile(r"(?:^|\s)\(?#?\d+[.):]?\s*$")
 _COUNT = re.compile(r"\b(?:one|1\s?[x×])\s+(?=\w)", re.IGNORECASE)
 _ITEM_NUMBERS = re.compile(
     r"(?:\bitems?\s+(?:numbers?\s+)?#?(\d{1,4})\s*(?:[+&,]|and|with)\s*(?:item\s+)?"
-    r"|(?<![\w.+-])#?(\d{1,4})\s*\+\s*)#?(\d{1,4})\b",
+    r"|(?<![\w.+-])#?(\d{1,4})\s*\+\s*)#?(\d{1,4})\b(?!\s*(?:[+&,/]|or\b|and\b)\s*#?\d)",
     re.IGNORECASE,
 )
 

@@ -214,7 +214,7 @@ def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
 def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     task = crafting("kitchen", tasks=4, depth=2, max_invalid=1)
     # No log can hold half a character: it must not fail, or the game would be played again.
-    answers = ("", "unicorn + [dragon]\ud800", "1 + 2\nthat is all", "1 + 1")
+    answers = ("", "unicorn + [dragon]\ud800", "1 + 2 or 3\nthat is all", "1 + 1")
     answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
     log = play(task, lambda messages: answer_to[messages[1].text], message_limit=7)
     *invalid, valid = (sample.scores["goal_made"] for sample in log.samples)

@@ -60,7 +60,14 @@ _SCRIPTED = {
     "oracle": ("recipe oracle", "greedy"),
 }
 """Names of scripted players by kind, and of the discoverers that play open-ended games for them."""
-_USES = {"votes": "partial", "graph": "partial", "oracle": "full"}
+_KNOWS = {
+    "random": _TRAINED_ON["none"],
+    "nearest-words": f"{_TRAINED_ON['none']}, words",
+    "votes": _TRAINED_ON["partial"],
+    "graph": _TRAINED_ON["partial"],
+    "oracle": _TRAINED_ON["full"],
+}
+"""What scripted players declare as training data."""
 _BEST_PAIR = ("w, best pair", "u+v, self edges dropped")
 _OWN_LICENCE = "Apache-2.0"
 _POLICY = "policy.safetensors"
@@ -197,29 +204,13 @@ def discoveries(track: Track, player: Discoverer) -> list[Played]:
 def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
     def enter(track: Track, argument: str, settings: RunSettings) -> Entrant:
         name, in_world = _SCRIPTED[kind]
-        knows = _TRAINED_ON[_USES.get(kind, "none")]
         if track.is_open_ended and in_world:
             (player,) = make_discoverers([in_world], track.opened.graph).values()
-            return Entrant(name, discoveries(track, player), knows, _OWN_LICENCE)
-        from wordcraft_kg.agents.players import knowledge_players  # loads torch
-
-        players = knowledge_players(track.world.split)
-        return Entrant(name, decisions(track, players[name]), knows, _OWN_LICENCE)
+            return Entrant(name, discoveries(track, player), _KNOWS[kind], _OWN_LICENCE)
+        name, chooser = named_player(kind, track.opened, track.world.tasks)
+        return Entrant(name, decisions(track, chooser), _KNOWS[kind], _OWN_LICENCE)
 
     return enter
-
-
-def _nearest_words(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    """Let the items with the nearest words play, by the best vectors that are built in."""
-    knows = f"{_TRAINED_ON['none']}, words"
-    if track.is_open_ended:
-        title, in_world = _SCRIPTED["nearest-words"]
-        (player,) = make_discoverers([in_world], track.opened.graph).values()
-        return Entrant(title, discoveries(track, player), knows, _OWN_LICENCE)
-    from wordcraft_kg.agents.players import words_player  # loads torch
-
-    ((name, chooser),) = words_player(track.opened.graph).items()
-    return Entrant(name, decisions(track, chooser), knows, _OWN_LICENCE)
 
 
 def _words(track: Track, vectors: str, settings: RunSettings) -> Entrant:
@@ -232,9 +223,8 @@ def _words(track: Track, vectors: str, settings: RunSettings) -> Entrant:
     features = glove_features(labels) if vectors == "glove" else make_features(vectors, labels)
     # Another name than that of `nearest-words`, which may have these vectors on another track.
     name = f"nearest words by {vectors}"
-    knows = f"{_TRAINED_ON['none']}, words"
     chooser = nearest_words(features.unit_vectors)
-    return Entrant(name, decisions(track, chooser), knows, _OWN_LICENCE)
+    return Entrant(name, decisions(track, chooser), _KNOWS["nearest-words"], _OWN_LICENCE)
 
 
 def _with_model(
@@ -490,7 +480,7 @@ KINDS: Registry[Kind] = Registry(
         "nearest-words": Kind(
             "the items with the words nearest to the goal, by the best built-in vectors",
             "",
-            _nearest_words,
+            _scripted("nearest-words"),
         ),
         "words": Kind("the same by other vectors, such as words:glove", "VECTORS", _words),
         "votes": Kind("votes of the train recipes on pairs", "", _scripted("votes")),

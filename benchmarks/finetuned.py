@@ -16,25 +16,22 @@ import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.submission import GameLine, Submission, verified_games
+from wordcraft_kg.apps.text_agents.submission_files import submissions_at
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import paired_difference
 
-LEADERBOARD = Path(__file__).parents[1] / "leaderboard" / "everyday-v2"
+LEADERBOARD = Path(__file__).parents[1] / "leaderboard" / "everyday-v3"
 TRACKS = ("craft-8-lite", "goal-8-lite", "craft-1-lite")
 TUNED = "smollm2-tuned-recipes"
 BEFORE = {
-    "smollm2-reinforced": "smollm2-tuned-chats",
     "smollm2-reinforced-constrained": "smollm2-tuned-chats-constrained",
 }
-"""Archives of a model after GRPO, and of the same model before it."""
+"""Rows of a model after GRPO, and of the same model before it."""
 PLAYERS = {
     TUNED: "SmolLM2-135M, fine-tuned on recipes, by recipes",
     "smollm2-recipes": "SmolLM2-135M, untuned, by recipes",
-    "smollm2-tuned-chats": "SmolLM2-135M, fine-tuned on recipes and games, by generation",
     "smollm2-tuned-chats-constrained": "SmolLM2-135M, fine-tuned on recipes and games, constrained",
-    "smollm2-reinforced": "SmolLM2-135M, fine-tuned on recipes and games, then GRPO, by generation",
     "smollm2-reinforced-constrained": "SmolLM2-135M, fine-tuned on recipes and games, then GRPO, constrained",
-    "smollm2-generation": "SmolLM2-135M, untuned, by generation",
     "scorer-minilm": "recipe scorer, MiniLM",
     "scorer-glove": "recipe scorer, GloVe",
     "complex": "ComplEx, u+v",
@@ -42,7 +39,7 @@ PLAYERS = {
     "votes": "votes of the train recipes",
     "random": "chance",
 }
-"""Archives of the leaderboard, and the players' names on the page."""
+"""Rows of the leaderboard, and the players' names on the page."""
 
 
 def row(
@@ -90,21 +87,23 @@ def main() -> None:
     weights_of = {TUNED: training["weights"]}
     rows = []
     for track in TRACKS:
-        for archive, name in PLAYERS.items():
-            path = LEADERBOARD / track / f"{archive}.zip"
-            if not path.exists():
+        archive = LEADERBOARD / f"{track}.zip"
+        on_track = {path.name: path for path in submissions_at(archive)}
+        for player, name in PLAYERS.items():
+            path = on_track.get(player)
+            if path is None:
                 continue
             submission, games = verified_games(path)
-            model = archive.removesuffix("-constrained")
+            model = player.removesuffix("-constrained")
             # A recipe scorer is trained anew for each split.
             is_one = model.startswith("smollm2")
             if is_one and submission.weights != weights_of.setdefault(model, submission.weights):
                 parser.error(f"{path} was played with other weights than {weights_of[model]}")
-            if archive == TUNED:
+            if player == TUNED:
                 of_track[track] = games
             made = row(name, submission, games, of_track[track])
-            if archive in BEFORE:
-                _, before = verified_games(LEADERBOARD / track / f"{BEFORE[archive]}.zip")
+            if player in BEFORE:
+                _, before = verified_games(on_track[BEFORE[player]])
                 # The games of the last argument minus those before it: after minus before.
                 gain = row(name, submission, before, games)["difference"]
                 made["gain_by_reinforcement"] = gain

@@ -3,9 +3,10 @@ agents.
 
     python data/make_benchmark.py [--check]
 
-The tables are those of agent evaluation. A released manifest never changes: other tasks, prompts or
-rules are a new version. With ``--check`` nothing is written, and the exit code is 1 if something
-would be.
+The tables are those of agent evaluation on the day of publication. A published manifest never
+changes, so it is written only where there is none: other tasks, prompts or rules are a new version.
+With ``--check`` nothing is written, and the exit code is 1 if the manifest is not the published one
+or the schema would change.
 """
 
 import json
@@ -19,18 +20,23 @@ from wordcraft_kg.apps.text_agents.benchmark import (
     FrozenTask,
     FrozenTrack,
     Manifest,
+    read_manifest,
     task_set,
 )
+from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema
 from wordcraft_kg.base.artefacts import dump_json
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
+from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
 
+PUBLISHED = "bffbe65c36801690eddccfcec81c8bd98854c70a07e8756c397979c98e19b30e"
+"""SHA-256 of the published manifest."""
 MOST, GAMES = 500, 5
 BOOKS, SPLITS = ("everyday", "made-up:everyday"), ("by-recipe", "by-goal")
 TRACKS = {
@@ -42,17 +48,29 @@ TRACKS = {
 
 
 def frozen_track(about, split, depth, distractors):
-    """Return evenly spaced test tasks with their evaluation tables."""
+    """Return evenly spaced test tasks with their evaluation tables.
+
+    With several attempts a plan may use an item twice, and its table would have an item fewer: the
+    number of items would tell the plan. Such a task has a distractor more.
+    """
     opened = open_graph(BOOKS[0], SplitConfig(split))
-    world = World(opened, WordCraftConfig("test", depth, distractors))
-    tables, tasks = EvaluationTables(world), chosen_tasks(world, MOST)
-    frozen = tuple(
-        FrozenTask(world.tasks.plans[task], tuple(tables.table(task))) for task in tasks.tolist()
-    )
+    worlds = [
+        World(opened, WordCraftConfig("test", depth, amount))
+        for amount in (distractors, distractors + 1)
+    ]
+    tables = [EvaluationTables(world) for world in worlds]
+    world = worlds[0]
+    tasks = chosen_tasks(world, MOST)
+    frozen = []
+    for task in tasks.tolist():
+        table = tables[0].table(task)
+        if depth > 1 and len(table) < depth + 1 + distractors:
+            table = tables[1].table(task)
+        frozen.append(FrozenTask(world.tasks.plans[task], tuple(table)))
     again = task_set(opened.graph, depth, frozen)
     assert (again.starts == world.tasks.starts[tasks]).all()
     assert (again.goals == world.tasks.goals[tasks]).all()
-    return FrozenTrack(about, split, depth, depth, distractors, frozen)
+    return FrozenTrack(about, split, depth, depth, distractors, tuple(frozen))
 
 
 def manifest():
@@ -68,19 +86,15 @@ def manifest():
     orders = tuple(tuple(rng.permutation(base).tolist()) for _ in range(GAMES))
     about = "discover many items from the base items in 5 games of 500 attempts"
     return Manifest(
-        name="everyday-v2",
-        date="2026-11-23",
-        scoring=1,
+        name="everyday-v3",
+        date="2026-11-29",
+        scoring=2,
         licence="CC0-1.0",
         canary=(
-            "wordcraft-kg everyday-v2 canary 5f0b7f0e-6d0c-4c1e-9a35-2f6c8f4d7b19: do not train on "
+            "wordcraft-kg everyday-v3 canary c1f7a9d2-84e6-4b3a-a0d5-7e92b6f31c48: do not train on "
             "this file"
         ),
-        # Of the wordings on the first day; `_LATER_PROMPTS` in benchmark.py has those of today.
-        prompts={
-            "text": "9a154acf7d9d2530493e31a2b38d0dcff66ef0a01f2ee4fa07bec195a64309f8",
-            "mcp": "692657180e0a9b3ec12c02fb001269b6e343b97284130cee7a0bf4afedc52006",
-        },
+        prompts={"text": prompt_hash(), "mcp": tools_hash()},
         books=books,
         tracks={name: frozen_track(*track) for name, track in TRACKS.items()}
         | {"discover-500": FrozenTrack(about, "by-recipe", 500, orders=orders)},
@@ -106,13 +120,17 @@ def compact(values):
 
 def main():
     """Write or compare the files."""
-    texts = {MANIFEST: compact(as_values(manifest())), SCHEMA: dump_json(submission_schema())}
-    for path, text in texts.items():
-        if "--check" in sys.argv:
-            if not path.is_file() or path.read_text(encoding="utf-8") != text:
-                sys.exit(f"{path} is not up to date; run {sys.argv[0]}")
-        else:
-            path.write_text(text, encoding="utf-8")
+    schema = submission_schema()
+    if "--check" in sys.argv:
+        if read_manifest()[1] != PUBLISHED:
+            sys.exit(f"{MANIFEST} is not the published one; restore it")
+        # As values: a limit may be written as 1000000 or as 1000000.0.
+        if json.loads(SCHEMA.read_text(encoding="utf-8")) != schema:
+            sys.exit(f"{SCHEMA} is not up to date; run {sys.argv[0]}")
+        return
+    SCHEMA.write_text(dump_json(schema), encoding="utf-8")
+    if not MANIFEST.exists():
+        MANIFEST.write_text(compact(as_values(manifest())), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -521,7 +521,9 @@ def plan_weights() -> Iterator[str]:
     )
 
 
-LEADERBOARD = HERE.parent / "leaderboard" / "everyday-v2"
+LEADERBOARD = HERE.parent / "leaderboard" / "everyday-v3"
+EARLIER = HERE.parent / "leaderboard" / "archive" / "everyday-v2.zip"
+"""Submissions to the second edition whose games are no rows of the third."""
 TUNED = "SmolLM2-135M, fine-tuned on recipes, by recipes"
 GAMES = "SmolLM2-135M, fine-tuned on recipes and games, by generation"
 GAMES_CONSTRAINED = "SmolLM2-135M, fine-tuned on recipes and games, constrained"
@@ -531,28 +533,20 @@ UNTUNED = "SmolLM2-135M, untuned, by recipes"
 ANY_PAIR = "fine-tuned on recipes, an item with itself allowed"
 
 
-@cache
-def _submission(track: str, archive: str) -> dict[str, Any]:
-    """Return what a submission of the leaderboard says of itself; `bench leaderboard` verifies it."""
-    with zipfile.ZipFile(LEADERBOARD / track / f"{archive}.zip") as files:
-        return dict(json.loads(files.read("submission.json")))
+def _file(track: str, row: str, name: str) -> bytes | None:
+    """Return a file of a submission on the leaderboard, or else in the archive; None without one."""
+    for archive, member in ((LEADERBOARD / f"{track}.zip", row), (EARLIER, f"{track}/{row}")):
+        with zipfile.ZipFile(archive) as files:
+            if f"{member}/{name}" in files.namelist():
+                return files.read(f"{member}/{name}")
+    return None
 
 
 @cache
-def _intervals() -> dict[tuple[str, str], str]:
-    """Return the intervals of the leaderboard's page, by track and player.
-
-    `bench leaderboard` computes them from the games; a submission may have an earlier one.
-    """
-    found = {}
-    track = ""
-    for line in (HERE / "leaderboard.md").read_text(encoding="utf-8").splitlines():
-        if heading := re.match(r"(?:## |<summary>)([\w-]+)(?:: |$)", line):
-            track = heading[1]
-        if row := re.match(r"\| \d+ \| (.+?) \| [\d.]+ \[([\d.]+), ([\d.]+)\]", line):
-            low, high = (end.removeprefix("0") for end in row.groups()[1:])
-            found[track, row[1]] = f"[{low}, {high}]"
-    return found
+def _submission(track: str, row: str) -> dict[str, Any]:
+    """Return what a submission says of itself; empty if the player has not played the track."""
+    data = _file(track, row, "submission.json")
+    return {} if data is None else dict(json.loads(data))
 
 
 def _success_of(track: str, archive: str, digits: int = 3) -> str:
@@ -563,11 +557,9 @@ def _success_of(track: str, archive: str, digits: int = 3) -> str:
 
 def _played(track: str, archive: str, digits: int = 3) -> str:
     """Return the success of a submission with its interval."""
-    submission = _submission(track, archive)
-    player = submission["player"]
-    if submission["look_ups"]:
-        player += ", look-ups"
-    return f"{_success_of(track, archive, digits)} {_intervals()[track, player]}"
+    figures = _submission(track, archive)["figures"]
+    ends = (f"{figures[end]:.{digits}f}".removeprefix("0") for end in ("ci_low", "ci_high"))
+    return f"{_success_of(track, archive, digits)} [{', '.join(ends)}]"
 
 
 LITE_TRACKS = "craft-1-lite", "craft-1-lite-made-up", "craft-8-lite", "goal-8-lite", "depth-2-lite"
@@ -576,12 +568,12 @@ WAYS = {
     "Qwen2.5-Coder-1.5B, by recipes": "qwen15-recipes",
     "Qwen2.5-Coder-0.5B, by recipes": "qwen05-recipes",
     "SmolLM2-135M, by recipes": "smollm2-recipes",
-    "nearest words": "nearest-words",
+    "nearest words (MiniLM)": "nearest-words",
     "SmolLM2-135M, probabilities and a look-up": "smollm2-probabilities-look-ups",
     "SmolLM2-135M, probabilities": "smollm2-probabilities",
     "Qwen2.5-Coder-1.5B, constrained": "qwen15-constrained",
     "Qwen2.5-Coder-0.5B, constrained": "qwen05-constrained",
-    "Qwen2.5-Coder-0.5B, generation": "qwen05-generation",
+    "Qwen2.5-Coder-0.5B, generation (everyday-v2)": "qwen05-generation",
 }
 """Rows of the table of small language models, and their archives on the leaderboard."""
 
@@ -606,7 +598,7 @@ def language_models() -> Iterator[str]:
     yield f"|---|{'---|' * len(LITE_TRACKS)}"
     for title, archive in WAYS.items():
         cells = [
-            _played(track, archive) if (LEADERBOARD / track / f"{archive}.zip").exists() else ""
+            _played(track, archive) if _submission(track, archive) else ""
             for track in LITE_TRACKS
         ]
         yield f"| {title} | {' | '.join(cells)} |"
@@ -629,7 +621,7 @@ def language_models_answer() -> Iterator[str]:
     yield (
         "**Answer.** It knows words rather than the game. Asked for a recipe, without rules, Qwen2.5-Coder-1.5B "
         f"makes {made('qwen15-recipes')} of the goals of `craft-1-lite`, `craft-8-lite` and `goal-8-lite`; "
-        f"chance makes {made('random')}, nearest words {made('nearest-words')}, a recipe scorer "
+        f"chance makes {made('random')}, nearest MiniLM words {made('nearest-words')}, a recipe scorer "
         f"{made('scorer-glove')}. After the rules, constrained to the table, it makes "
         f"{made('qwen15-constrained')}. With made-up words it makes {_played(made_up, 'qwen15-recipes')} of "
         f"`craft-1-lite`, no more than a random pair of different items ({_different_items(made_up)})."
@@ -638,8 +630,8 @@ def language_models_answer() -> Iterator[str]:
 
 def _legal_at_once(track: str, archive: str) -> str:
     """Return in how many games of a submission no answer was invalid, as a text."""
-    with zipfile.ZipFile(LEADERBOARD / track / f"{archive}.zip") as files:
-        games = [json.loads(line) for line in files.read("games.jsonl").splitlines()]
+    lines = (_file(track, archive, "games.jsonl") or b"").splitlines()
+    games = [json.loads(line) for line in lines]
     legal = sum(not game.get("invalid_actions") for game in games)
     return f"{legal} of {len(games)}"
 
@@ -660,8 +652,7 @@ def language_models_caveats() -> Iterator[str]:
         f"- By generation Qwen2.5-Coder-1.5B makes {_shown(success['mean'])} {ends} of {now['games']} test tasks with one "
         "distractor (`evaluate-text`, no frozen track). Many of its answers were like `1 noise + 1 clock`: "
         f"{before['invalid_actions']} answers were invalid and success was {_shown(before['success']['mean'])} "
-        f"until the answer grammar read this 1 as a count; of the same answers, read again, {now['invalid_actions']} are. The frozen "
-        "tracks keep the first grammar."
+        f"until the answer grammar read this 1 as a count; of the same answers, read again, {now['invalid_actions']} are."
     )
     track = "discover-500-lite"
     plain, look_ups = (

@@ -72,5 +72,5 @@ for line in sys.stdin:
     messages.append({"role": "user", "content": message["text"]})
     reply_text = answer(messages)
     messages.append({"role": "assistant", "content": reply_text})
-    # Only the last line counts, and an answer is one line.
-    print(reply_text.strip().splitlines()[-1] if reply_text.strip() else "", flush=True)
+    # A JSON string holds the whole answer in one line.
+    print(json.dumps(reply_text), flush=True)

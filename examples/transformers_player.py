@@ -268,8 +268,8 @@ def play(reader: Reader, by: str, context: int, most: int) -> None:
             else:
                 answer = by_probabilities(reader, prompt, message["table"], tried)
         messages.append({"role": "assistant", "content": answer})
-        # Only the last line counts, and an answer is one line.
-        print(answer.strip().splitlines()[-1] if answer.strip() else "", flush=True)
+        # A JSON string holds the whole answer in one line.
+        print(json.dumps(answer), flush=True)
 
 
 @torch.inference_mode()

@@ -15,6 +15,7 @@ from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.submission import metrics_text, verify
+from wordcraft_kg.apps.text_agents.submission_files import submissions_at
 from wordcraft_kg.cli import main
 
 games = TaskGames(World("everyday", WordCraftConfig(part="test", num_distractors=8)))
@@ -63,15 +64,14 @@ assert main(["bench", "verify", "submission"]) == 0
 # here.
 
 # %%
-submissions = [
-    verify(path) for path in sorted(Path("leaderboard/everyday-v2/craft-1-lite").glob("*.zip"))
-]
+archive = Path("leaderboard/everyday-v3/craft-1-lite.zip")
+submissions = [verify(path) for path in submissions_at(archive)]
 table = pd.DataFrame(
     {
         "player": one.player,
         "success": metrics_text(one.figures),
         "look-ups": one.look_ups,
-        "invalid answers": one.invalid_actions,
+        "answers read": one.answers_read,
         "tokens": "" if one.tokens is None else f"{sum(one.tokens.values()):,}",
     }
     for one in sorted(submissions, key=lambda one: -one.figures.mean)

@@ -10,45 +10,179 @@ from hypothesis import strategies as st
 
 from wordcraft_kg.base.answers import read_answer
 from wordcraft_kg.base.errors import ActionError
-from wordcraft_kg.base.labels import last_line, read_pair
 from wordcraft_kg.graphs.library import open_book
 
 TABLE = (
     *("number", "orchard", "doctor", "rubber", "bride", "athlete", "sand", "child", "necklace"),
     "captain",
 )
-READ = {
-    "number + necklace": (
-        "number + necklace",
-        "1 number + 9 necklace",
-        "1. number and 9. necklace",
-        "number (1) + necklace (9)",
-        "1 9",
-        "Final answer: number and necklace",
-        "I weighed all ten. The final answer is: the number and a necklace.",
-        "Not sand + child. Answer: number + necklace",
-        "I choose **number** + **necklace** now.",
-        "So I will combine `number` with `necklace`!",
-        "The pair is “number” and “necklace”.",
-        r"So the answer is \boxed{number + necklace}.",
-        r"$$\boxed{\text{number} + \text{necklace}}$$",
-        "\\[\n\\boxed{1 + 9}\n\\]",
-        '{"first": "number", "second": "necklace"}',
-        '{"reasoning": "doctor + child is wrong", "answer": "number + necklace"}',
-        '```json\n{\n  "Item 1": "number",\n  "item_2": "necklace"\n}\n```',
-        '{"answer": ["number", 9]}',
-        'I am sure: ["1 number", "necklace"]',
-        "I think number + necklace makes an abacus.",
-        "number + necklace -> abacus, pearl",
-        "number + necklace = abacus",
-        "A doctor is a person, so I take number + necklace",
-        "1. number + necklace",
-        "1 number + 1 necklace",  # one of each, though necklace is the ninth item
-        "I take 1 number + 1 necklace now.",
-        "sand + child was wrong.\nnumber + necklace",
-        "x " * 2_000 + "Final answer: number + necklace",
-    )
-}
+FORMS = (  # all mean number + necklace
+    "number + necklace",
+    "number+necklace",
+    "Number + Necklace",
+    "NUMBER + NECKLACE",
+    "1 + 9",
+    "1 9",
+    "1, 9",
+    "1 and 9",
+    "(1, 9)",
+    "[1, 9]",
+    "#1 + #9",
+    "1. number + 9. necklace",
+    "1) number + 9) necklace",
+    "number (1) + necklace (9)",
+    "1 number + 9 necklace",
+    "1 number + 1 necklace",
+    "1x number + 1x necklace",
+    "1 × number + 1 × necklace",
+    "one number + one necklace",
+    "number and necklace",
+    "number with necklace",
+    "number & necklace",
+    "number, necklace",
+    "number plus necklace",
+    "the number + a necklace",
+    "**number + necklace**",
+    "**number** + **necklace**",
+    "*number* + *necklace*",
+    "__number + necklace__",
+    "`number + necklace`",
+    "`number` + `necklace`",
+    "```\nnumber + necklace\n```",
+    "```text\nnumber + necklace\n```",
+    '"number + necklace"',
+    '"number" + "necklace"',
+    "'number' + 'necklace'",
+    "“number” + “necklace”",
+    "«number» + «necklace»",
+    "- number + necklace",
+    "* number + necklace",
+    "• number + necklace",
+    "1. number + necklace",
+    "> number + necklace",
+    "### number + necklace",
+    "## Answer\nnumber + necklace",
+    "Answer: number + necklace",
+    "Answer: number and necklace",
+    "**Answer:** number + necklace",
+    "**Final Answer**: number + necklace",
+    "Final answer: number + necklace.",
+    "The answer is number + necklace.",
+    'My answer: "number + necklace"',
+    "A: number + necklace",
+    "Assistant: number + necklace",
+    "Combine number and necklace.",
+    "Combine: number + necklace",
+    "I combine number with necklace.",
+    "I'll combine the number and the necklace.",
+    "I would try number + necklace.",
+    "Let's combine number + necklace!",
+    "number + necklace = abacus",
+    "number + necklace -> abacus",
+    "number + necklace → abacus",
+    "number + necklace makes abacus",
+    "number + necklace (abacus)",
+    "\\boxed{number + necklace}",
+    "$\\boxed{\\text{number + necklace}}$",
+    "$\\boxed{\\text{number} + \\text{necklace}}$",
+    "$$number + necklace$$",
+    "\\text{number} + \\text{necklace}",
+    "<answer>number + necklace</answer>",
+    "<answer>\nnumber + necklace\n</answer>",
+    "<answer>number and necklace",
+    '<answer>{"first": "number", "second": "necklace"}</answer>',
+    "<answer><b>number</b> + <b>necklace</b></answer>",
+    "<answer>I take number + necklace.</answer>",
+    "<think>maybe sand + child</think>\nnumber + necklace",
+    "maybe sand + child\n</think>\n\nnumber + necklace",
+    "<think>maybe sand + child</think><answer>number + necklace</answer>",
+    "number + necklace<|im_end|>",
+    "number + necklace</s>",
+    "number + necklace<end_of_turn>",
+    "number + necklace<|eot_id|>",
+    "number + necklace <|endoftext|>",
+    "number + necklace<｜end▁of▁sentence｜>",
+    "<|channel|>analysis<|message|>sand + child?<|end|><|start|>assistant<|channel|>final<|message|>number + necklace<|return|>",
+    "[/INST] number + necklace",
+    "number ＋ necklace",
+    "number ➕ necklace",
+    "number ﹢ necklace",
+    '{"first": "number", "second": "necklace"}',
+    '{\n  "first": "number",\n  "second": "necklace"\n}',
+    '```json\n{\n  "first": "number",\n  "second": "necklace"\n}\n```',
+    '```json\n{"answer": "number + necklace"}\n```\nThis should make an abacus.',
+    'Here is my answer:\n{\n  "first": "number",\n  "second": "necklace"\n}\nIt makes an abacus.',
+    '["number", "necklace"]',
+    '{"answer": "number + necklace"}',
+    '{"answer": ["number", "necklace"]}',
+    '{"items": ["number", "necklace"]}',
+    '{"item1": "number", "item2": "necklace"}',
+    '{"Item 1": 1, "Item 2": 9}',
+    '{"combination": "number + necklace", "reason": "an abacus is a necklace of numbers"}',
+    "{'first': 'number', 'second': 'necklace'}",
+    '{"name": "combine", "arguments": {"first": "number", "second": "necklace"}}',
+    '<tool_call>\n{"name": "combine", "arguments": {"first": "number", "second": "necklace"}}\n</tool_call>',
+    '{"tool_calls": [{"function": {"name": "combine", "arguments": "{\\"first\\": \\"number\\", \\"second\\": \\"necklace\\"}"}}]}',
+    '[{"name": "combine", "parameters": {"first": "number", "second": "necklace"}}]',
+    '<|python_tag|>{"name": "combine", "parameters": {"first": "number", "second": "necklace"}}',
+    '<function=combine>{"first": "number", "second": "necklace"}</function>',
+    '{"type": "tool_use", "name": "combine", "input": {"first": "number", "second": "necklace"}}',
+    '{"items": [{"name": "number"}, {"name": "necklace"}]}',
+    '{"action": "combine", "items": ["number", "necklace"]}',
+    '{"action": "number + necklace"}',
+    'combine("number", "necklace")',
+    "combine(number, necklace)",
+    'combine(first="number", second="necklace")',
+    '[combine(first="number", second="necklace")]',
+    "<first>number</first><second>necklace</second>",
+    "<first>number</first>\n<second>necklace</second>",
+    "First: number\nSecond: necklace",
+    "**First item:** number\n**Second item:** necklace",
+    "first: number\nsecond: necklace",
+    "number + necklace\n\nThis makes an abacus.",
+    "number + necklace\nGood luck!",
+    "Answer: number + necklace\nReason: a necklace of numbers is an abacus.",
+    "**Answer:**\nnumber + necklace\n\nAn abacus counts.",
+    "Goal: abacus\nAnswer: number + necklace",
+    "number + necklace 🙂",
+    "number and necklace, please.",
+    "number\nnecklace",
+    "- number\n- necklace",
+    "1. **number**\n2. **necklace**",
+    "\u200bnumber + necklace\u200b",
+    "{number} + {necklace}",
+    "[number] + [necklace]",
+    "<number> + <necklace>",
+    "I combine items 1 and 9.",
+    "I'd go with 1 + 9.",
+    "Thought: both count.\nAction: combine\nAction Input: number, necklace",
+    "Items 1 + 9",
+    "number  +  necklace",
+    "Pair: number + necklace",
+    "My choice: number and necklace",
+    "Use number together with necklace.",
+    "number + necklace ✓",
+    "(number, necklace)",
+    '("number", "necklace")',
+    "num + neck",
+    "<p>number + necklace</p>",
+    "number +\nnecklace",
+    "Attempt 1: number + necklace",
+    "Step 1: number + necklace",
+    "I weighed all ten. The final answer is: the number and a necklace.",
+    "Not sand + child. Answer: number + necklace",
+    "The pair is “number” and “necklace”.",
+    "\\[\n\\boxed{1 + 9}\n\\]",
+    '{"reasoning": "doctor + child is wrong", "answer": "number + necklace"}',
+    '{"answer": ["number", 9]}',
+    'I am sure: ["1 number", "necklace"]',
+    "number + necklace -> abacus, pearl",
+    "A doctor is a person, so I take number + necklace",
+    "I take 1 number + 1 necklace now.",
+    "sand + child was wrong.\nnumber + necklace",
+    "x " * 2_000 + "Final answer: number + necklace",
+)
+"""Forms in which language models, programs and people write a pair."""
 REFUSED = (
     "number + necklace or sand + child",  # several pairs
     "I tried sand + child, so number + necklace",
@@ -69,22 +203,39 @@ REFUSED = (
     "number + unicorn",
     '{"first": "number", "second": "unicorn"}',
     '{"first": true, "second": "number"}',
-    "I use items 1 and 9.",  # numbers in a sentence are no items
+    "I use 1 and 9 now.",  # numbers in a sentence are no items
+    "I use 1 + 9 or 3.",
+    "I use 1 + 9 + 3.",
+    "Items 1, 9 and 3",
+    "<think>number + necklace",  # reasoning that was cut off
+    "<answer>number + sand</answer> or <answer>number + child</answer>",
+    '[{"name": "combine", "arguments": {"first": "number", "second": "sand"}},'
+    ' {"name": "combine", "arguments": {"first": "number", "second": "child"}}]',
+    "number + necklace\nnumber + sand\nThese are two ways.",
+    "number + necklace\nAnswer: number + unicorn",  # the attempt in the last line counts
+    "1 number, 9 necklace, 3 doctor\nAttempts left: 1",  # the prompt
     "number",
     "number necklace",
-    "number + necklace\nGood luck!",  # the last line counts
     "",
     "{" * 900,
     "[" * 20_000 + "]" * 20_000,
 )
 
 
-@pytest.mark.parametrize(
-    ("message", "pair"), [(text, pair) for pair, texts in READ.items() for text in texts]
-)
-def test_a_pair_is_read_in_the_forms_of_language_models(message, pair):
-    one, other = read_answer(message, TABLE)
-    assert f"{TABLE[one]} + {TABLE[other]}" == pair
+@pytest.mark.parametrize("message", FORMS)
+def test_a_pair_is_read_in_the_forms_of_language_models(message):
+    assert read_answer(message, TABLE) == (0, 8)
+
+
+LABELS = sorted({label for recipe in open_book("kitchen").recipes for label in recipe})
+
+
+@given(st.integers(0, len(LABELS) - 1), st.integers(0, len(LABELS) - 1), st.sampled_from(FORMS))
+def test_any_two_items_are_read_in_the_same_forms(one, other, form):
+    if "1" in form or "one" in form or "num +" in form:
+        return
+    message = form.replace("number", LABELS[one]).replace("necklace", LABELS[other])
+    assert read_answer(message, LABELS) == (one, other)
 
 
 @pytest.mark.parametrize("message", REFUSED)
@@ -109,6 +260,7 @@ NUMBERS = ("1", "7", "-7", "12", "3")
         ('["7", -7]', ("7", "-7")),
         ("I add 7 + -7 here", ("7", "-7")),
         ("7 -7", ("7", "-7")),
+        ("I add 1 + 3 here", ("1", "3")),
     ],
 )
 def test_a_label_that_is_a_number_goes_before_the_place(message, pair):
@@ -151,36 +303,6 @@ def test_a_label_in_a_sentence_is_no_pair_of_its_parts():
         read_answer("I think of salt and pepper today", ("salt", "pepper", "salt and pepper"))
 
 
-def test_grammar_1_reads_the_last_line_as_a_whole_with_numbers_first():
-    for message in READ["number + necklace"][1:4]:
-        with pytest.raises(ActionError):
-            read_answer(message, TABLE, grammar=1)
-    assert read_answer("x\n- **number + sand**", TABLE, grammar=1) == (0, 6)
-    assert read_answer("1 + 3", NUMBERS, grammar=1) == (0, 2)
-    # Grammar 1 ignores all that follows the first result.
-    both = "number + necklace = abacus, sand + child = toy"
-    assert read_answer(both, TABLE, grammar=1) == (0, 8)
-
-
-LABELS = sorted({label for recipe in open_book("kitchen").recipes for label in recipe})
-FORMS = (
-    "{a} + {b}",
-    "{a} and {b}",
-    "the {a} with a {b}",
-    "{i} {j}",
-    "{i}, {j}",
-    "combine {a} and {b}.",
-    "{a} + {b} = something",
-    "**{a} + {b}**",
-)
-
-
-@given(st.integers(0, len(LABELS) - 1), st.integers(0, len(LABELS) - 1), st.sampled_from(FORMS))
-def test_what_grammar_1_reads_grammar_2_reads_alike(one, other, form):
-    message = form.format(a=LABELS[one], b=LABELS[other], i=one + 1, j=other + 1)
-    assert read_answer(message, LABELS) == read_answer(message, LABELS, grammar=1) == (one, other)
-
-
 PIECES = st.sampled_from(
     [
         *TABLE,
@@ -197,6 +319,10 @@ PIECES = st.sampled_from(
             "-7",
             "\u2028",
             "\x00",
+            "<answer>",
+            "</answer>",
+            "<think>",
+            "<|im_end|>",
         ),
     ]
 )
@@ -205,19 +331,17 @@ PIECES = st.sampled_from(
 @given(st.lists(PIECES, max_size=14), st.booleans())
 def test_any_message_is_read_or_refused(pieces, has_blanks):
     message = (" " if has_blanks else "").join(pieces)
-    for grammar in (1, 2):
-        try:
-            found = read_answer(message, TABLE, grammar=grammar)
-        except ActionError:
-            continue
-        assert all(0 <= place < len(TABLE) for place in found)
-        if grammar == 1:
-            assert found == read_pair(last_line(message), TABLE, grammar=1)
+    try:
+        pair = read_answer(message, TABLE)
+    except ActionError:
+        return
+    assert all(0 <= place < len(TABLE) for place in pair)
 
 
 def test_a_long_message_is_read_at_once_among_thousands_of_labels():
     labels = tuple(f"entity {number}" for number in range(7_000))
     messages = ["entity 5 mentions " * 60, "a, " * 5_000, '{"a": ' * 300, "\\boxed{" * 300]
+    messages += ["<answer>" * 9_000, "</think>" * 9_000, "combine(" * 9_000, "answer " * 9_000]
     read_answer("1 + 2", labels)  # makes the index
     began = time.perf_counter()
     for message in messages:
@@ -255,7 +379,3 @@ def test_a_number_is_a_name_before_it_is_a_place(labels):
 def test_an_item_is_not_named_without_its_sign_or_with_another(written):
     with pytest.raises(ActionError):
         read_answer(f"{written} + water", ("C", "O2-", "7", "5", "H+", "carbon", "water"))
-
-
-def test_the_published_grammar_reads_signs_as_before():
-    assert read_answer("C- + water", ("C", "water"), grammar=1) == (0, 1)

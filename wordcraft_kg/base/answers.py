@@ -1,32 +1,37 @@
 r"""The answer grammar: which two items a message of a player names.
 
-Grammar 1 reads the last line of a message as a whole, see
-:func:`~wordcraft_kg.base.labels.read_pair`. Grammar 2 reads the forms in which language models
-write, and refuses a message that could mean several pairs. The first rule that applies decides:
+The rules read the forms in which language models write, and refuse a message that could mean
+several pairs. Reasoning in tags (``<think>``), marks of turns (``<|im_end|>``) and markup are left
+out. Then the first rule that applies decides:
 
-1. JSON at the end of the message: ``["a", "b"]``, ``{"first": "a", "second": "b"}``, or
-    ``{"answer": "a + b"}``.
-2. The last line as a whole, as in grammar 1. If pairs also follow the result (``a + b = c, c + d =
-   e``), the line is ambiguous.
-3. A marked answer in the last line: ``Final answer: a and b``, or ``\boxed{a + b}``.
-4. The only pair of known items in the last line (``I combine **a** + **b** now.``), without
+1. Elements, such as ``<answer>a + b</answer>``.
+2. JSON at the end of the message: ``["a", "b"]``, ``{"first": "a", "second": "b"}``, ``{"answer":
+    "a + b"}``, or a tool call with such arguments.
+3. The last line as a whole, see :func:`~wordcraft_kg.base.labels.read_pair`. If pairs also follow
+    the result (``a + b = c, c + d = e``), the line is ambiguous.
+4. A marked answer in the last line: ``Final answer: a and b``, ``\boxed{a + b}`` or ``combine(a,
+    b)``.
+5. The only pair of known items in the last line (``I combine **a** + **b** now.``), without
     negation or alternative.
+6. If the last line is no attempt at an answer, the same in the whole message: JSON or named values
+    (``First: a``), else marked answers, else the only pair.
 
-In all rules of grammar 2 an item may be written with its number, as prompts print it (``2 orchard +
-3 doctor``), or with a 1 that counts it (``1 orchard + 1 doctor``), and a label that is a number has
-priority over the place with this number.
+In all rules an item may be written with its number, as prompts print it (``2 orchard + 3 doctor``),
+or with a 1 that counts it (``1 orchard + 1 doctor``). A label that is a number has priority over
+the place with this number.
 """
 
 import json
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise, product
 from typing import Any
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.labels import (
-    ANSWER_GRAMMAR,
     WORDS,
     LabelIndex,
     index_of,
@@ -37,26 +42,65 @@ from wordcraft_kg.base.labels import (
 
 Pair = tuple[int, int]
 # Bounds on work: a message of a model may be long, and full of brackets.
-_LONGEST = 1_000  # characters of a line or a JSON value that are searched
+_LONGEST = 1_000  # characters of a line that are searched
+_LONGEST_MESSAGE = 4_000  # characters of a message in which a pair is searched beyond its last line
 _MOST_STARTS = 50  # brackets at which a JSON value may begin
 _ITEM_KEYS = (
     ("first", "second"),
+    ("first_item", "second_item"),
     ("a", "b"),
     ("item1", "item2"),
     ("item_1", "item_2"),
+    ("item_a", "item_b"),
     ("ingredient1", "ingredient2"),
     ("ingredient_1", "ingredient_2"),
     ("ingredient_a", "ingredient_b"),
 )
-_ANSWER_KEYS = ("answer", "final_answer", "pair", "items", "ingredients", "combination", "combine")
-_MARKER = re.compile(r"\b(?:final\s+)?answer\b\s*(?:is\b|:|=)[\s:]*", re.IGNORECASE)
+_ANSWER_KEYS = (
+    "answer",
+    "final_answer",
+    "pair",
+    "items",
+    "ingredients",
+    "combination",
+    "combine",
+    "choice",
+)
+_LABEL_KEYS = ("name", "item", "label")
+"""Keys of an item that is written as an object, such as ``{"name": "water"}``."""
+_CALL_KEYS = ("arguments", "parameters", "args", "input")
+"""Keys of a tool call's arguments, an object or its JSON text."""
+_REASONING = re.compile(
+    r"<(think|thinking|thought|thoughts|reasoning|scratchpad)>.*?(?:</\1>|\Z)",
+    re.IGNORECASE | re.DOTALL,
+)
+# Some chat templates write the opening tag into the prompt, so the message has the end alone.
+_END_OF_REASONING = re.compile(r"\A.*</(?:think|thinking|reasoning)>", re.IGNORECASE | re.DOTALL)
+_TURN = re.compile(r"<[|｜][^<>\n]{1,60}[|｜]>|\[/?INST\]")
+# With characters that show nothing.
+_INLINE_TAG = re.compile(
+    r"</?(?:b|i|u|em|strong|code|span|mark|kbd|tt)>|[\u200b\ufeff]", re.IGNORECASE
+)
+_ELEMENT = re.compile(r"<([A-Za-z_]\w{0,30})>([^<>]{0,1000})</\1>")
+_TAG = re.compile(r"</?([A-Za-z_][\w:-]{0,40})(?:[=\s][^<>\n]{0,100})?/?>")
+_PLUS = "\uff0b\ufe62\u2795"
+"""The plus sign in full width, small, and as a picture."""
+_NAME = r"(?:final\s+)?(?:answer|choice|pair|combination|solution|action)"
+_MARKER = re.compile(rf"\b{_NAME}\b[\s*_]*(?:is\b|:|=)[\s:*_]*", re.IGNORECASE)
+_CALL = re.compile(r"\b(?:combine|craft|mix|attempt)\w{0,20}\s*\(([^()\n]{1,500})\)", re.IGNORECASE)
+_PARAMETER = re.compile(r"\b\w{1,30}\s*=(?!=)\s*")
+_NAMED_LINE = re.compile(
+    r"^[ \t*_>#-]*([A-Za-z][\w ]{0,20}?)[\s*_`]*[:=][\s*_`]*(\S.{0,300}?)[\s,]*$", re.M
+)
+_LINE_MARKS = " \t*•+-"
 _BOXED = re.compile(r"\\boxed\s*\{")
 _LATEX_TEXT = re.compile(r"\\(?:text|textbf|textit|mathrm|mathbf|mbox)\s*\{([^{}]*)\}")
 _LATEX_MARK = re.compile(r"\\[()\[\], ]|\\q?quad\b|\$")
-_LATEX_END = re.compile(r"^(?:\s|\\[\])]|\$)*$")  # lines that only close a formula
-_AROUND = r"[\s*_`'\"“”‘’()\[\]]*"
+_AROUND = r"[\s*_`'\"“”‘’«»()\[\]]*"
 _JOINER = re.compile(
-    rf"{_AROUND}(?:(?P<sign>[+&])|[,;]|,?\s*\b(?:and|with|plus|then)\b){_AROUND}", re.IGNORECASE
+    rf"{_AROUND}(?:(?P<sign>[+&])|[,;]"
+    rf"|,?\s*\b(?:and|(?:(?:together|combined)\s+)?with|plus|then)\b){_AROUND}",
+    re.IGNORECASE,
 )
 _ALTERNATIVE = re.compile(rf"{_AROUND}(?:,?\s*\bor\b|/){_AROUND}", re.IGNORECASE)
 _MADE = re.compile(r"(?:=>|->|=|→)[^+&]*$")
@@ -67,15 +111,24 @@ _NEGATION = re.compile(
 )
 _LIST_NUMBER = re.compile(r"\d+[.)]\s*")
 _NUMBER_BEFORE = re.compile(r"(?:^|\s)\(?#?\d+[.):]?\s*$")
+_COUNT = re.compile(r"\b(?:one|1\s?[x×])\s+(?=\w)", re.IGNORECASE)
+_ITEM_NUMBERS = re.compile(
+    r"(?:\bitems?\s+(?:numbers?\s+)?#?(\d{1,4})\s*(?:[+&,]|and|with)\s*(?:item\s+)?"
+    r"|(?<![\w.+-])#?(\d{1,4})\s*\+\s*)#?(\d{1,4})\b(?!\s*(?:[+&,/]|or\b|and\b)\s*#?\d)",
+    re.IGNORECASE,
+)
 
 
-def read_answer(message: str, labels: Sequence[str], *, grammar: int = ANSWER_GRAMMAR) -> Pair:
+class _NoPair(ActionError):
+    """A text names no pair, so another part of the message may be the answer."""
+
+
+def read_answer(message: str, labels: Sequence[str]) -> Pair:
     r"""Return the places of the two items that a message names, in written order.
 
     Args:
         message: text with any number of lines.
         labels: distinct labels of the items on the table, in the order of their numbers.
-        grammar: version of the rules, 1 or 2, see the module.
 
     Returns:
         Two indices in ``labels``, which may be equal.
@@ -89,26 +142,114 @@ def read_answer(message: str, labels: Sequence[str], *, grammar: int = ANSWER_GR
         (1, 2)
         >>> read_answer(r"So: \boxed{number + doctor}", labels)
         (0, 2)
+        >>> read_answer("<think>orchard + doctor?</think><answer>number + doctor</answer>", labels)
+        (0, 2)
     """
-    line = last_line(message)
-    if grammar == 1:
-        return read_pair(line, labels, grammar=1)
-    written = _in_json(message)
-    if written is not None:
-        return _one_of([read_pair(text, labels) for text in written], labels)
-    if "\\" in line or "$" in line:
-        line = last_line(_without_formula_ends(message))
+    text = _without_reasoning(_with_plain_signs(message, labels))
+    elements = _Pairs((match[1], match[2]) for match in _ELEMENT.finditer(text))
+    written = list(_pairs_in_value(elements))
+    text = _without_tags(text, labels)
+    written = written or _in_last_json(text)
+    if written:
+        return _same([_in_line(last_line(answer), labels) for answer in written], labels)
+    line = last_line(text)
+    try:
+        return _in_line(line, labels)
+    except _NoPair:
+        # An answer that was attempted and cannot be read is invalid, whatever stands before it.
+        is_attempt = "+" in line or any(_marked(line))
+        pair = None if is_attempt else _elsewhere(text, labels)
+        if pair is None:
+            raise
+        return pair
+
+
+def answer_line(message: str, labels: Sequence[str]) -> str:
+    """Return the last line of a message, without reasoning in tags, marks of turns and markup."""
+    text = _without_reasoning(_with_plain_signs(message, labels))
+    return last_line(_without_tags(text, labels))
+
+
+def _with_plain_signs(message: str, labels: Sequence[str]) -> str:
+    """Return a message without marks of turns, and with the usual sign for each plus.
+
+    A sign that belongs to a label stays.
+    """
+    text = _TURN.sub("\n", message)
+    for sign in _PLUS:
+        if sign in text and not any(sign in label for label in labels):
+            text = text.replace(sign, "+")
+    return text
+
+
+def _without_reasoning(text: str) -> str:
+    """Return a text without reasoning in tags, and without tags of bold or other type."""
+    text = _REASONING.sub("\n", text)
+    if "</" in text:
+        text = _END_OF_REASONING.sub("", text)
+    return _INLINE_TAG.sub("", text)
+
+
+def _without_tags(text: str, labels: Sequence[str]) -> str:
+    """Return a text with a line break for each tag; an item in angle brackets is no tag."""
+    if "<" not in text:
+        return text
+    index = index_of(tuple(labels))
+    return _TAG.sub(lambda tag: "\n" if index.find(tag[1]) is None else tag[0], text)
+
+
+def _in_line(line: str, labels: Sequence[str]) -> Pair:
+    """Return the pair that a line names as a whole, as a marked answer, or as its only pair.
+
+    Raises:
+        _NoPair: if the line names none.
+        ActionError: if it could name several.
+    """
     try:
         pair = read_pair(line, labels)
     except ActionError as error:
-        return _in_sentence(line, labels, error)
+        # A count such as `one` may belong to a label, so the line as it is comes first.
+        pairs = _in_sentence(line, labels) or _in_sentence(_COUNT.sub("", line), labels)
+        if not pairs:
+            raise _NoPair(str(error)) from None
+        return _same(pairs, labels)
     # `a + b = c, c + d = e` reads as `a + b` if all behind the sign were ignored.
-    mentioned = {one.pair for one in _mentions(line, labels).pairs if one.by_sign}
+    mentioned = {joined.pair for joined in _mentions(line, labels).pairs if joined.by_sign}
     mentioned.add(pair)
-    return _one_of([pair, *mentioned], labels)
+    return _same([pair, *mentioned], labels)
 
 
-def _one_of(pairs: Sequence[Pair], labels: Sequence[str]) -> Pair:
+def _elsewhere(text: str, labels: Sequence[str]) -> Pair | None:
+    """Return the only pair in a message, or None.
+
+    Raises:
+        ActionError: if there are several pairs, or a sentence may not mean its pair.
+    """
+    if len(text) > _LONGEST_MESSAGE:
+        return None
+    named = _Pairs((match[1], match[2]) for match in _NAMED_LINE.finditer(text))
+    values = [value for _, value in _json_values(text)]
+    written = [pair for value in (*values, named) for pair in _pairs_in_value(value)]
+    pairs = []
+    for answer in written or _marked(text):
+        with suppress(_NoPair):
+            pairs.append(_in_line(last_line(answer), labels))
+    if pairs:
+        return _same(pairs, labels)
+    lines = [line for line in text.splitlines() if line.strip(_LINE_MARKS)]
+    for line in lines:
+        pairs += _only_pair(line, labels)
+    if not pairs and len(lines) == 2:
+        # An item in each line.
+        index = index_of(tuple(labels))
+        first, second = (_LIST_NUMBER.sub("", line.strip(_LINE_MARKS), count=1) for line in lines)
+        firsts = places_named(" ".join(first.split()), index, by_number=True)
+        seconds = places_named(" ".join(second.split()), index, by_number=True)
+        pairs += product(firsts, seconds)
+    return _same(pairs, labels) if pairs else None
+
+
+def _same(pairs: Sequence[Pair], labels: Sequence[str]) -> Pair:
     """Return the first pair.
 
     Raises:
@@ -123,34 +264,35 @@ def _one_of(pairs: Sequence[Pair], labels: Sequence[str]) -> Pair:
     return pairs[0]
 
 
-def _in_sentence(line: str, labels: Sequence[str], unreadable: ActionError) -> Pair:
-    """Return the marked pair in a line, or else its only pair.
+def _in_sentence(line: str, labels: Sequence[str]) -> list[Pair]:
+    """Return the marked pairs in a line, or else its only pair; an empty list if there is none.
 
     Raises:
-        ActionError: ``unreadable`` if there is no pair, or another if there are several.
+        ActionError: if there are several pairs, or the sentence may not mean its pair.
     """
     marked = list(_marked(line))
     pairs = []
     for text in marked or [line]:
-        bare = _without_latex(text) if marked else text
+        bare = _without_latex(text)
         try:
             pairs.append(read_pair(bare, labels))
         except ActionError:
             pairs += _only_pair(bare, labels)
-    if not pairs:
-        raise unreadable
-    return _one_of(pairs, labels)
+    return pairs
 
 
-def _marked(line: str) -> Iterator[str]:
-    """Yield the texts that a line marks as the answer: in boxes, else behind the last marker."""
-    boxed = list(_boxed(line))
-    if boxed:
-        yield from boxed
+def _marked(text: str) -> Iterator[str]:
+    """Yield the texts that are marked as the answer, in boxes or calls, or by the last marker."""
+    enclosed = [*_boxed(text)]
+    for call in _CALL.finditer(text):
+        enclosed.append(_PARAMETER.sub("", call[1]))
+    if enclosed:
+        yield from enclosed
         return
-    markers = list(_MARKER.finditer(line))
+    markers = list(_MARKER.finditer(text))
     if markers:
-        yield line[markers[-1].end() :][:_LONGEST]
+        # The marker takes line breaks with it: the answer may stand in the next line.
+        yield text[markers[-1].end() :][:_LONGEST].partition("\n")[0]
 
 
 def _without_latex(text: str) -> str:
@@ -167,14 +309,6 @@ def _boxed(line: str) -> Iterator[str]:
             if depth == 0:
                 yield line[match.end() : place]
                 break
-
-
-def _without_formula_ends(message: str) -> str:
-    """Return a message without last lines that only close a formula."""
-    lines = message.splitlines()
-    while lines and _LATEX_END.match(lines[-1]):
-        lines.pop()
-    return "\n".join(lines)
 
 
 @dataclass(frozen=True)
@@ -228,7 +362,7 @@ def _only_pair(line: str, labels: Sequence[str]) -> list[Pair]:
     mentions = _mentions(line, labels)
     if not mentions.pairs:
         return []
-    pair = _one_of([one.pair for one in mentions.pairs], labels)
+    pair = _same([joined.pair for joined in mentions.pairs], labels)
     if not mentions.is_clear:
         raise ActionError(
             f"the answer mentions {labels[pair[0]]} + {labels[pair[1]]}, but with a negation, a "
@@ -237,23 +371,37 @@ def _only_pair(line: str, labels: Sequence[str]) -> list[Pair]:
     return [pair]
 
 
+def _with_names(numbers: re.Match[str], labels: Sequence[str]) -> str:
+    """Return two items by their names where a sentence has their numbers, as ``items 1 and 9``.
+
+    Text in which a number or the word before it may belong to a label stays as it is.
+    """
+    written = [number for number in numbers.groups() if number]
+    places = [int(number) - 1 for number in written]
+    is_named = any(label in written or label.casefold().startswith("item") for label in labels)
+    if is_named or not all(0 <= place < len(labels) for place in places):
+        return numbers[0]
+    return " + ".join(labels[place] for place in places)
+
+
 def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
     """Return the pairs of known items in a line.
 
     The text behind an arrow or equals sign is the result, and is left out.
     """
-    text = _MADE.sub("", line[:_LONGEST])
+    text = _ITEM_NUMBERS.sub(partial(_with_names, labels=labels), line[:_LONGEST])
+    text = _MADE.sub("", text)
     items = list(_items(text, index_of(tuple(labels))))
     pairs = []
     if not items:
         return _Mentions([], False)
     others = [text[: items[0].start]]  # text that joins no items
     is_clear = not text.rstrip().endswith("?")
-    for one, other in pairwise(items):
-        between = text[one.end : other.start]
+    for left, right in pairwise(items):
+        between = text[left.end : right.start]
         joiner = _JOINER.fullmatch(between)
         if joiner:
-            pairs.append(_Joined((one.place, other.place), joiner["sign"] is not None))
+            pairs.append(_Joined((left.place, right.place), joiner["sign"] is not None))
         elif _ALTERNATIVE.fullmatch(between):
             is_clear = False
         else:
@@ -290,20 +438,32 @@ def _items(text: str, index: LabelIndex) -> Iterator[_Item]:
             start += 1
 
 
-def _in_json(message: str) -> list[str] | None:
-    """Return the pairs in a JSON value at the end of a message, as texts; None without a value."""
-    text = message.strip().removesuffix("```").rstrip()[-_LONGEST:]
-    if not text.endswith(("}", "]")):
-        return None
-    # The earliest bracket at which the rest is JSON begins the outermost value.
+def _in_last_json(text: str) -> list[str]:
+    """Return the pairs in a JSON value at the end of a message, as texts."""
+    end = text.strip().removesuffix("```").rstrip()[-_LONGEST:]
+    if not end.endswith(("}", "]")):
+        return []
+    for place, value in _json_values(end):
+        if place == len(end):
+            return list(_pairs_in_value(value))
+    return []
+
+
+def _json_values(text: str) -> Iterator[tuple[int, Any]]:
+    """Yield the outermost JSON objects and lists in a text, each with the place behind it."""
+    decoder = json.JSONDecoder(object_pairs_hook=_Pairs)
     starts = [place for place, char in enumerate(text) if char in "{["][:_MOST_STARTS]
+    # Some models write the quotes of Python.
+    spellings = (text, text.replace("'", '"'))
+    behind = 0
     for start in starts:
-        try:
-            value = json.loads(text[start:], object_pairs_hook=_Pairs)
-        except (ValueError, RecursionError):
+        if start < behind:
             continue
-        return list(_pairs_in_value(value)) or None
-    return None
+        for written in spellings:
+            with suppress(ValueError, RecursionError):
+                value, behind = decoder.raw_decode(written, start)
+                yield behind, value
+                break
 
 
 class _Pairs(list[tuple[str, Any]]):
@@ -313,23 +473,54 @@ class _Pairs(list[tuple[str, Any]]):
 def _pairs_in_value(value: Any) -> Iterator[str]:
     """Yield the pairs in a JSON value, as texts; names that are repeated give several pairs."""
     if isinstance(value, _Pairs):
-        members = [(name.casefold().replace(" ", "_"), one) for name, one in value]
-        for first, second in _ITEM_KEYS:
-            ones = [one for name, one in members if name == first and _is_item(one)]
-            others = [one for name, one in members if name == second and _is_item(one)]
-            for one, other in product(ones, others):
-                yield f"{one} + {other}"
-        for name, one in members:
-            if name not in _ANSWER_KEYS:
-                continue
-            if isinstance(one, str):
-                yield one
-            else:
-                yield from _pairs_in_value(one)
-    elif isinstance(value, list) and len(value) == 2 and all(map(_is_item, value)):
-        yield f"{value[0]} + {value[1]}"
+        members = [(name.casefold().strip().replace(" ", "_"), member) for name, member in value]
+        yield from _named_pairs(members)
+        for name, member in members:
+            yield from _pairs_in_member(name, member)
+    elif isinstance(value, list):
+        items = [_item(member) for member in value]
+        if len(items) == 2 and all(items):
+            yield f"{items[0]} + {items[1]}"
+        elif len(value) == 1 and isinstance(value[0], str):
+            yield value[0]
+        else:
+            for member in value:
+                if isinstance(member, _Pairs):
+                    yield from _pairs_in_value(member)
 
 
-def _is_item(value: Any) -> bool:
+def _named_pairs(members: Sequence[tuple[str, Any]]) -> Iterator[str]:
+    """Yield the pairs of items that are named as first and second, or in a similar way."""
+    for first_key, second_key in _ITEM_KEYS:
+        firsts = [_item(member) for name, member in members if name == first_key]
+        seconds = [_item(member) for name, member in members if name == second_key]
+        for first, second in product(firsts, seconds):
+            if first and second:
+                yield f"{first} + {second}"
+
+
+def _pairs_in_member(name: str, member: Any) -> Iterator[str]:
+    """Yield the pairs in a member of a JSON object: an answer, or an object or list of objects."""
+    is_answer = name in _ANSWER_KEYS
+    if isinstance(member, str):
+        if is_answer or name in _CALL_KEYS:
+            values = [value for _, value in _json_values(member[:_LONGEST])]
+            for value in values:
+                yield from _pairs_in_value(value)
+            if is_answer and not values:
+                yield member
+    elif is_answer or isinstance(member, _Pairs):
+        yield from _pairs_in_value(member)
+    elif isinstance(member, list):
+        # The calls of a message; other lists of texts, such as the table, are no answers.
+        yield from _pairs_in_value([call for call in member if isinstance(call, _Pairs)])
+
+
+def _item(value: Any) -> str:
+    """Return the item in a JSON value as text; empty if the value is none."""
+    if isinstance(value, _Pairs):
+        named = [member for name, member in value if name in _LABEL_KEYS]
+        value = named[0] if len(named) == len(value) == 1 else None
     # A bool is an int in Python.
-    return isinstance(value, str | int) and not isinstance(value, bool)
+    is_item = isinstance(value, str | int) and not isinstance(value, bool)
+    return str(value) if is_item else ""

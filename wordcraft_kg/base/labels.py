@@ -1,9 +1,8 @@
 """Parser for entity labels in texts by people and models.
 
 Different spellings are accepted if the match is unique: forgiving where only one label can be
-meant, strict where a text is ambiguous. The rules have a version, the answer grammar. A frozen
-benchmark keeps the version under which it was published; :mod:`wordcraft_kg.base.answers` reads
-whole messages, and names the differences.
+meant, strict where a text is ambiguous. :mod:`wordcraft_kg.base.answers` reads whole messages by
+these rules; both together are the answer grammar.
 """
 
 import re
@@ -17,8 +16,8 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.spelling import SIGNS, signs_of, without_variation_selectors
 from wordcraft_kg.base.wording import quoted
 
-ANSWER_GRAMMAR = 2
-"""Present version of the rules by which texts are read as items."""
+ANSWER_GRAMMAR = 3
+"""Version of the rules by which texts are read as items, as recorded with games."""
 _MOST_CHOICES = 8  # labels that an error about an ambiguous word names
 _MOST_SHOWN = 40  # characters of the input that an error repeats
 _MOST_WRITTEN = 1_000  # characters in which two labels are searched
@@ -31,8 +30,7 @@ _SEPARATOR = re.compile(r"\s*[+&,;]\s*|\s+(?:and|with|plus|then)\s+", re.IGNOREC
 WORDS = re.compile(r"[^\s+&,;]+|[+&,;]")
 """Words and separators in a text."""
 _LIST_MARK = re.compile(r"^(?:[-*•>#]+\s+)+")
-_NUMBERS = re.compile(r"\d+\s+\d+")
-_SIGNED_NUMBERS = re.compile(r"[-+]?\d+\s+[-+]?\d+", re.ASCII)
+_TWO_NUMBERS = re.compile(r"[-+]?\d+\s+[-+]?\d+", re.ASCII)
 _NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*", re.ASCII)
 _FRACTION = re.compile(r"\.\d", re.ASCII)
 _PLACE = re.compile(r"[1-9]\d{0,8}", re.ASCII)  # as many digits as a table can need
@@ -59,22 +57,18 @@ def read_label(
     labels: Sequence[str],
     *,
     by_number: bool = True,
-    grammar: int = ANSWER_GRAMMAR,
 ) -> int:
     """Return the index of the label that a text names.
 
     The first matching rule decides: exact label; number from 1; case-insensitive label; label
     without article, quotes and punctuation; singular or plural; number and label as printed (``2
     orchard``), or a 1 that counts the item (``1 orchard``); label prefix. A number is never the
-    spelling or the prefix of another label, and signs belong to a name: ``C-`` is not ``C``. In
-    grammar 1 the number comes before the exact label, signs make no difference, and the number with
-    a label is not read.
+    spelling or the prefix of another label, and signs belong to a name: ``C-`` is not ``C``.
 
     Args:
         written: text that names a label.
         labels: distinct labels, in the order of their numbers.
         by_number: whether numbers from 1 are accepted as places.
-        grammar: version of the rules, 1 or 2.
 
     Returns:
         Index in ``labels``.
@@ -87,7 +81,7 @@ def read_label(
         >>> [read_label(text, labels) for text in ("The Water", "berries", "fire")]
         [0, 3, 1]
     """
-    meant = _meant(written, labels, by_number=by_number, grammar=grammar)
+    meant = _meant(written, labels, by_number=by_number)
     if len(meant) == 1:
         return meant[0]
     text = " ".join(written.split())
@@ -176,9 +170,7 @@ class LabelIndex:
         places = self.places(text)
         return places[0] if len(places) == 1 else None
 
-    def places(
-        self, text: str, *, by_beginning: bool = False, with_signs: bool = True
-    ) -> list[int]:
+    def places(self, text: str, *, by_beginning: bool = False) -> list[int]:
         """Return the indices of all labels that a text may name, by the first rule that fits.
 
         The rules are those of :func:`read_label` but for numbers: here a number is a text like any
@@ -187,8 +179,6 @@ class LabelIndex:
         Args:
             text: text without repeated blanks.
             by_beginning: whether a text may be the prefix of a label.
-            with_signs: whether a text has the signs of the label that it names; False in
-                grammar 1.
 
         Returns:
             Indices in ascending order; empty without a match.
@@ -204,19 +194,15 @@ class LabelIndex:
         signs = _signs(text)
         by_rule = (self._folded.get(plain), self._bare.get(bare), in_plural)
         for places in by_rule:
-            meant = list(places or ())
-            if with_signs:
-                meant = [place for place in meant if self._signs[place] == signs]
+            meant = [place for place in places or () if self._signs[place] == signs]
             if meant:
                 return sorted(meant)
         # The sign at an end is not the beginning of a longer name.
-        if not by_beginning or (with_signs and signs[1]):
+        if not by_beginning or signs[1]:
             return []
         # Searched in turn: beginnings come last, and rarely.
         beginnings = enumerate(self._plain)
         meant = [place for place, label in beginnings if label.startswith(plain)]
-        if not with_signs:
-            return meant
         # A label without its sign is another label, not a beginning.
         longer = []
         for place in meant:
@@ -230,9 +216,7 @@ index_of = lru_cache(maxsize=64)(LabelIndex)
 """Return the :class:`LabelIndex` of a tuple of labels; the last ones are kept."""
 
 
-def read_pair(
-    written: str, labels: Sequence[str], *, grammar: int = ANSWER_GRAMMAR
-) -> tuple[int, int]:
+def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     """Return the indices of the two labels that a text such as ``water + earth`` names.
 
     Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank
@@ -242,7 +226,6 @@ def read_pair(
     Args:
         written: text that names two labels.
         labels: distinct labels, in the order of their numbers.
-        grammar: version of the rules, 1 or 2.
 
     Returns:
         Two indices in ``labels``, in written order; they may be equal.
@@ -274,7 +257,7 @@ def read_pair(
     without_both = _VERB.sub("", _MADE.sub("", bare))
     readings = (text, without_result, without_verb, without_both)
     for reading in dict.fromkeys(readings):
-        pairs = _pairs_in(reading, labels, unread, grammar)
+        pairs = _pairs_in(reading, labels, unread)
         distinct = {tuple(sorted(pair)) for pair in pairs}
         if len(distinct) > 1:
             as_texts = [f"{labels[one]} + {labels[other]}" for one, other in pairs]
@@ -285,7 +268,7 @@ def read_pair(
         if pairs:
             return pairs[0]
     if unread:
-        read_label(unread[0], labels, grammar=grammar)  # raises the error for that half
+        read_label(unread[0], labels)  # raises the error for that half
     given = repr(_shown(text))
     raise ActionError(f"cannot parse {given}: {expected}.")
 
@@ -300,29 +283,21 @@ def last_line(message: str) -> str:
     return answer.strip("*`| \t")
 
 
-def _meant(written: str, labels: Sequence[str], *, by_number: bool, grammar: int) -> list[int]:
+def _meant(written: str, labels: Sequence[str], *, by_number: bool = True) -> list[int]:
     """Return the places of the labels that a text can mean, see :func:`read_label`."""
     text = " ".join(written.split())
     if not text:
         return []
-    if grammar > 1:
-        index = index_of(tuple(labels))
-        named = places_named(text, index, by_number=by_number)
-        # A number is never the prefix of a label: `1` must not mean the item `10`.
-        if named or _NUMBER.fullmatch(text.strip(_MARKS)):
-            return named
-        return index.places(text, by_beginning=True)
-    # Grammar 1: the number comes before the label, and a number behind the table is a text.
-    if by_number and _PLACE.fullmatch(text):
-        place = int(text) - 1
-        if place < len(labels):
-            return [place]
     index = index_of(tuple(labels))
-    return index.places(text, by_beginning=True, with_signs=False)
+    named = places_named(text, index, by_number=by_number)
+    # A number is never the prefix of a label: `1` must not mean the item `10`.
+    if named or _NUMBER.fullmatch(text.strip(_MARKS)):
+        return named
+    return index.places(text, by_beginning=True)
 
 
 def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
-    """Return the places of the labels that a text names in full, by grammar 2.
+    """Return the places of the labels that a text names in full.
 
     Args:
         text: text without repeated blanks.
@@ -332,7 +307,7 @@ def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
     Returns:
         Indices in ascending order; empty without a match.
     """
-    number = _without_marks(text).replace("\u2212", "-")  # the minus sign
+    number = _without_marks(text).removeprefix("#").replace("\u2212", "-")  # the minus sign
     if _NUMBER.fullmatch(number):
         # `-7` is not another spelling of `7`, though labels else may differ in hyphens.
         for spelling in (text, number):
@@ -368,15 +343,11 @@ def _printed(text: str, index: LabelIndex) -> list[int]:
     return index.places(label) if is_count else []
 
 
-def _pairs_in(
-    text: str, labels: Sequence[str], unread: list[str], grammar: int
-) -> list[tuple[int, int]]:
+def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:
     """Return the distinct pairs; halves that name no single label join ``unread``."""
     pairs: dict[tuple[int, int], None] = {}
-    for halves in _halves(text, labels, grammar):
-        one, other = halves
-        first = _meant(one, labels, by_number=True, grammar=grammar)
-        second = _meant(other, labels, by_number=True, grammar=grammar)
+    for halves in _halves(text, labels):
+        first, second = (_meant(half, labels) for half in halves)
         if len(first) != 1:
             unread.append(halves[0])
         if len(second) != 1:
@@ -386,21 +357,19 @@ def _pairs_in(
     return list(pairs)
 
 
-def _halves(text: str, labels: Sequence[str], grammar: int) -> list[tuple[str, str]]:
+def _halves(text: str, labels: Sequence[str]) -> list[tuple[str, str]]:
     """Return all ways to divide a text into two items."""
-    two_numbers = _NUMBERS if grammar == 1 else _SIGNED_NUMBERS
-    if two_numbers.fullmatch(text):
-        one, other = text.split()
+    if _TWO_NUMBERS.fullmatch(text):
+        first, second = text.split()
         # `2 -7` may also be the item `-7` as prompts print it, at place 2.
-        index = index_of(tuple(labels))
-        is_one_item = grammar > 1 and bool(_printed(text, index))
-        return [] if is_one_item else [(one, other)]
-    found = []
+        is_one_item = bool(_printed(text, index_of(tuple(labels))))
+        return [] if is_one_item else [(first, second)]
+    halves = []
     for separator in _SEPARATOR.finditer(text):
         before = text[: separator.start()]
         after = text[separator.end() :]
-        found.append((before, after))
-    return found
+        halves.append((before, after))
+    return halves
 
 
 @lru_cache(maxsize=1 << 15)

@@ -175,7 +175,7 @@ def test_equal_games_get_equal_answers_and_a_full_context_begins_anew(
         "sys.stdin", io.StringIO("".join(json.dumps(line) + "\n" for line in game + game))
     )
     player()["play"](reader, by, 80, 4)
-    answers = capsys.readouterr().out.splitlines()
+    answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert len(answers) == 20
     assert answers[:10] == answers[10:]
     assert len(reader.ids) <= 80

@@ -105,7 +105,7 @@ def test_a_game_at_a_table_of_the_evaluation_is_shown_there_too(played):
 
 
 def test_games_of_a_submission_are_never_shown_as_those_of_people(tmp_path):
-    folder = Path(__file__).parents[3] / "leaderboard/everyday-v2/craft-1-lite/graph.zip"
+    folder = Path(__file__).parents[3] / "leaderboard/everyday-v3/craft-1-lite.zip/graph"
     for name in ("submission.json", "games.jsonl"):
         data = read_submission_file(folder, name)
         (tmp_path / name).write_bytes(data.replace(b'"kind": "graph"', b'"kind": "people"'))
@@ -114,7 +114,7 @@ def test_games_of_a_submission_are_never_shown_as_those_of_people(tmp_path):
 
 
 def test_the_games_of_a_benchmark_are_those_of_its_submission():
-    folder = Path(__file__).parents[3] / "leaderboard/everyday-v2/craft-1-lite/graph.zip"
+    folder = Path(__file__).parents[3] / "leaderboard/everyday-v3/craft-1-lite.zip/graph"
     games = read_table_games(open_graph("everyday"), folder)
     data = read_submission_file(folder, "submission.json")
     mean = parse_record(data, Submission, folder).figures.mean
@@ -122,4 +122,4 @@ def test_the_games_of_a_benchmark_are_those_of_its_submission():
     with pytest.raises(GraphMismatchError, match="was played on graph"):
         read_table_games(open_graph("kitchen"), folder)
     with pytest.raises(ConfigError, match="expected a folder of 'people serve'"):
-        read_table_games(open_graph("kitchen"), folder.parent)
+        read_table_games(open_graph("kitchen"), folder.parents[1])

@@ -49,9 +49,6 @@ from wordcraft_kg.apps.text_agents.submission import (
     SCHEMA,
     Played,
     acceptable,
-    metrics_of,
-    read_lines,
-    submission_schema,
     verify,
 )
 from wordcraft_kg.base.artefacts import sha256_of
@@ -64,7 +61,6 @@ from wordcraft_kg.base.errors import (
     PlayerError,
     WordCraftKGError,
 )
-from wordcraft_kg.base.records import as_values
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
@@ -126,24 +122,21 @@ def lines_in(folder):
     return (folder / "games.jsonl").read_bytes().splitlines(keepends=True)
 
 
-@pytest.mark.slow
-def test_the_manifest_and_the_schema_are_those_that_the_script_makes(monkeypatch):
+def test_the_manifest_is_the_published_one_with_the_present_prompts(monkeypatch):
+    """Another wording is another experiment, and needs another edition of the benchmark."""
     monkeypatch.setattr(sys, "argv", ["make_benchmark.py", "--check"])
-    runpy.run_path(
-        str(Path(__file__).parents[3] / "data" / "make_benchmark.py"), run_name="__main__"
-    )
+    root = Path(__file__).parents[3]
+    runpy.run_path(str(root / "data" / "make_benchmark.py"), run_name="__main__")
+    manifest, _ = read_manifest()
+    assert manifest.prompts == {"text": prompt_hash(), "mcp": tools_hash()}
+    assert manifest.canary in (root / "docs/benchmark-rules.md").read_text()
 
 
-def test_present_prompts_are_standard_and_the_schema_is_the_written_one():
-    """Another wording is another experiment: its hash has to be added to the standard ones."""
-    standard = read_manifest()[0].standard_prompts
-    assert {prompt_hash(), tools_hash()} < {*standard}
-    assert len(standard) == len({*standard})
-    assert json.loads(SCHEMA.read_text()) == submission_schema()
-    assert (
-        read_manifest()[0].canary
-        in (Path(__file__).parents[3] / "docs/benchmark-rules.md").read_text()
-    )
+def test_no_table_of_several_attempts_tells_its_plan_by_its_size():
+    tasks = read_manifest()[0].tracks["depth-2"].tasks
+    assert {len(task.table) for task in tasks} == {7}
+    world = open_track("depth-2").world
+    assert (world.tasks.starts == world.nothing).any(), "some plans use an item twice"
 
 
 @pytest.mark.parametrize("name", ["craft-8", pytest.param("goal-8", marks=pytest.mark.slow)])
@@ -151,7 +144,7 @@ def test_present_prompts_are_standard_and_the_schema_is_the_written_one():
     "player",
     [
         "nearest-words",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("words:minilm", "oracle")),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("words:glove", "oracle")),
     ],
 )
 def test_a_scripted_player_has_the_success_of_the_evaluation(submitted, name, player):
@@ -161,9 +154,9 @@ def test_a_scripted_player_has_the_success_of_the_evaluation(submitted, name, pl
     world = World(track.opened, config)
     scripted = knowledge_players(track.opened.split)["recipe oracle"]
     if player != "oracle":
-        labels = track.opened.graph.entities
-        vectors = make_features({"nearest-words": "glove"}.get(player, "minilm"), labels)
-        scripted = nearest_words(vectors.unit_vectors)
+        vectors = "glove" if player == "words:glove" else "minilm"
+        features = make_features(vectors, track.opened.graph.entities)
+        scripted = nearest_words(features.unit_vectors)
     expected = Evaluator(world, distractor_seeds=1)(scripted)
     chosen = chosen_tasks(world, 500)
     for values in ("success", "by_plan"):
@@ -302,9 +295,9 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ({"benchmark": "everyday-v1"}, "'benchmark' is everyday-v1; expected everyday-v2"),
+        ({"benchmark": "everyday-v2"}, "everyday-v2 is another edition.*Play the track again"),
         ({"benchmark_hash": OTHER}, "'benchmark_hash' is 0000"),
-        ({"scoring": 2}, "'scoring' is 2; expected 1"),
+        ({"scoring": 1}, "'scoring' is 1; expected 2"),
         ({"graph_hash": OTHER}, "'graph_hash' is 0000"),
         ({"track": "craft-9"}, "unknown track 'craft-9'"),
         ({"track": "craft-8"}, "100 of 500 games"),
@@ -316,6 +309,7 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"prompt_hash": OTHER}, "'prompts' is none"),
         ({"prompts": "custom"}, "'prompts' is custom"),
         ({"look_ups": 1}, "'look_ups' is 1; expected 0"),
+        ({"answers_read": 0.5}, "'answers_read' is 0.5; expected 1.0"),
         ({"games_hash": OTHER}, "'games_hash' is"),
         ({"price": float("nan")}, "submission.json is damaged"),
         ({"price": -1.0}, r"Expected `float` >= 0.0|'float' >= 0.0"),
@@ -549,7 +543,9 @@ def test_a_forced_run_keeps_the_earlier_until_it_is_complete(submitted, tmp_path
         with pytest.raises(WordCraftKGError):
             bench_run("craft-8-lite", out=out, force=True, **refused)
         assert {path.name: path.read_bytes() for path in out.rglob("*.json*")} == before
-    with pytest.raises(PlayerError, match=r"are kept; to continue, repeat the command\.$"):
+    with pytest.raises(
+        PlayerError, match=r"Finished games are in .*; repeat the command to continue\.$"
+    ):
         bench_run("craft-8-lite", player=stops, out=out, force=True)
     assert verify(out).games_hash == sha256_of(out / "games.jsonl")
     assert (out / "submission.json").read_bytes() == before["submission.json"]
@@ -584,7 +580,7 @@ def kitchen_track(opened_kitchen, monkeypatch):
     )
     track = Track(
         "craft-8",
-        "everyday-v2",
+        "everyday-v3",
         "kitchen",
         FrozenTrack("", "by-recipe", 1, 1, 3, tasks),
         opened_kitchen,
@@ -685,7 +681,7 @@ def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_pat
     edit(copied(), look_ups=1)
     with pytest.raises(ArtefactError, match="'look_ups' is 1"):
         bench_leaderboard(tmp_path / "copy", out=page)
-    with pytest.raises(ArtefactError, match="has no submission"):
+    with pytest.raises(ArtefactError, match=r"nothing/submission\.json is missing"):
         bench_leaderboard(tmp_path / "nothing", out=page)
 
 
@@ -792,56 +788,43 @@ def test_a_name_from_a_folder_becomes_one_that_a_submission_may_hold(name, shown
     assert len(acceptable("x" * 300, 100)) == 100
 
 
-SECOND = {
-    "printed": "import json, sys\nfor line in sys.stdin:\n m = json.loads(line)\n"
-    ' print(f\'1 {m["table"][0]} + 2 {m["table"][1]}\', flush=True)',
-    "places": FIRST_TWO,
+READING = {
+    "printed": ('f\'1 {m["table"][0]} + 2 {m["table"][1]}\'', "100.0%, 0 attempts lost", 1),
+    "tags": ('f\'<answer>{m["table"][0]} and {m["table"][1]}</answer>\'', "100.0%", 1),
+    "unread": ("'I would rather not.'", "0.0%, 100 attempts lost", 0),
 }
 
 
-def test_a_run_prints_invalid_answers_and_the_present_score(tmp_path, capsys):
-    """A run prints invalid answers and the figure under the present grammar."""
-    views = {}
-    for name, code in SECOND.items():
-        out = tmp_path / name
-        bench_run("craft-8-lite", player=f"program:{PYTHON} -c {shlex.quote(code)}", out=out)
-        views[name] = capsys.readouterr().out.splitlines()
-    printed, places = views["printed"], views["places"]
-    assert printed[1] == "answers    400 of 400 invalid (100.0%), 100 attempts lost"
-    assert places[1] == "answers    0 of 100 invalid (0.0%), 0 attempts lost"
-    assert printed[2].startswith("grammar 1  0.000 [")
-    # The first two items, by place in grammar 1 and as printed in grammar 2, make the same goals.
-    score = places[2].removeprefix("grammar 1  ").removesuffix(", the score of this track")
-    assert places[3] == printed[3] == f"grammar 2  {score}, 0 of 100 invalid (0.0%)"
-    assert verify(tmp_path / "printed").figures.mean == 0
-
-
-@pytest.mark.slow
-def test_a_game_that_would_go_on_has_no_second_score(tmp_path, capsys):
-    """A game that would have gone on with other prompts has no second figure."""
-    player = f"program:{PYTHON} -c {shlex.quote(SECOND['printed'])}"
-    bench_run("depth-2-lite", player=player, out=tmp_path / "out")
-    lines = capsys.readouterr().out.splitlines()
-    assert re.fullmatch(
-        r"grammar 2  not known: \d+ of 100 games would have gone on differently", lines[3]
+@pytest.mark.parametrize(
+    "name", ["printed", "unread", pytest.param("tags", marks=pytest.mark.slow)]
+)
+def test_a_run_prints_the_share_of_answers_that_are_read(submitted, tmp_path, capsys, name):
+    written, shown, share = READING[name]
+    code = f"import json, sys\nfor line in sys.stdin:\n m = json.loads(line)\n print({written}, flush=True)"
+    bench_run("craft-8-lite", player=f"program:{PYTHON} -c {shlex.quote(code)}", out=tmp_path)
+    assert capsys.readouterr().out.splitlines()[1].startswith(f"answers read  {shown}")
+    record = verify(tmp_path)
+    assert record.answers_read == share
+    # The first two items, however they are written.
+    pairs, by_place = (
+        [json.loads(line)["pairs"] for line in lines_in(folder)]
+        for folder in (tmp_path, submitted("craft-8-lite", PROGRAM))
     )
+    assert (pairs == by_place) == bool(share)
+    bench_leaderboard(tmp_path, out=tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text()
+    assert re.search(rf"\| answers read \| mark \|\n.*\n.* \| {share:.1%} \| replayed \|", page)
 
 
-def test_submissions_with_intervals_over_tasks_stay_valid(copied):
-    """Submissions with an interval over tasks stay valid and are shown over goals."""
-    folder = copied("goal-8-lite", "votes")
-    record = json.loads((folder / "submission.json").read_text())
-    track = open_track("goal-8-lite")
-    lines = read_lines(folder, track, track.play())
-    now, before = metrics_of(track, lines), metrics_of(track, lines, by_task=True)
-    assert record["figures"] == as_values(now)
-    assert now.mean == before.mean
-    assert (now.ci_low, now.ci_high) != (before.ci_low, before.ci_high)
-    edit(folder, figures=as_values(before))
-    assert verify(folder).figures == now
-    edit(folder, figures=as_values(before) | {"ci_high": 0.999999})
-    with pytest.raises(ArtefactError, match="'figures' is"):
-        verify(folder)
+@pytest.mark.parametrize("name", ["everyday-v2/craft-8-lite", "everyday-v1/craft-8"])
+def test_a_track_of_another_edition_says_what_changed_and_how_to_play_again(name):
+    edition = name.partition("/")[0]
+    with pytest.raises(
+        ConfigError, match=f"{edition} is another edition than everyday-v3, which"
+    ) as error:
+        open_track(name)
+    assert "bench run" in str(error.value)
+    assert open_track("everyday-v3/craft-8-lite").name == "craft-8-lite"
 
 
 def archived(folder, path, names=("submission.json", "games.jsonl")):
@@ -851,11 +834,23 @@ def archived(folder, path, names=("submission.json", "games.jsonl")):
     return path
 
 
-def test_an_archive_of_the_two_files_is_a_submission_too(submitted, tmp_path):
+def test_an_archive_holds_a_submission_or_those_of_a_track(submitted, tmp_path, capsys):
     folder = submitted(player="votes")
     archive = archived(folder, tmp_path / "votes.zip")
     assert verify(archive) == verify(folder)
-    bench_leaderboard(tmp_path, out=tmp_path / "page.md")
+    several = tmp_path / "all" / "craft-8-lite.zip"
+    several.parent.mkdir()
+    with zipfile.ZipFile(several, "w") as packed:
+        for player in ("votes", "random"):
+            for file in submitted(player=player).glob("*.json*"):
+                packed.write(file, f"{player}/{file.name}")
+    assert verify(several / "votes") == verify(folder)
+    with pytest.raises(ArtefactError, match=r"graph has no submission\.json"):
+        verify(several / "graph")
+    assert bench_verify(several.parent) == 0
+    shown = capsys.readouterr().out.splitlines()[-2:]
+    assert [Path(line.split()[-1]).name for line in shown] == ["random", "votes"]
+    bench_leaderboard(several.parent, out=tmp_path / "page.md")
     assert "| reproduced |" in (tmp_path / "page.md").read_text()
 
 

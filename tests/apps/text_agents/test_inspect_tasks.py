@@ -212,7 +212,7 @@ def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
 def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     task = crafting("kitchen", tasks=4, depth=2, max_invalid=1)
     # No log can hold half a character: it must not fail, or the game would be played again.
-    answers = ("", "unicorn + [dragon]\ud800", "1 + 2\nthat is all", "1 + 1")
+    answers = ("", "unicorn + [dragon]\ud800", "1 + 2 or 3\nthat is all", "1 + 1")
     answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
     log = play(task, lambda messages: answer_to[messages[1].text], message_limit=7)
     *invalid, valid = (sample.scores["goal_made"] for sample in log.samples)
@@ -305,7 +305,7 @@ def test_a_log_of_a_benchmark_track_becomes_a_submission_that_verifies(play, tmp
     assert submission.invalid_actions >= submission.figures.games == len(log.samples)
     assert submission.tokens["input"] == 10 * submission.tokens["output"] > 0
     with pytest.raises(
-        ConfigError, match=f"are of everyday-v2/{track}; expected everyday-v2/craft-8-lite"
+        ConfigError, match=f"are of everyday-v3/{track}; expected everyday-v3/craft-8-lite"
     ):
         bench_run("craft-8-lite", player=f"inspect:{log.location}", out=tmp_path / "other")
     with pytest.raises(ConfigError, match="the games have none"):

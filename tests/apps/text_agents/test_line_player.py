@@ -202,6 +202,18 @@ def test_stderr_of_a_program_is_shown_safely_up_to_a_limit(capfd, monkeypatch):
     )
 
 
+def test_a_json_string_is_an_answer_of_several_lines(games):
+    """Quotes around an answer of one line, and a half of a character, are read as before."""
+    for written, said in (
+        (r'"Let me think.\n1 + 2\nIt may work."', "Let me think.\n1 + 2\nIt may work."),
+        ('"1" + "2"', '"1" + "2"'),
+        (r'"\ud800 + 2"', "? + 2"),
+    ):
+        code = f"for _ in open(0): print({written!r}, flush=True)"
+        with LinePlayer(f"{shlex.quote(sys.executable)} -c {shlex.quote(code)}") as player:
+            assert player.speaker(Conversation(games.begin()))("") == said
+
+
 def test_bytes_outside_utf_8_are_an_invalid_answer(games):
     code = "import os\nwhile True: input(); os.write(1, bytes([255, 254, 10]))"
     with LinePlayer(program(code)) as player:

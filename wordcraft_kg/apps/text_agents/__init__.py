@@ -21,11 +21,11 @@ What lies where:
 * results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as
   agent evaluation), ``result_reader`` (recorded games for the explorer);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
-  (write and verify), ``second_reading``, ``leaderboard``;
+  (write and verify), ``leaderboard``;
 * ``commands``: the commands, by entry points in ``pyproject.toml``.
 
 Change freely: kinds of players, wording of errors, tables, commands. A changed prompt makes another
-experiment: its hash is in every result and submission, and ``benchmark`` lists all standard ones.
-Change only with a new version: the answer grammar, ``data/`` and the fields of ``Submission`` and
-``GameLine``, because published submissions are compared byte by byte.
+experiment: its hash is in every result and submission, and the manifest has the standard ones.
+Change only with a new version: ``data/`` and the fields of ``Submission`` and ``GameLine``, because
+published submissions are compared byte by byte.
 """

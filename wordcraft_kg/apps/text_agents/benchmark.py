@@ -33,25 +33,11 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.tasks import Rows, TaskSet
 
-MANIFEST = Path(__file__).parent / "data" / "everyday-v2.json"
+MANIFEST = Path(__file__).parent / "data" / "everyday-v3.json"
 # With 100 tasks a 95 % interval is at most 20 points wide, enough to tell clearly different players
 # apart, at a price that a language model's user can pay.
 LITE_TASKS = 100
 LITE_ATTEMPTS = 100
-# A published track reads answers as on its first day. Otherwise, a more lenient grammar would raise
-# the scores of new submissions over those of old ones.
-_GRAMMAR_OF_SCORING = {1: 1}
-"""Version of the answer grammar by version of the scoring."""
-_LATER_PROMPTS = {
-    "text": "a865f37a71efe9aa1c05b5fa3e3a7292273f47f2f515f63fce5b609247278f6f",
-    "mcp": "574c23e7e7fd6cc941d819507a7093223def356885dbb3422c131dc261ba6f3a",
-}
-"""Hash of the present standard prompts by interface.
-
-The manifest has those of the first day, and stays as it was published. Games of both wordings are
-rows of the same track, since its tasks and its scoring are the same; each row names its wording. A
-new wording is added here.
-"""
 # The first group is lazy: both endings belong to the name's form, not to the track's own name.
 _NAME = re.compile(r"(.+?)(-lite)?(-made-up)?")
 
@@ -111,10 +97,10 @@ class Manifest(Record, frozen=True, kw_only=True):
         format: format of the file.
         name: name with version, such as in recorded games.
         date: day of publication.
-        scoring: version of the rules of scoring.
+        scoring: version of the rules of scoring, which include the answer grammar.
         licence: licence of the tasks.
         canary: a unique text, by which training data that contains the benchmark can be recognised.
-        prompts: hash of the first standard prompts by interface; :attr:`standard_prompts` has all.
+        prompts: hash of the standard prompts by interface; other prompts are custom.
         books: the book of the tracks and the same book with made-up words, in this order.
         tracks: tracks by name, without the endings of shorter tracks and of made-up words.
     """
@@ -128,11 +114,6 @@ class Manifest(Record, frozen=True, kw_only=True):
     prompts: dict[str, Hash]
     books: dict[str, FrozenBook]
     tracks: dict[str, FrozenTrack]
-
-    @property
-    def standard_prompts(self) -> tuple[str, ...]:
-        """Hashes of all wordings of the standard prompts, the first ones first."""
-        return (*self.prompts.values(), *_LATER_PROMPTS.values())
 
     @property
     def names(self) -> list[str]:
@@ -212,7 +193,6 @@ class Track:
             "track": self.full_name,
             "max_invalid": MAX_INVALID,
             "look_ups": LOOK_UPS,
-            "answer_grammar": _GRAMMAR_OF_SCORING[read_manifest()[0].scoring],
         }
         games: TaskGames | DiscoveryGames
         played_in: World | OpenEndedEnv
@@ -229,15 +209,29 @@ class Track:
         return Play(games, settings, knowledge)
 
 
+def edition_text(edition: str) -> str:
+    """Return what the present edition changes, and how to play again, for games of another one."""
+    name = read_manifest()[0].name
+    return (
+        f"{edition[:100]} is another edition than {name}, which reads more forms of answers, and "
+        "has seven items on each table of depth-2. Play the track again: `wordcraft-kg bench run "
+        "TRACK --player PLAYER --out FOLDER`."
+    )
+
+
 @cache
 def open_track(name: str) -> Track:
-    """Open a track by its name, such as ``craft-8-lite-made-up``.
+    """Open a track by its name, such as ``craft-8-lite-made-up``, perhaps behind the benchmark's.
 
     Raises:
-        ConfigError: if there is no such track.
+        ConfigError: if there is no such track, or it is of another edition of the benchmark.
         GraphMismatchError: if this version of the package has another state of the book.
     """
     manifest, _ = read_manifest()
+    edition, has_edition, rest = name.rpartition("/")
+    if has_edition and edition != manifest.name:
+        raise ConfigError(f"track '{name[:100]}': {edition_text(edition)}")
+    name = rest
     if name not in manifest.names:
         raise ConfigError(
             f"unknown track '{name[:100]}'; expected one of {', '.join(manifest.tracks)}, with "

@@ -5,7 +5,6 @@ packages add kinds by the entry point group ``wordcraft_kg.bench_players``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -15,18 +14,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
-from wordcraft_kg.apps.text_agents.benchmark import Track, open_track
+from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track
 from wordcraft_kg.apps.text_agents.games import Pair
 from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
-    GamesHeader,
     PlayedSettings,
     TaskGameRecord,
     WorldGameRecord,
 )
-from wordcraft_kg.apps.text_agents.results import play_all, read_games, replaced_games
+from wordcraft_kg.apps.text_agents.results import play_program, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
 from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
@@ -56,13 +54,20 @@ _TRAINED_ON = {
 }
 _SCRIPTED = {
     "random": ("random", "random"),
-    "nearest-words": ("nearest words", "nearest-words"),
+    "nearest-words": ("nearest words (glove)", "nearest-words"),
     "votes": ("partial KG, votes", ""),
     "graph": ("partial KG, u+v", ""),
     "oracle": ("recipe oracle", "greedy"),
 }
 """Names of scripted players by kind, and of the discoverers that play open-ended games for them."""
-_USES = {"votes": "partial", "graph": "partial", "oracle": "full"}
+_KNOWS = {
+    "random": _TRAINED_ON["none"],
+    "nearest-words": f"{_TRAINED_ON['none']}, words",
+    "votes": _TRAINED_ON["partial"],
+    "graph": _TRAINED_ON["partial"],
+    "oracle": _TRAINED_ON["full"],
+}
+"""What scripted players declare as training data."""
 _BEST_PAIR = ("w, best pair", "u+v, self edges dropped")
 _OWN_LICENCE = "Apache-2.0"
 _POLICY = "policy.safetensors"
@@ -99,7 +104,6 @@ class Entrant:
         prompt_hash: hash of the prompts that were read; None for a player without text.
         weights: SHA-256 by file name; empty without weights.
         tokens: numbers of tokens by kind (input, output); None if not counted.
-        answers: for each game the player's messages in order; empty if they were not recorded.
     """
 
     name: str
@@ -109,7 +113,6 @@ class Entrant:
     prompt_hash: str | None = None
     weights: Mapping[str, str] = field(default_factory=dict)
     tokens: Mapping[str, int] | None = None
-    answers: Sequence[Sequence[str]] = ()
 
 
 @dataclass(frozen=True)
@@ -200,38 +203,28 @@ def discoveries(track: Track, player: Discoverer) -> list[Played]:
 
 def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
     def enter(track: Track, argument: str, settings: RunSettings) -> Entrant:
-        on_tasks, in_world = _SCRIPTED[kind]
-        knows = _TRAINED_ON[_USES.get(kind, "none")]
-        if kind == "nearest-words":
-            return _words(track, "glove", settings)
+        name, in_world = _SCRIPTED[kind]
         if track.is_open_ended and in_world:
             (player,) = make_discoverers([in_world], track.opened.graph).values()
-            return Entrant(on_tasks, discoveries(track, player), knows, _OWN_LICENCE)
-        from wordcraft_kg.agents.players import knowledge_players  # loads torch
-
-        players = knowledge_players(track.world.split)
-        return Entrant(on_tasks, decisions(track, players[on_tasks]), knows, _OWN_LICENCE)
+            return Entrant(name, discoveries(track, player), _KNOWS[kind], _OWN_LICENCE)
+        name, chooser = named_player(kind, track.opened, track.world.tasks)
+        return Entrant(name, decisions(track, chooser), _KNOWS[kind], _OWN_LICENCE)
 
     return enter
 
 
 def _words(track: Track, vectors: str, settings: RunSettings) -> Entrant:
     """Let the items with the nearest words play, with vectors as for ``--features``."""
-    title, in_world = _SCRIPTED["nearest-words"]
-    knows = f"{_TRAINED_ON['none']}, {vectors} words"
-    if track.is_open_ended:
-        (player,) = make_discoverers([in_world], track.opened.graph).values()
-        return Entrant(title, discoveries(track, player), knows, _OWN_LICENCE)
     from wordcraft_kg.agents.players import nearest_words  # these load torch
     from wordcraft_kg.models.scorers.features import glove_features, make_features
 
-    labels = track.opened.graph.entities
-    # Rows on the boards are those of GloVe, by the plain name. Made-up words have no vector there.
-    is_glove = vectors == "glove"
-    features = glove_features(labels) if is_glove else make_features(vectors, labels)
+    labels = track.world.graph.entities
+    # Made-up words have no vector.
+    features = glove_features(labels) if vectors == "glove" else make_features(vectors, labels)
+    # Another name than that of `nearest-words`, which may have these vectors on another track.
+    name = f"nearest words by {vectors}"
     chooser = nearest_words(features.unit_vectors)
-    name = title if is_glove else f"{title} ({vectors})"
-    return Entrant(name, decisions(track, chooser), knows, _OWN_LICENCE)
+    return Entrant(name, decisions(track, chooser), _KNOWS["nearest-words"], _OWN_LICENCE)
 
 
 def _with_model(
@@ -413,22 +406,15 @@ def _check_split(folder: str, split: str, track: Track) -> None:
 def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     play = track.play(settings.look_ups)
     with LinePlayer(argument, timeout=settings.timeout) as program:
-        header = GamesHeader(player=program.name, settings=play.settings)
         folder = settings.messages
-        replaced = replaced_games(folder, header) if settings.is_replacing else nullcontext(folder)
-        with replaced as games:
-            play_all(program.name, program.speaker, play, games)
+        play_program(program, program.name, play, folder, is_replacing=settings.is_replacing)
     played = read_games(settings.messages / GAMES_FILE)[1]
-    # Prompts and answers take turns, beginning with a prompt.
-    answers = [one.messages[1::2] for one in played]
-    return _recorded(track, settings, program.name, play.settings, played, answers)
+    return _recorded(track, settings, program.name, play.settings, played)
 
 
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    logged = read_logged_games(Path(argument), with_answers=True)
-    entrant = _recorded(
-        track, settings, logged.model, logged.settings, logged.games, logged.answers
-    )
+    logged = read_logged_games(Path(argument))
+    entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
     return replace(entrant, tokens=logged.tokens)
 
 
@@ -443,7 +429,6 @@ def _recorded(
     name: str,
     settings: PlayedSettings,
     played: Sequence[TaskGameRecord | WorldGameRecord],
-    answers: Sequence[Sequence[str]] = (),
 ) -> Entrant:
     """Return the decisions in recorded games, in the order of the track.
 
@@ -455,12 +440,14 @@ def _recorded(
         name: the player's name.
         settings: the recorded settings.
         played: the recorded games in any order, some perhaps several times.
-        answers: for each recorded game the player's messages; empty if they were not recorded.
 
     Raises:
         ConfigError: for games of another track, with other look-ups, or if a game is missing:
             a selection of games is no result for the track.
     """
+    edition = (settings.track or "").partition("/")[0]
+    if edition not in ("", track.benchmark):
+        raise ConfigError(f"the games of '{name}': {edition_text(edition)}")
     if settings.track != track.full_name:
         raise ConfigError(
             f"the games of '{name}' are of {settings.track or 'no track'}; expected "
@@ -481,11 +468,9 @@ def _recorded(
             f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play "
             f"game {min(missing)}."
         )
-    order = [first[number] for number in range(len(track))]
-    counted = [played[place] for place in order]
-    games = [Played(one.pairs, one.look_ups, one.invalid_actions) for one in counted]
-    messages = [answers[place] for place in order] if answers else []
-    return Entrant(name, games, prompt_hash=settings.prompt_hash, answers=messages)
+    counted = [played[first[number]] for number in range(len(track))]
+    games = [Played(game.pairs, game.look_ups, game.invalid_actions) for game in counted]
+    return Entrant(name, games, prompt_hash=settings.prompt_hash)
 
 
 KINDS: Registry[Kind] = Registry(
@@ -493,9 +478,11 @@ KINDS: Registry[Kind] = Registry(
     {
         "random": Kind("chance", "", _scripted("random")),
         "nearest-words": Kind(
-            "the items with the words nearest to the goal, by GloVe", "", _scripted("nearest-words")
+            "the items with the words nearest to the goal, by the best built-in vectors",
+            "",
+            _scripted("nearest-words"),
         ),
-        "words": Kind("the same by other vectors, such as words:minilm", "VECTORS", _words),
+        "words": Kind("the same by other vectors, such as words:glove", "VECTORS", _words),
         "votes": Kind("votes of the train recipes on pairs", "", _scripted("votes")),
         "graph": Kind("links of the train recipes, without learning", "", _scripted("graph")),
         "oracle": Kind("knows all recipes", "", _scripted("oracle")),

@@ -15,9 +15,9 @@ from wordcraft_kg.apps.text_agents.settings import (
     EvaluationSettings,
     GameSettings,
 )
-from wordcraft_kg.base.answers import read_answer
+from wordcraft_kg.base.answers import answer_line, read_answer
 from wordcraft_kg.base.errors import ActionError
-from wordcraft_kg.base.labels import ANSWER_GRAMMAR, last_line, read_label
+from wordcraft_kg.base.labels import read_label
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.words import prompt_text
 from wordcraft_kg.envs.world import World
@@ -37,7 +37,6 @@ class Conversation:
 
     Attributes:
         game: the game.
-        grammar: version of the answer grammar.
         invalid_actions: number of messages that were not understood.
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
@@ -58,7 +57,6 @@ class Conversation:
         *,
         max_invalid: int = MAX_INVALID,
         look_ups: int = LOOK_UPS,
-        grammar: int = ANSWER_GRAMMAR,
     ):
         """Begin a conversation.
 
@@ -67,10 +65,8 @@ class Conversation:
             knowledge: source of look-ups; None offers none.
             max_invalid: consecutive invalid messages without cost; the next one costs an attempt.
             look_ups: look-ups in the game.
-            grammar: version of the answer grammar, see :mod:`wordcraft_kg.base.answers`.
         """
         self.game = game
-        self.grammar = grammar
         self.invalid_actions = 0
         self.lost_attempts = 0
         self.look_ups = 0
@@ -102,6 +98,11 @@ class Conversation:
         """Whether the game is over."""
         return self.game.is_over
 
+    @property
+    def after_the_end(self) -> str:
+        """Reply to a message after the end of the game, which changes nothing; else empty."""
+        return f"This game is over. {self.game.state}" if self.is_over else ""
+
     def hear(self, message: str) -> str:
         """Carry out the attempt or look-up in a player's message.
 
@@ -127,10 +128,7 @@ class Conversation:
 
         def attempt() -> str:
             at_hand = self.game.labels
-            one, other = (
-                read_label(item, at_hand, grammar=self.grammar) for item in (first, second)
-            )
-            return self.game.combine(one, other)
+            return self.game.combine(read_label(first, at_hand), read_label(second, at_hand))
 
         return self._answer(attempt)
 
@@ -149,12 +147,12 @@ class Conversation:
 
     def _act(self, message: str) -> str:
         """Carry out the attempt or look-up in a message; ActionError if there is none."""
-        line = last_line(message)
+        line = answer_line(message, self.game.labels)
         # Without knowledge "look up" is an ordinary word: an entity may have this label.
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         if look_up is not None:
             return self.look_up(self._entity(look_up[1]))[1]
-        pair = read_answer(message, self.game.labels, grammar=self.grammar)
+        pair = read_answer(message, self.game.labels)
         return self.game.combine(*pair)
 
     def _entity(self, label: str) -> int:
@@ -162,7 +160,7 @@ class Conversation:
 
         By label alone: numbers stand for the entities at hand.
         """
-        return read_label(label, self.game.graph.entities, by_number=False, grammar=self.grammar)
+        return read_label(label, self.game.graph.entities, by_number=False)
 
     def look_up(self, entity: int) -> tuple[list[str], str]:
         """Count a look-up, and return an entity's facts as lines, and as a reply.
@@ -279,9 +277,5 @@ class Play:
         rules = self.settings
         game = self.games.begin(task, distractor_seed)
         return Conversation(
-            game,
-            self.knowledge,
-            max_invalid=rules.max_invalid,
-            look_ups=rules.look_ups,
-            grammar=rules.answer_grammar,
+            game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups
         )

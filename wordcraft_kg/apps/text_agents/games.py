@@ -31,11 +31,18 @@ class Game(ABC):
         graph: the recipe graph.
         rules: prompt text with the rules.
         pairs: labels of the combined pairs so far; None for a lost attempt.
+        is_made: whether the goal was made.
+        by_plan: whether the last pair of one of the task's plans made it.
+        reward: sum of the environment's rewards so far: 1 for the goal, and shaped rewards if the
+            world has some; 0 in the open-ended world.
     """
 
     goal: str | None = None
     tasks: TaskSet | None = None
     task = -1
+    is_made = False
+    by_plan = False
+    reward = 0.0
 
     def __init__(self, graph: RecipeGraph, aim: str):
         """Begin a game; ``aim`` is the key for the prompt text about the aim, such as ``goal``."""
@@ -127,10 +134,6 @@ class TaskGame(Game):
         distractor_seed: seed of the distractors on the table.
         start: labels on the table at the start, in slot order.
         attempts: attempts in the game.
-        is_made: whether the goal was made.
-        by_plan: whether the last pair of one of the task's plans made it.
-        reward: sum of the environment's rewards so far: 1 for the goal, and shaped rewards if the
-            world has some.
         actions: number of actions, as agent evaluation counts them: two for an attempt, one for an
             attempt that was lost by invalid messages.
     """
@@ -160,9 +163,6 @@ class TaskGame(Game):
         self.goal = self.graph.entities[env.state.goal]
         self.start = self.labels
         self.attempts = env.world.config.attempts
-        self.is_made = False
-        self.by_plan = False
-        self.reward = 0.0
         self.actions = 0
         self._tried: set[tuple[str, ...]] = set()
 

@@ -68,12 +68,10 @@ class HostedGame:
             OSError: if the game is over now, and its record cannot be written.
         """
         game = self.talk.game
-        grammar = self.talk.grammar
         message = f"{first} + {second}"
         with self._hearing(message):
-            one = read_label(first, game.labels, grammar=grammar)
-            other = read_label(second, game.labels, grammar=grammar)
-            result = game.combine(one, other)
+            places = (read_label(first, game.labels), read_label(second, game.labels))
+            result = game.combine(*places)
         self._note(message, result)
         self._keep_if_over()
         return result
@@ -88,7 +86,7 @@ class HostedGame:
         entities = self.talk.game.graph.entities
         message = f"look up {item}"
         with self._hearing(message):
-            entity = read_label(item, entities, by_number=False, grammar=self.talk.grammar)
+            entity = read_label(item, entities, by_number=False)
             facts, reply = self.talk.look_up(entity)
         self._note(message, "\n".join(facts))
         return entities[entity], facts, reply
@@ -108,7 +106,7 @@ class HostedGame:
     @contextmanager
     def _hearing(self, message: str) -> Iterator[None]:
         if self.talk.is_over:
-            raise EpisodeError(f"This game is over. {self.talk.game.state} Start a new game.")
+            raise EpisodeError(f"{self.talk.after_the_end} Start a new game.")
         try:
             yield
         except ActionError as error:

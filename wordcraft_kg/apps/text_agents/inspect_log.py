@@ -54,14 +54,12 @@ class LoggedGames:
         settings: settings of the games.
         games: records of the games, without messages.
         tokens: numbers of tokens by kind (input, output), over all models in the log.
-        answers: for each game the model's messages; empty if not asked for.
     """
 
     model: str
     settings: PlayedSettings
     games: Sequence[TaskGameRecord | WorldGameRecord]
     tokens: Mapping[str, int]
-    answers: Sequence[Sequence[str]] = ()
 
 
 def read_inspect_log(path: str | Path, opened: OpenedGraph | None = None) -> TextResult:
@@ -80,7 +78,7 @@ def read_inspect_log(path: str | Path, opened: OpenedGraph | None = None) -> Tex
     return result_of(logged.model, logged.settings, logged.games, groups)
 
 
-def read_logged_games(path: Path, *, with_answers: bool = False) -> LoggedGames:
+def read_logged_games(path: Path) -> LoggedGames:
     """Read a language model's games from an Inspect log of ``crafting`` or ``discovery``.
 
     The player is the model's name. A game that an Inspect limit ended counts. A game that was not
@@ -89,14 +87,13 @@ def read_logged_games(path: Path, *, with_answers: bool = False) -> LoggedGames:
 
     Args:
         path: the log's file, ``.eval`` or ``.json``.
-        with_answers: also read the model's messages, the largest part of a log.
 
     Raises:
         MissingExtraError: if Inspect AI is not installed.
         ArtefactError: for a missing or damaged file, the log of another Inspect task, or missing
             games.
     """
-    log = _read(path, with_messages=with_answers)
+    log = _read(path)
     about = (log.eval.metadata or {}).get(METADATA)
     if about is None:
         raise ArtefactError(
@@ -115,15 +112,10 @@ def read_logged_games(path: Path, *, with_answers: bool = False) -> LoggedGames:
         "input": sum(one.input_tokens for one in used),
         "output": sum(one.output_tokens for one in used),
     }
-    answers: list[list[str]] = []
-    if with_answers:
-        # The same samples as in `_scores`, in the same order.
-        scored = [sample for sample in log.samples or [] if _score(sample) is not None]
-        answers = [_answers(sample) for sample in scored]
-    return LoggedGames(log.eval.model, settings, games, tokens, answers)
+    return LoggedGames(log.eval.model, settings, games, tokens)
 
 
-def _read(path: Path, *, with_messages: bool) -> "EvalLog":
+def _read(path: Path) -> "EvalLog":
     try:
         from inspect_ai.log import read_eval_log
     except ModuleNotFoundError:
@@ -131,9 +123,7 @@ def _read(path: Path, *, with_messages: bool) -> "EvalLog":
     if not path.is_file():
         raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
     try:
-        # Long messages are stored once, as attachments.
-        skipped = _NOT_NEEDED - {"messages", "attachments"} if with_messages else _NOT_NEEDED
-        return read_eval_log(str(path), resolve_attachments=with_messages, exclude_fields=skipped)
+        return read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
     except Exception as error:  # a damaged file may raise any error
         raise ArtefactError(
             f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)})."
@@ -170,10 +160,6 @@ def _score(sample: "EvalSample") -> dict[str, Any] | None:
         if sample.error is None and sample.scores and name in sample.scores:
             return sample.scores[name].metadata or {}
     return None
-
-
-def _answers(sample: "EvalSample") -> list[str]:
-    return [message.text for message in sample.messages if message.role == "assistant"]
 
 
 def played_of(values: Mapping[str, Any] | None, kind: type[_Played], where: str) -> _Played:

@@ -13,10 +13,9 @@ from wordcraft_kg.apps.text_agents.submission import (
     Submission,
     answers_text,
     metrics_text,
-    verified_games,
+    verify,
 )
-from wordcraft_kg.apps.text_agents.submission_files import submissions_below
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.apps.text_agents.submission_files import submissions_at
 from wordcraft_kg.base.escaping import for_markdown, look_alike_key
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.wording import counted
@@ -43,12 +42,15 @@ class _Row:
     Attributes:
         submission: the submission.
         mark: replayed or reproduced.
-        answers: number and share of invalid answers as text; empty for players without text.
     """
 
     submission: Submission
     mark: str
-    answers: str
+
+    @property
+    def answers_read(self) -> str:
+        """Share of the answers that the grammar reads; empty for players without text."""
+        return "" if self.submission.prompts == "none" else answers_text(self.submission)
 
 
 def leaderboard_page(folder: Path) -> str:
@@ -61,25 +63,19 @@ def leaderboard_page(folder: Path) -> str:
         ConfigError: if a submission is of an unknown track, or declares a text with refused
             characters.
     """
-    paths = submissions_below(folder)
-    if not paths:
-        raise ArtefactError(
-            f"'{folder}' has no submission; expected folders of `wordcraft-kg bench run`, or "
-            "archives of them."
-        )
+    paths = submissions_at(folder)
     marked = [_marked(path) for path in steps("verifying submissions", paths)]
     return "\n".join(_lines(marked)) + "\n"
 
 
 def _marked(path: Path) -> _Row:
-    submission, lines = verified_games(path)
-    answers = "" if submission.prompts == "none" else answers_text(lines)
+    submission = verify(path)
     # A kind with an argument needs a model or a program, and to start a foreign program is no part
     # of making a page.
     if submission.kind not in KINDS or KINDS[submission.kind].argument:
-        return _Row(submission, "replayed", answers)
+        return _Row(submission, "replayed")
     reproduce(path, submission, submission.kind)
-    return _Row(submission, "reproduced", answers)
+    return _Row(submission, "reproduced")
 
 
 def _twins(marked: Sequence[_Row]) -> set[str]:
@@ -122,7 +118,8 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     )
     yield (
         f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). "
-        "A bar shows the 95 % interval, a thin line chance."
+        "A bar shows the 95 % interval, a thin line chance; *answers read* is the share of a "
+        "text player's answers that the grammar reads."
     )
     yield (
         f"† marks a success above {SENSIBLE:.0%}, the share of sensible recipes in the book: "
@@ -202,7 +199,7 @@ def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
         return
     is_open_ended = ranked[0].submission.figures.by_plan is None
     result = "known items" if is_open_ended else "success"
-    titles = ["rank", "player", result, "by plan", "invalid", "mark"]
+    titles = ["rank", "player", result, "by plan", "answers read", "mark"]
     ends = [one.submission.figures.ci_high for one in rows]
     most = max(1.0, *ends)
     lines = []
@@ -249,7 +246,7 @@ def _cells(
     bar = f'<span class="bar" style="--low: {low}; --at: {at}; --high: {high}">{ticks}</span>'
     yield f"{metrics_text(figures)} {bar}"
     yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
-    yield row.answers.partition("(")[2].removesuffix(")")
+    yield row.answers_read
     yield row.mark
 
 
@@ -288,7 +285,7 @@ def _details(row: _Row, twins: set[str]) -> Iterator[str]:
         "weights": for_markdown(", ".join(hashes)),
         "prompts": f"{submission.prompts} {prompt_hash[:_HASH]}".strip(),
         "look-ups": look_ups,
-        "answers": row.answers,
+        "answers read": row.answers_read,
         "cost": ", ".join(costs),
         "licence": for_markdown(submission.licence),
         "date": submission.date or "",

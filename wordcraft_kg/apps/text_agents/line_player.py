@@ -237,7 +237,7 @@ class LinePlayer:
                 f"wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two items, such as "
                 "'water + earth'."
             )
-        return answer.decode(errors="replace").rstrip("\r\n")
+        return _message_in(answer.decode(errors="replace").rstrip("\r\n"))
 
     def _error(self, problem: str) -> PlayerError:
         return PlayerError(f"player '{self.name}' {problem}")
@@ -350,6 +350,18 @@ def _processes_of(pid: int | None, tag: str) -> set[int]:
     while more := {child for child, parent in parents.items() if parent in found} - found:
         found |= more
     return found - {os.getpid()}
+
+
+def _message_in(line: str) -> str:
+    """Return the message in a line: a JSON string holds one of several lines."""
+    if not line.startswith('"'):
+        return line
+    with suppress(ValueError, RecursionError):
+        message = json.loads(line)
+        if isinstance(message, str):
+            # Half of a surrogate pair cannot be written into a record.
+            return message.encode(errors="replace").decode()
+    return line
 
 
 def name_of(words: list[str]) -> str:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.hosted_games import KeptGames
 from wordcraft_kg.apps.text_agents.named_games import GameList, NamedGame
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
@@ -128,15 +127,14 @@ class CraftingSession:
             raise EpisodeError("there is no game; send reset first.")
         talk = self._talk
         if talk.is_over:
-            text = f"This game is over. {talk.game.state}"
-            return self._observation(talk, text, reward=0.0)
-        before = _task_game(talk).reward
+            return self._observation(talk, talk.after_the_end, reward=0.0)
+        before = talk.game.reward
         said, reply = self._acted(talk, action)
         self._steps += 1
         self._messages += [said, reply]
         if talk.is_over:
             self._record(talk)
-        return self._observation(talk, reply, reward=_task_game(talk).reward - before)
+        return self._observation(talk, reply, reward=talk.game.reward - before)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -188,7 +186,7 @@ class CraftingSession:
         self, talk: Conversation, text: str, *, reward: float | None
     ) -> dict[str, Any]:
         assert self._game is not None
-        game = _task_game(talk)
+        game = talk.game
         seen = {
             "text": text,
             "goal": game.goal,
@@ -199,11 +197,6 @@ class CraftingSession:
         counts = {"invalid_actions": talk.invalid_actions, "look_ups": talk.look_ups}
         metadata = {"success": game.is_made, "by_plan": game.by_plan, **counts}
         return {"observation": seen, "reward": reward, "done": talk.is_over, "metadata": metadata}
-
-
-def _task_game(talk: Conversation) -> TaskGame:
-    assert isinstance(talk.game, TaskGame)
-    return talk.game
 
 
 def _text(value: Any) -> str:

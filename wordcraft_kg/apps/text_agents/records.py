@@ -39,7 +39,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
         prompt_hash: hash of all prompt texts, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
         track: name of a benchmark's track; None if the games are on no track.
         answer_grammar: version of the rules by which answers were read
-            (``wordcraft_kg.base.answers``); 1 in files of earlier versions and on frozen tracks.
+            (``wordcraft_kg.base.answers``).
     """
 
     graph: str
@@ -58,9 +58,8 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     look_ups: Count = LOOK_UPS
     max_invalid: Count = MAX_INVALID
     prompt_hash: Hash
-    # Fields of later versions, with the value that earlier files had without saying so.
     track: str | None = None
-    answer_grammar: Count = 1
+    answer_grammar: Count
 
     @property
     def is_open_ended(self) -> bool:
@@ -137,8 +136,7 @@ class TaskGameRecord(Record, frozen=True, kw_only=True):
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
         messages: all prompts and answers in turn; empty in Inspect's logs, which have their own.
-        pairs: labels of all combined pairs in turn, None for a lost attempt; empty in files of
-            earlier versions.
+        pairs: labels of all combined pairs in turn, None for a lost attempt.
     """
 
     task: Count
@@ -154,7 +152,7 @@ class TaskGameRecord(Record, frozen=True, kw_only=True):
     lost_attempts: Count
     look_ups: Count
     messages: tuple[str, ...]
-    pairs: tuple[tuple[str, str] | None, ...] = ()
+    pairs: tuple[tuple[str, str] | None, ...]
 
 
 class WorldGameRecord(Record, frozen=True, kw_only=True):
@@ -168,8 +166,7 @@ class WorldGameRecord(Record, frozen=True, kw_only=True):
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
         messages: all prompts and answers in turn; empty in Inspect's logs, which have their own.
-        pairs: labels of all combined pairs in turn, None for a lost attempt; empty in files of
-            earlier versions.
+        pairs: labels of all combined pairs in turn, None for a lost attempt.
     """
 
     game: Count
@@ -179,7 +176,7 @@ class WorldGameRecord(Record, frozen=True, kw_only=True):
     lost_attempts: Count
     look_ups: Count
     messages: tuple[str, ...]
-    pairs: tuple[tuple[str, str] | None, ...] = ()
+    pairs: tuple[tuple[str, str] | None, ...]
 
 
 class TextResult(Record, frozen=True, kw_only=True):

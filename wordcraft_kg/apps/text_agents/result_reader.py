@@ -116,10 +116,8 @@ def _recorded_games(
     games = []
     for one in played:
         if isinstance(one, TaskGameRecord) and part is not None and depth is not None:
-            # Files of earlier versions have the last pair alone.
-            pairs = one.pairs or (one.last,)
             games.append(
-                TableGame(name, kind, part, depth, one.goal, one.table, pairs, one.success)
+                TableGame(name, kind, part, depth, one.goal, one.table, one.pairs, one.success)
             )
     check_hash(path, "graph", settings.graph_hash, opened.graph.hash)
     check_hash(path, "split", settings.split_hash, opened.split.hash)

@@ -8,7 +8,7 @@ import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,7 +29,13 @@ from wordcraft_kg.apps.text_agents.records import (
 )
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.artefacts import read_large_file
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    PlayerError,
+    WordCraftKGError,
+)
 from wordcraft_kg.base.escaping import for_file
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
@@ -38,9 +44,11 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.runs.folder import locked_folder
+from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
+    from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 
 REPLACEMENT = "replacement"
 """Folder beside games for those that replace them once complete."""
@@ -304,6 +312,51 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
             append_game(path, played[-1])
     groups = play.games.world.groups if isinstance(play.games, TaskGames) else None
     return result_of(player, settings, played, groups)
+
+
+@contextmanager
+def continuable(folder: Path) -> Iterator[None]:
+    """Say, when games are interrupted or their player fails, how they are continued.
+
+    Args:
+        folder: folder for the games, at any depth.
+
+    Raises:
+        KeyboardInterrupt, PlayerError: as in the block, with the way to continue.
+        ArtefactError: for an OSError in the block, such as of a full disk, if there are games.
+    """
+    with sigterm_as_interrupt():
+        try:
+            yield
+        except (KeyboardInterrupt, PlayerError, OSError) as error:
+            has_games = any(folder.rglob(GAMES_FILE))
+            goes_on = f" Finished games are in {folder}; repeat the command to continue."
+            hint = goes_on if has_games else ""
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(f"interrupted.{hint}") from None
+            if isinstance(error, PlayerError):
+                raise PlayerError(f"{error}{hint}") from None
+            if isinstance(error, WordCraftKGError) or not has_games:
+                raise
+            raise ArtefactError(f"{folder}: {error.strerror or error}.{hint}") from None
+
+
+def play_program(
+    program: "LinePlayer", name: str, play: Play, folder: Path, *, is_replacing: bool
+) -> TextResult:
+    """Evaluate a program in all games, see :func:`play_all`.
+
+    Args:
+        program: the running program.
+        name: its name in results.
+        play: the games.
+        folder: folder for the games.
+        is_replacing: whether earlier games stay until the new games are complete.
+    """
+    header = GamesHeader(player=name, settings=play.settings)
+    games = replaced_games(folder, header) if is_replacing else nullcontext(folder)
+    with games as new:
+        return play_all(name, program.speaker, play, new)
 
 
 @contextmanager

@@ -20,7 +20,12 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
+from wordcraft_kg.apps.text_agents.benchmark import (
+    Track,
+    edition_text,
+    open_track,
+    read_manifest,
+)
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import Pair, TaskGame
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
@@ -147,8 +152,7 @@ class TrackMetrics(Record, frozen=True, kw_only=True):
         games: number of games.
         mean: share of made goals, or mean number of known entities after the last attempt.
         ci_low: lower end of the 95 % interval: a bootstrap over the groups of tasks that the
-            track's split holds out together, or Student's t over open-ended games. In earlier
-            submissions the bootstrap is over tasks.
+            track's split holds out together, or Student's t over open-ended games.
         ci_high: upper end of this interval.
         by_plan: share of goals made by a plan's last pair; None in open-ended games.
         known: mean number of known entities by attempts; empty for tasks.
@@ -186,12 +190,14 @@ class Submission(Record, frozen=True, kw_only=True):
         licence: licence of the player or its weights, as declared.
         look_ups: number of look-ups over all games.
         invalid_actions: number of invalid answers over all games.
+        answers_read: share of the answers that the grammar reads, pairs and look-ups; null without
+            an answer.
         lost_attempts: number of attempts lost by invalid answers over all games.
         figures: results over all games.
         games_hash: SHA-256 of the file with the games.
     """
 
-    format: Literal["wordcraft-kg submission 1"] = "wordcraft-kg submission 1"
+    format: Literal["wordcraft-kg submission 2"] = "wordcraft-kg submission 2"
     benchmark: str
     benchmark_hash: Hash
     scoring: Count
@@ -211,6 +217,7 @@ class Submission(Record, frozen=True, kw_only=True):
     licence: _Name
     look_ups: Count
     invalid_actions: Count
+    answers_read: Share | None
     lost_attempts: Count
     figures: TrackMetrics
     games_hash: Hash
@@ -219,7 +226,7 @@ class Submission(Record, frozen=True, kw_only=True):
 def submission_schema() -> dict[str, Any]:
     """Return the JSON Schema of ``submission.json``."""
     return schema_of(
-        Submission, "urn:wordcraft-kg:submission:1", "A submission to a wordcraft-kg benchmark"
+        Submission, "urn:wordcraft-kg:submission:2", "A submission to a wordcraft-kg benchmark"
     )
 
 
@@ -313,27 +320,18 @@ def metrics_text(figures: TrackMetrics) -> str:
     return f"{mean} [{low}, {high}]"
 
 
-def answers_text(lines: Sequence[GameLine]) -> str:
-    """Return the number and share of invalid answers among all answers of a player by text.
-
-    Example:
-        >>> answers_text([GameLine(number=0, pairs=(("a", "b"),), made=((),), invalid_actions=3)])
-        '3 of 4 invalid (75.0%)'
-    """
-    invalid = sum(line.invalid_actions for line in lines)
-    combined = sum(len(line.pairs) - line.pairs.count(None) for line in lines)
-    answers = invalid + combined + sum(line.look_ups for line in lines)
-    return f"{invalid:,} of {answers:,} invalid ({invalid / max(answers, 1):.1%})"
+def answers_text(submission: Submission) -> str:
+    """Return the share of a player's answers that the grammar reads, such as ``75.0%``."""
+    read = submission.answers_read
+    return "none" if read is None else f"{read:.1%}"
 
 
-def metrics_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> TrackMetrics:
+def metrics_of(track: Track, lines: Sequence[GameLine]) -> TrackMetrics:
     """Return the results over all games of a track.
 
     Args:
         track: the track of the benchmark.
         lines: all games of the track, one for each task and attempt, or run of an open-ended track.
-        by_task: whether the interval is that of earlier submissions, as if a split held out tasks
-            by themselves; otherwise whole groups of tasks are resampled.
 
     Returns:
         mean success rate, or mean number of known entities, with its 95 % interval.
@@ -352,9 +350,8 @@ def metrics_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False
         interval = student_interval(final, within=(0, everything))
     else:
         success = np.array([bool(line.success) for line in lines])
-        groups = None if by_task else track.world.groups
         mean = float(success.mean())
-        interval = task_bootstrap(success[:, None], groups)
+        interval = task_bootstrap(success[:, None], track.world.groups)
         by_plan = _rounded(np.mean([bool(line.by_plan) for line in lines]))
     low, high = interval or (mean, mean)
     return TrackMetrics(
@@ -377,8 +374,8 @@ def write_submission(
     games: Sequence[Played],
     knowledge: LookUps,
     about: Mapping[str, Any],
-) -> tuple[Submission, list[GameLine]]:
-    """Write a submission with its games, and return both.
+) -> Submission:
+    """Write a submission with its games, and return the record of ``submission.json``.
 
     An earlier submission is replaced at the end.
 
@@ -388,9 +385,6 @@ def write_submission(
         games: decisions in all games, in the order of the track.
         knowledge: offered look-ups.
         about: remaining fields of the :class:`Submission` about the player.
-
-    Returns:
-        the record of ``submission.json``, and the lines of the games as they were written.
 
     Raises:
         EpisodeError: for decisions against the rules; nothing is written.
@@ -424,23 +418,25 @@ def write_submission(
         # earlier submission does not fit, and verification refuses it.
         for name in files:
             os.replace(Path(staging) / name, folder / name)
-    return submission, lines
+    return submission
 
 
 def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
+    lost = sum(line.pairs.count(None) for line in lines)
+    look_ups = sum(line.look_ups for line in lines)
+    invalid = sum(line.invalid_actions for line in lines)
+    read = sum(len(line.pairs) for line in lines) - lost + look_ups
     return {
-        "look_ups": sum(line.look_ups for line in lines),
-        "invalid_actions": sum(line.invalid_actions for line in lines),
-        "lost_attempts": sum(line.pairs.count(None) for line in lines),
+        "look_ups": look_ups,
+        "invalid_actions": invalid,
+        "answers_read": _rounded(read / (read + invalid)) if read + invalid else None,
+        "lost_attempts": lost,
         "figures": metrics_of(track, lines),
     }
 
 
 def verify(folder: Path) -> Submission:
     """Play a submission again, compare every byte and result, and return it.
-
-    The returned results have the interval of :func:`metrics_of`; an earlier submission may have
-    another, over tasks.
 
     Raises:
         ArtefactError: naming file and line, if anything differs from the replay.
@@ -460,8 +456,9 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     # The path is for messages: an archive is no folder, but reads like one.
     path = folder / SUBMISSION_FILE
     data = read_submission_file(folder, SUBMISSION_FILE)
+    # Before all other fields, which another edition may not have.
+    _check_edition(path, data)
     submission = parse_record(data, Submission, path)
-    # Before the replay: with another version of the benchmark the games are others.
     _check_versions(path, submission)
     track = open_track(submission.track)
     if submission.graph_hash != track.opened.graph.hash:
@@ -472,14 +469,13 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     totals = _totals(track, lines) | {"games_hash": games_hash}
     for name, value in totals.items():
         given = getattr(submission, name)
-        is_earlier = name == "figures" and given == metrics_of(track, lines, by_task=True)
-        if given != value and not is_earlier:
+        if given != value:
             shown = json.dumps(as_values(given))
             raise _refused(path, name, shown, json.dumps(as_values(value)))
     # The same values in another form, such as other blanks, would have another hash.
     if dump_json(as_values(submission)).encode() != data:
         raise ArtefactError(f"{path} was edited: expected the form in which `bench run` writes it.")
-    return msgspec.structs.replace(submission, figures=totals["figures"]), lines
+    return submission, lines
 
 
 def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:
@@ -543,11 +539,26 @@ def check_kind(path: Path, submission: Submission) -> None:
         raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
 
 
+class _Edition(msgspec.Struct):
+    """The edition in a submission of any format; other fields are left out."""
+
+    benchmark: str = ""
+
+
+def _check_edition(path: Path, data: bytes) -> None:
+    """Raise an ArtefactError for a submission to another edition of the benchmark."""
+    try:
+        edition = msgspec.json.decode(data, type=_Edition).benchmark
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return  # damaged, as the reader of records says
+    if edition and edition != read_manifest()[0].name:
+        raise ArtefactError(f"{path}: {edition_text(edition)}")
+
+
 def _check_versions(path: Path, submission: Submission) -> None:
     """Check versions and declarations; raises ArtefactError or ConfigError for the first fault."""
     manifest, manifest_hash = read_manifest()
     versions = {
-        "benchmark": manifest.name,
         "benchmark_hash": manifest_hash,
         "scoring": manifest.scoring,
     }
@@ -564,7 +575,7 @@ def _check_versions(path: Path, submission: Submission) -> None:
             datetime.date.fromisoformat(submission.date)
         except ValueError:
             raise _refused(path, "date", submission.date, "a day such as 2026-11-23") from None
-    standard = manifest.standard_prompts
+    standard = manifest.prompts.values()
     given = submission.prompt_hash
     if submission.prompts == "standard" and given not in standard:
         raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")

@@ -1,12 +1,11 @@
-"""The files of a submission.
+"""The files of submissions: in a folder, as ``bench run`` writes it, or in a ZIP archive.
 
-They lie in a folder, as ``bench run`` writes it, or in a ZIP archive.
-
-An archive keeps a leaderboard in one file for each submission; its other members have no effect.
+An archive holds the two files of one submission, or a folder for each of several, as those of a
+leaderboard's track. A submission in an archive has the path of the archive and of its folder there,
+such as ``craft-8.zip/votes``. Other members have no effect.
 """
 
-from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.base.archives import ZipArchive
@@ -15,48 +14,67 @@ from wordcraft_kg.base.errors import ArtefactError
 
 SUBMISSION_FILE = "submission.json"
 ARCHIVE = ".zip"
-"""Ending of an archive with a submission; ``python -m zipfile -c ARCHIVE FILES`` makes one."""
+"""Ending of an archive; ``python -m zipfile -c ARCHIVE FILES`` makes one."""
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether a path is a folder with a submission, or could be an archive with one."""
-    if path.is_file():
-        return path.suffix == ARCHIVE
-    return (path / SUBMISSION_FILE).is_file()
+    """Return whether a path is a folder with a submission, or could be an archive's submission."""
+    return _archive_of(path) is not None or (path / SUBMISSION_FILE).is_file()
 
 
-def submissions_below(folder: Path) -> list[Path]:
-    """Return all folders and archives with a submission below a folder, at any depth.
+def submissions_at(path: Path) -> list[Path]:
+    """Return the submissions at a path, in folders and archives at any depth, in order.
 
-    They are in the order of their names without the ending, whether packed or not.
+    Args:
+        path: a folder or an archive; a folder without a submission and a damaged archive are
+            returned as they are, so that reading them says what is wrong.
     """
-    return sorted(_found(folder), key=lambda path: path.parent / path.name.removesuffix(ARCHIVE))
-
-
-def _found(folder: Path) -> Iterator[Path]:
-    for path in folder.rglob(SUBMISSION_FILE):
-        yield path.parent
-    for path in folder.rglob(f"*{ARCHIVE}"):
-        if path.is_file():
-            yield path
+    if path.is_file() and path.suffix == ARCHIVE:
+        return _in_archive(path)
+    folders = [file.parent for file in path.rglob(SUBMISSION_FILE)]
+    for archive in path.rglob(f"*{ARCHIVE}"):
+        if archive.is_file():
+            folders += _in_archive(archive)
+    return sorted(folders) or [path]
 
 
 def read_submission_file(submission: Path, name: str) -> bytes:
     """Return the bytes of a file of a submission.
 
     Args:
-        submission: a folder or an archive.
+        submission: a folder, an archive, or a folder in an archive.
         name: :data:`SUBMISSION_FILE` or :data:`~wordcraft_kg.apps.text_agents.records.GAMES_FILE`.
 
     Raises:
         ArtefactError: if the file is missing, too large or damaged.
     """
-    if not submission.is_file():
+    path = _archive_of(submission)
+    if path is None:
         return read_small_file(submission / name)
-    archive = ZipArchive(submission, read_small_file(submission))
-    if name not in archive.members:
+    archive = ZipArchive(path, read_small_file(path))
+    member = (submission.relative_to(path) / name).as_posix()
+    if member not in archive.members:
         raise ArtefactError(
             f"{submission} has no {name}; expected the files {SUBMISSION_FILE} and {GAMES_FILE} of "
-            "`wordcraft-kg bench run`."
+            f"`wordcraft-kg bench run`, or one of several folders with them, as in "
+            f"{path.name}/NAME."
         )
-    return archive.read(name, SMALL_FILE)
+    return archive.read(member, SMALL_FILE)
+
+
+def _archive_of(submission: Path) -> Path | None:
+    """Return the archive that a path names or goes into; None outside of archives."""
+    for path in (submission, *submission.parents):
+        if path.suffix == ARCHIVE and path.is_file():
+            return path
+    return None
+
+
+def _in_archive(archive: Path) -> list[Path]:
+    """Return the paths of an archive's submissions; the archive itself if it has or shows none."""
+    try:
+        members = map(PurePosixPath, ZipArchive(archive, read_small_file(archive)).members)
+    except ArtefactError:
+        return [archive]
+    folders = [archive / member.parent for member in members if member.name == SUBMISSION_FILE]
+    return sorted(folders) or [archive]

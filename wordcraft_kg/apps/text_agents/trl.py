@@ -21,7 +21,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.named_games import name_of, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.records import TaskGameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
@@ -173,11 +173,11 @@ class CraftingEnvironment:
             What the pair makes, and the new state of the game.
         """
         talk = self._begun
-        return _after_the_end(talk) or talk.combine(_item(first), _item(second))
+        return talk.after_the_end or talk.combine(_item(first), _item(second))
 
     def get_reward(self) -> float:
         """Return the reward so far: 1 for the goal, and the row's shaped rewards."""
-        return _task_game(self._begun).reward
+        return self._begun.game.reward
 
     @property
     def record(self) -> TaskGameRecord:
@@ -213,7 +213,7 @@ class LookUpEnvironment(CraftingEnvironment):
             The recipes that use or make the item, and the state of the game.
         """
         talk = self._begun
-        return _after_the_end(talk) or talk.look_up_item(_item(item))
+        return talk.after_the_end or talk.look_up_item(_item(item))
 
 
 def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for a user
@@ -277,7 +277,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
                 look_ups=look_ups,
                 task=task,
                 distractor_seed=seed,
-                goal=_task_game(talk).goal,
+                goal=str(talk.game.goal),
             )
             name = name_of(play, task, seed)
             prompt = [{"role": "user", "content": tool_opening(talk)}]
@@ -298,16 +298,6 @@ def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Data
     except ModuleNotFoundError:
         raise missing_extra("trl", ["datasets"]) from None
     return Dataset.from_list(rows)
-
-
-def _after_the_end(talk: Conversation) -> str:
-    """Return the answer to a call after the end of the game, which changes nothing; else ""."""
-    return f"This game is over. {talk.game.state}" if talk.is_over else ""
-
-
-def _task_game(talk: Conversation) -> TaskGame:
-    assert isinstance(talk.game, TaskGame)
-    return talk.game
 
 
 def _item(written: Any) -> str:

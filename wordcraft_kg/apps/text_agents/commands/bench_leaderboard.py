@@ -7,8 +7,8 @@ from wordcraft_kg.cli.console import Flag, Output
 
 GROUP = "Text agents"
 EXAMPLES = (
-    "wordcraft-kg bench leaderboard leaderboard --out docs/leaderboard.md",
-    "wordcraft-kg bench leaderboard leaderboard --out docs/leaderboard.md --check",
+    "wordcraft-kg bench leaderboard leaderboard/everyday-v3 --out docs/leaderboard.md",
+    "wordcraft-kg bench leaderboard leaderboard/everyday-v3 --out docs/leaderboard.md --check",
 )
 
 

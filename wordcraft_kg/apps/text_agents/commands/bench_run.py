@@ -3,8 +3,6 @@
 import hashlib
 import shutil
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,15 +17,14 @@ from wordcraft_kg.base.artefacts import (
     read_small_file,
     what_is,
 )
-from wordcraft_kg.base.errors import ConfigError, OutputExistsError, PlayerError
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Force
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.text_agents.benchmark import Track
     from wordcraft_kg.apps.text_agents.benchmark_players import Entrant
-    from wordcraft_kg.apps.text_agents.submission import GameLine, Submission
+    from wordcraft_kg.apps.text_agents.submission import Submission
 
 GROUP = "Text agents"
 EXAMPLES = (
@@ -82,6 +79,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+    from wordcraft_kg.apps.text_agents.results import continuable
     from wordcraft_kg.apps.text_agents.submission import MESSAGES, write_submission
     from wordcraft_kg.runs.folder import locked_folder
 
@@ -102,7 +100,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     with locked_folder(out, "written"):
         # Once more under the lock: another process may have played meanwhile.
         is_replacing = check_folder()
-        with _continuable(messages, is_program=is_program):
+        with continuable(messages):
             settings = RunSettings(messages, look_ups, timeout, weights, is_replacing)
             kind, entrant = enter(opened, player, settings)
         if declared.tokens and entrant.tokens is not None:
@@ -117,18 +115,13 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             "seconds": seconds if measured else None,
             "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
         }
-        written, lines = write_submission(out, opened, entrant.games, look_ups, about)
+        written = write_submission(out, opened, entrant.games, look_ups, about)
         if not is_program:
             # A program's prompts and answers belong to the submission. Other players have none, so
             # a folder here is from the player of a submission that was replaced.
             shutil.rmtree(messages, ignore_errors=True)
-    view: dict[str, Any] = {"out": str(out), "submission": written}
-    shown = _shown(written, lines)
-    if entrant.answers:
-        second, text = _second_reading(opened, written, entrant)
-        view["second_reading"] = second
-        shown += text
-    output.result(view, [*shown, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
+    view = {"out": str(out), "submission": written}
+    output.result(view, [*_shown(written), f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
 
 
 def _check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> bool:
@@ -226,28 +219,12 @@ class _Declared:
         }
 
 
-@contextmanager
-def _continuable(messages: Path, *, is_program: bool) -> Iterator[None]:
-    """Say, when the games are interrupted or the player fails, whether they can be continued."""
-    from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
-
-    with sigterm_as_interrupt():
-        try:
-            yield
-        except (KeyboardInterrupt, PlayerError) as error:
-            why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
-            has_games = is_program and any(messages.rglob(GAMES_FILE))
-            kept = " Finished games are kept; to continue, repeat the command." if has_games else ""
-            raise type(error)(f"{why}{kept}") from None
-
-
 def _prompts(entrant: "Entrant", own: str | None) -> dict[str, Any]:
     """Return the submission's fields about prompts; ``own`` is the hash of the user's prompts."""
     from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 
     read = entrant.prompt_hash
-    standard = read_manifest()[0].standard_prompts
+    standard = read_manifest()[0].prompts.values()
     if own is not None or (read is not None and read not in standard):
         kind = "custom"
     elif read is None:
@@ -257,7 +234,7 @@ def _prompts(entrant: "Entrant", own: str | None) -> dict[str, Any]:
     return {"prompts": kind, "prompt_hash": own or read}
 
 
-def _shown(written: "Submission", lines: list["GameLine"]) -> list[str]:
+def _shown(written: "Submission") -> list[str]:
     """Return the result as lines of text."""
     from wordcraft_kg.apps.text_agents.submission import answers_text, metrics_text
 
@@ -266,19 +243,4 @@ def _shown(written: "Submission", lines: list["GameLine"]) -> list[str]:
     if written.prompts == "none":
         return [result]
     lost = counted(written.lost_attempts, "attempt")
-    return [result, f"answers    {answers_text(lines)}, {lost} lost"]
-
-
-def _second_reading(
-    track: "Track", written: "Submission", entrant: "Entrant"
-) -> tuple[dict[str, Any], list[str]]:
-    """Return the result under the present answer grammar, as JSON values and as lines of text."""
-    from wordcraft_kg.apps.text_agents.second_reading import read_again
-    from wordcraft_kg.apps.text_agents.submission import metrics_text
-
-    play = track.play(written.knowledge)
-    again = read_again(track, play, entrant.answers)
-    frozen = f"grammar {play.settings.answer_grammar}"
-    score = f"{frozen}  {metrics_text(written.figures)}, the score of this track"
-    text = [score, f"grammar {again.grammar}  {again.text}"]
-    return {"answer_grammar": again.grammar, "figures": again.figures}, text
+    return [result, f"answers read  {answers_text(written)}, {lost} lost"]

@@ -1,5 +1,6 @@
 """``wordcraft-kg bench verify``."""
 
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +30,20 @@ def bench_verify(
     The exit code is 1 if any is refused.
 
     Args:
-        folders: folders of `bench run`, or ZIP archives of their two files.
+        folders: folders of `bench run`, ZIP archives of their two files, or folders and archives of
+            such folders.
         player: the player of the submissions, as for `bench run`.
         weights: file with a text player's weights.
         timeout: seconds for an answer of a program.
     """
     from wordcraft_kg.apps.text_agents.submission import metrics_text, verify
+    from wordcraft_kg.apps.text_agents.submission_files import submissions_at
 
     if not folders:
         raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")
     marks: list[dict[str, Any]] = []
     lines = []
-    for folder in folders:
+    for folder in chain.from_iterable(map(submissions_at, folders)):
         # A refused submission does not end the command: the others are still checked.
         try:
             checked = verify(folder)

@@ -2,19 +2,13 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, EvaluationSettings
-from wordcraft_kg.base.errors import (
-    ArtefactError,
-    OutputExistsError,
-    PlayerError,
-    WordCraftKGError,
-)
+from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import Book, Force
@@ -48,8 +42,8 @@ def evaluate_text(
     """Evaluate a program that plays by text, on the tasks and tables for agents.
 
     For each JSON object on stdin (a line with text, goal, table, attempts_left, game, new), the
-    program writes a line with two items to combine, such as: water + earth. Repeat the command to
-    continue an interrupted evaluation.
+    program writes a line with two items to combine, such as: water + earth. A JSON string holds an
+    answer of several lines. Repeat the command to continue an interrupted evaluation.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -61,37 +55,23 @@ def evaluate_text(
     """
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-    from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GamesHeader
-    from wordcraft_kg.apps.text_agents.results import play_all, replaced_games
+    from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+    from wordcraft_kg.apps.text_agents.results import continuable, play_program
     from wordcraft_kg.base.settings import one_line
-    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
     if name is not None:
         one_line("name", name, 100)
     # The games first: a wrong setting must not start a program that loads a model.
     play = Play.open(graph, settings)
-    with sigterm_as_interrupt(), LinePlayer(player, timeout=timeout) as program:
+    with LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
         # A name may hold separators or `..`; the folder is always one below text-agents.
         file_name = re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player"
         folder = out or Path("text-agents") / file_name
         _check(folder)
-        is_replaced = force and (folder / GAMES_FILE).is_file()
-        header = GamesHeader(player=called, settings=play.settings)
-        games = replaced_games(folder, header) if is_replaced else nullcontext(folder)
-        try:
-            with games as played_in:
-                result = play_all(called, program.speaker, play, played_in)
-        except (KeyboardInterrupt, PlayerError, OSError) as error:
-            goes_on = f"Finished games are in {folder}; repeat the command to continue."
-            if isinstance(error, KeyboardInterrupt):
-                raise KeyboardInterrupt(f"interrupted. {goes_on}") from None
-            if isinstance(error, PlayerError):
-                raise PlayerError(f"{error} {goes_on}") from None
-            # Such as a full disk; before the first game, nothing was written.
-            if isinstance(error, WordCraftKGError) or not (folder / GAMES_FILE).is_file():
-                raise
-            raise ArtefactError(f"{folder}: {error.strerror or error}. {goes_on}") from None
+        is_replacing = force and (folder / GAMES_FILE).is_file()
+        with continuable(folder):
+            result = play_program(program, called, play, folder, is_replacing=is_replacing)
     output.result({"result": result, "out": str(folder)}, _text(result, folder))
 
 

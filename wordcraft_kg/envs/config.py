@@ -78,7 +78,9 @@ class WordCraftConfig:
     Attributes:
         part: the part of the split with the tasks: ``train``, ``valid``, ``test``, or ``all``.
         depth: fewest attempts that solve a task, 1 to 5.
-        num_distractors: entities on the table that no plan needs; 1, 2 and 8 in the paper.
+        num_distractors: entities on the table that no plan needs, beside the ``depth + 1``
+            ingredients of the largest plan; 1, 2 and 8 in the paper. A task with fewer ingredients
+            has more, so that all tables have the same size.
         max_attempts: attempts in an episode; None means ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
         distractor_weighting: weights of entities for drawing distractors without replacement:

@@ -99,7 +99,8 @@ class WordCraftConfig:
         illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an
             error.
         num_tasks: number of tasks to sample at depth 3 and above, and at depth 2 in large graphs.
-        task_seed: random seed for this sample.
+        task_seed: random seed for this sample; at depth 2 for the sample of tasks that use no
+            entity twice, see :data:`~wordcraft_kg.graphs.task_search.TWICE_SHARE`.
         rewards: the shaped rewards that ``reward`` stands for; derived, not a setting.
         attempts: attempts in an episode; derived, not a setting.
 

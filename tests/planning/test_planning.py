@@ -34,6 +34,7 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
 from wordcraft_kg.planning.search import (
+    AT_ONCE,
     FURTHER,
     INTERMEDIATE,
     NO_PLAN,
@@ -108,17 +109,17 @@ def slow_pair(search, goal, table, attempts, pair, cache):
     return cache[key]
 
 
-def slow_with_reuse(search, goal, table, attempts, pair, cache):
-    """The best plan that begins with a pair; two attempts that share an entity cost log-odds."""
+def slow_with_form(search, goal, table, attempts, pair, cache):
+    """The best plan that begins with a pair; the form of two attempts has log-odds."""
     if attempts != 2:
         return slow_pair(search, goal, table, attempts, pair, cache)
-    plans = [slow_log_probability(search, *pair, goal)]
+    plans = [slow_log_probability(search, *pair, goal) + AT_ONCE]
     for result in set(range(SIZE)) - table - {goal}:
         chance = slow_log_probability(search, *pair, result, INTERMEDIATE) - FURTHER
         for second in itertools.combinations_with_replacement(sorted(table | {result}), 2):
             uses_again = result in second and set(pair) & set(second)
-            goal_chance = slow_log_probability(search, *second, goal)
-            plans.append(chance + goal_chance + REUSED * bool(uses_again))
+            form = REUSED * bool(uses_again) if result in second else AT_ONCE
+            plans.append(chance + slow_log_probability(search, *second, goal) + form)
     return max(plans)
 
 
@@ -138,22 +139,24 @@ def test_values_are_those_of_all_plans(seed, attempts):
     values = search.values(*state, torch.tensor([attempts]))[0]
     for i, j in itertools.product(range(3), repeat=2):
         pair = tuple(sorted((table[i], table[j])))
-        best = slow_with_reuse(search, goal, frozenset(table), attempts, pair, cache)
+        best = slow_with_form(search, goal, frozenset(table), attempts, pair, cache)
         expected = max(best, NO_PLAN)
         assert values[i, j] == pytest.approx(expected, abs=2e-3)  # features are half precision
     assert (values[3] == -torch.inf).all()
     pair = divmod(int(values.argmax()), 4)
     steps = search.plan(goal, table, pair, model=0, attempts_left=attempts)
     assert steps[-1][2] == goal
-    reuse = log_odds_of_reuse(steps) if attempts == 2 else 0
-    assert reuse + sum(math.log(max(chance, 1e-13)) for *_, chance in steps) == pytest.approx(
+    form = log_odds_of_form(steps) if attempts == 2 else 0
+    assert form + sum(math.log(max(chance, 1e-13)) for *_, chance in steps) == pytest.approx(
         float(values.max()), abs=2e-3
     )
 
 
-def log_odds_of_reuse(steps):
-    """What a plan costs whose second attempt uses an ingredient of the first."""
+def log_odds_of_form(steps):
+    """What the form of a plan costs, if two attempts are left."""
     first, *later = ({*step[:2]} for step in steps)
+    if not any(steps[0][2] in second for second in later):
+        return AT_ONCE
     return REUSED * any(first & second for second in later)
 
 
@@ -384,9 +387,8 @@ def test_evidence_is_a_plan_whose_probability_is_p(scorer, opened):
                 assert (evidence is None) == (int(table[0, slot]) == empty)
                 if evidence and evidence.plan:
                     chance = math.log(math.prod(step[3] for step in evidence.plan))
-                    assert chance + log_odds_of_reuse(evidence.plan) == pytest.approx(
-                        float(scores[slot]), abs=2 * FURTHER
-                    )
+                    # After tried pairs, forms do not count.
+                    assert chance == pytest.approx(float(scores[slot]), abs=2 * FURTHER)
                     first, result = {*evidence.plan[0][:2]}, evidence.plan[0][2]
                     assert first == {int(table[0, slot]), evidence.partner}
                     expected = p.knowledge.supporting_recipes(

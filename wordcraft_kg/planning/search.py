@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -52,7 +52,12 @@ REUSED = -1.5
 
 A quarter of the tasks use an entity twice, and more than half of the plans that a table allows.
 Chosen on split 10; log-odds of a pair of an entity with itself, in either attempt, changed nothing
-there, and those of a plan of a single attempt hardly anything.
+there.
+"""
+AT_ONCE = -3.0
+"""Log-odds of a plan of one attempt, where two are left.
+
+A task has as many attempts as it needs, so that only a distractor can open so short a plan.
 """
 NO_PLAN = -30.0
 """Log-probability of pairs without a plan."""
@@ -121,6 +126,7 @@ class PlanSearch:
         *,
         width: int = 0,
         reused: float = REUSED,
+        at_once: float = AT_ONCE,
     ):
         """Prepare a search.
 
@@ -129,11 +135,13 @@ class PlanSearch:
             curve: turns the scores into probabilities.
             width: number of candidates, W; 0 for :data:`WIDTHS`.
             reused: see :data:`REUSED`; 0 for a planner that knows no form of tasks.
+            at_once: see :data:`AT_ONCE`, likewise.
         """
         self.knowledge = knowledge
         self.curve = curve
         self.width = width
         self.reused = reused
+        self.at_once = at_once
 
     @property
     def device(self) -> torch.device:
@@ -229,7 +237,7 @@ class PlanSearch:
             }
         else:
             plans = self._plans(goal, table, model, number, tried)
-            value = self._values_of(plans, slots, number).amax(1)
+            value = self._values_of(plans, slots, number, tried).amax(1)
             after = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
             named |= {"value": _bounded(value), **_features_of_plans(plans, after, slots, number)}
         none = torch.zeros_like(itself)
@@ -262,8 +270,10 @@ class PlanSearch:
             pair that was tried before.
         """
         steps: list[tuple[int, int, int, float]] = []
+        slots = len(table)
         if tried is None:
-            tried = torch.zeros(1, len(table), len(table), dtype=torch.bool, device=self.device)
+            tried = torch.zeros(1, slots, slots, dtype=torch.bool, device=self.device)
+        has_form = attempts_left == 2 and not tried.any()
         tried = tried.clone()
         table = list(table)
         one, other = pair
@@ -274,6 +284,9 @@ class PlanSearch:
             tables = torch.tensor([table], device=device)
             values, results = self._values(goals, tables, models, left, tried)
             if steps:
+                if has_form:
+                    # As in the look-ahead: the second attempt uses what the first one makes.
+                    values[:, :, :-1, :-1] += self.at_once
                 # Only the first pair is given; the plan goes on with the best pair of all.
                 best_pair = int(values[0].amax(0).argmax())
                 one, other = divmod(best_pair, len(table))
@@ -299,7 +312,7 @@ class PlanSearch:
             if is_goal:
                 break
             table.append(int(result))
-            if max(one, other) < tried.shape[1]:
+            if max(one, other) < slots:
                 tried[0, one, other] = tried[0, other, one] = True
         return steps
 
@@ -382,35 +395,49 @@ class PlanSearch:
             return (to_goal + again)[:, None], goal[:, None]
         plans = self._plans(goal, table, model, number, tried)
         results = torch.cat([goal[:, None], plans.candidates], dim=1)
-        return self._values_of(plans, slots, number), results
+        return self._values_of(plans, slots, number, tried), results
 
-    def _values_of(self, plans: _Plans, slots: int, number: int) -> Tensor:
+    def _values_of(
+        self,
+        plans: _Plans,
+        slots: int,
+        number: int,
+        tried: Tensor | None,
+    ) -> Tensor:
         """Return :meth:`_values` of two attempts or more, shape (B, 1 + W, A, A)."""
         at_once = plans.to_goal[:, None, :slots, :slots]
         first = plans.to_candidates[:, :, :slots, :slots]
         if number == 2:
-            after = self._second_attempt(plans.to_goal, slots)
+            # After failures, plans for the rest of the attempts may have any form.
+            is_first = torch.ones(len(first), device=first.device)
+            if tried is not None:
+                is_first = (~tried.flatten(1).any(1)).float()
+            at_once = at_once + self.at_once * is_first[:, None, None, None]
+            after = self._second_attempt(plans.to_goal, slots, is_first[:, None])
         else:
             of_candidates = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
             after = of_candidates[:, :, None, None]
         return torch.cat([at_once, first + after - FURTHER], dim=1)
 
-    def _second_attempt(self, to_goal: Tensor, slots: int) -> Tensor:
+    def _second_attempt(self, to_goal: Tensor, slots: int, is_first: Tensor) -> Tensor:
         """Return the log-probability of the best second attempt, by what the first one made.
 
         Args:
             to_goal: shape (B, S, S): a pair makes the goal.
             slots: A.
+            is_first: shape (B, 1): 1 where no pair was tried before, and forms count, else 0.
 
         Returns:
             shape (B, W, A, A): after a pair of slots made the candidate.
         """
-        on_table = to_goal[:, :slots, :slots].flatten(1).amax(1)
+        # Without what the first attempt made, it would be wasted.
+        on_table = to_goal[:, :slots, :slots].flatten(1).amax(1)[:, None]
+        on_table = on_table + self.at_once * is_first
         last = to_goal[:, slots:]
         with_itself = last[:, :, slots:].diagonal(dim1=1, dim2=2)
         with_table = last[:, :, :slots]
-        again = with_table.amax(2) + self.reused
-        of_candidates = torch.maximum(torch.maximum(with_itself, again), on_table[:, None])
+        again = with_table.amax(2) + self.reused * is_first
+        of_candidates = torch.maximum(torch.maximum(with_itself, again), on_table)
         # The best partner that is not of the pair is one of the three best.
         values, places = with_table.topk(min(3, slots), dim=2)
         slot = torch.arange(slots, device=to_goal.device)
@@ -542,16 +569,12 @@ def _uses_again(tried: Tensor | None, to_goal: Tensor) -> Tensor:
         tried: shape (B, A, A), bool: pairs that were tried, for the first A slots; None if unknown.
         to_goal: shape (B, S, S).
     """
-    again = torch.zeros_like(to_goal)
-    if tried is not None:
-        is_second = tried.triu().sum((1, 2)) == 1
-        slots = tried.shape[1]
-        was_used = tried.any(2) & is_second[:, None]
-        has_used = was_used[:, :, None] | was_used[:, None]
-        again[:, :slots, :slots] = has_used.float()
-        again[:, :slots, slots:] = was_used[:, :, None].float()
-        again[:, slots:, :slots] = was_used[:, None].float()
-    return again
+    if tried is None:
+        return torch.zeros_like(to_goal)
+    is_second = tried.triu().sum((1, 2)) == 1
+    of_first = tried.any(2) & is_second[:, None]
+    was_used = nn.functional.pad(of_first, (0, to_goal.shape[1] - tried.shape[1]))
+    return (was_used[:, :, None] | was_used[:, None]).float()
 
 
 def _bounded(log_probabilities: Tensor) -> Tensor:

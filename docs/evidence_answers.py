@@ -503,16 +503,16 @@ def plan_weights() -> Iterator[str]:
 
     def gains(key: str) -> str:
         """Return the least and the largest difference, and how many intervals are above 0."""
-        differences = [row[key] for row in rows]
+        differences = [row[key] for row in rows if key in row]
         ends = [signed(end(mean for mean, *_ in differences)) for end in (min, max)]
         above = sum(low > 0 for _, low, _ in differences)
-        return f"{ends[0]} to {ends[1]} ({above} of {len(rows)} intervals above 0)"
+        return f"{ends[0]} to {ends[1]} ({above} of {len(differences)} intervals above 0)"
 
     yield (
         "**Answer.** The planner that carries its plan on makes more goals of depth 2 than the one that "
         f"searches again after the first attempt, {gains('over_again')}, and than the planner that does not "
         f"know that plans seldom use an ingredient again, {gains('over_any_form')}. Weights of 14 features, "
-        f"learned in play on train tasks, change {gains('weights_over_planner')}: they were taken out."
+        f"learned in play on train tasks, add to it: {gains('weights_over_planner')}."
     )
 
 

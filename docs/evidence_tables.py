@@ -353,10 +353,7 @@ def plan_weights() -> Iterator[str]:
     yield f"| book, split | {' | '.join(PLANNERS.values())} | tasks |"
     yield f"|---|{'---|' * (len(PLANNERS) + 1)}"
     for (split, book), each in rows.items():
-        cells = []
-        for key in PLANNERS:
-            shown = _shown(_mean([row[key] for row in each]))
-            cells.append(f"**{shown}**" if key == "planner" else shown)
+        cells = [_shown(_mean([row[key] for row in each if key in row])) for key in PLANNERS]
         tasks = sum(row["tasks"] for row in each)
         yield f"| {_book_and_split(book, split)} | {' | '.join(cells)} | {tasks:,} |"
 
@@ -368,7 +365,7 @@ def plan_gains() -> Iterator[str]:
     yield f"|---|{'---|' * (len(seeds) + 1)}"
     for (split, book), each in rows.items():
         for key, text in PLANNER_GAINS.items():
-            cells = " | ".join(_with_ends(row[key]) for row in each)
+            cells = " | ".join(_with_ends(row[key]) if key in row else "" for row in each)
             yield f"| {_book_and_split(book, split)} | {text} | {cells} |"
 
 

@@ -6,7 +6,10 @@
 
 Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the depth, or as many
 as ``--attempts``: then *within* is the share of the tasks that were solved within n attempts, and shows who uses failures.
-*unseen* counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with
+*unseen* counts tasks by the least number of unseen recipes in a plan, *twice* those whose plans use an entity twice.
+*minus_planner* is the paired difference to the planner, with an interval over what is held out. The planner has two
+trivial twins: one does not know that plans seldom use an ingredient again, the other forgets it after the first attempt
+and searches again. ``--run`` adds a trained agent, ``--widths`` planners with
 other numbers of candidates, with milliseconds per decision, ``--odds`` plays the planner with other log-odds for
 intermediates instead. ``--time`` times decisions, alone and in a batch of 256.
 """
@@ -23,14 +26,15 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import task_bootstrap
-from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.base.statistics import paired_difference, task_bootstrap
+from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
@@ -54,7 +58,15 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
             name,
             knowledge_player(make_sources(name.split(","), scorer, ScoreView("standardise"))),
         )
-    yield "planner", knowledge_player(make_sources(["plan"], scorer))
+    planner = knowledge_player(make_sources(["plan"], scorer))
+    yield "planner", planner
+    (source,) = make_sources(["plan"], scorer)
+    assert isinstance(source, BestPlan)
+    source.search.reused = 0.0
+    source.search.at_once = 0.0
+    any_form = knowledge_player([source])
+    yield "planner, any form", any_form
+    yield "planner, searches again", by_attempt(planner, any_form)
     for width in map(int, options.widths.split(",") if options.widths else ()):
         yield (
             f"planner, {width} candidates",
@@ -67,12 +79,25 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
     yield "oracle", recipe_oracle
 
 
-def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
-    """Return a player's success on a sample of the tasks, by the fewest unseen
-    recipes in a plan."""
-    evaluator = Evaluator(world, distractor_seeds=1, limit=tasks)
-    began = time.process_time()
-    result = evaluator(player)
+def by_attempt(first: Player, later: Player) -> Player:
+    """Return a player that plays its first attempt like one player, all others like another."""
+
+    def choose(state: State, rng: np.random.Generator) -> Ids:
+        is_first = state.attempts_left.max() == state.world.config.attempts
+        return first(state, rng) if is_first else later(state, rng)
+
+    return choose
+
+
+def cell(world: World, result: Evaluation, seconds: float) -> dict[str, Any]:
+    """Return a player's success on a sample of the tasks, also by the fewest unseen recipes in a
+    plan, and by whether a plan uses an entity twice.
+
+    Args:
+        world: graph, tasks and settings.
+        result: the player's outcomes.
+        seconds: CPU time of its play.
+    """
     decisions = result.actions.sum() / 2
     is_train = world.split.is_in("train")
     unseen = np.array(
@@ -84,6 +109,7 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
     figures = result.metrics()
     # An attempt has two actions. A solved task ends its episode, so that its length tells when.
     solved_after = np.where(result.success, result.actions // 2, np.inf)
+    uses_twice = world.tasks.uses_twice[result.tasks]
     within = {
         number: float((solved_after <= number).mean())
         for number in range(1, world.config.attempts + 1)
@@ -95,7 +121,8 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
         "by_plan": figures.by_plan,
         "tasks": len(result.tasks),
         "attempts": float(decisions / len(result.tasks)),
-        "ms": 1000 * (time.process_time() - began) / float(decisions),
+        "ms": 1000 * seconds / float(decisions),
+        "twice": [float(result.success[uses_twice].mean()), int(uses_twice.sum())],
         "unseen": {
             int(number): [
                 float(result.success[unseen == number].mean()),
@@ -160,10 +187,19 @@ def main() -> None:
                         "a batch of 256"
                     )
                     continue
+                evaluator = Evaluator(world, distractor_seeds=1, limit=options.tasks)
+                planner = None
                 for name, player in players(opened, options):
                     if options.only and name not in options.only.split(";"):
                         continue
-                    figures = cell(world, player, options.tasks)
+                    began = time.process_time()
+                    result = evaluator(player)
+                    figures = cell(world, result, time.process_time() - began)
+                    planner = result if name == "planner" else planner
+                    if planner is not None:
+                        figures["minus_planner"] = list(
+                            paired_difference(result.success, planner.success, result.groups)
+                        )
                     split = opened.split.config
                     about = {
                         "book": opened.graph.name,

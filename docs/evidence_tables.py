@@ -332,77 +332,45 @@ def _with_ends(difference: Sequence[float]) -> str:
     return f"{gain} [{low}, {high}]"
 
 
+PLANNERS = {
+    "any_form": "knows no form",
+    "again": "searches again",
+    "planner": "planner",
+    "weights": "weights from play",
+}
+"""Planners of depth 2 and the keys of their success."""
+PLANNER_GAINS = {
+    "over_any_form": "planner minus *knows no form*",
+    "over_again": "planner minus *searches again*",
+    "weights_over_planner": "weights from play minus planner",
+}
+"""Paired differences of planners and their keys."""
+
+
 def plan_weights() -> Iterator[str]:
-    """Yield the table of weights of plans: means over splits, and each split's gain."""
-    rows, seeds = _by_split("plan-weights.json")
-    gains = [f"gain, split {seed}" for seed in seeds]
-    yield f"| book, split | planner | weights from play | {' | '.join(gains)} | tasks |"
-    yield f"|---|{'---|' * (len(seeds) + 3)}"
+    """Yield the table of planners at depth 2: means over splits."""
+    rows, _ = _by_split("plan-weights.json")
+    yield f"| book, split | {' | '.join(PLANNERS.values())} | tasks |"
+    yield f"|---|{'---|' * (len(PLANNERS) + 1)}"
     for (split, book), each in rows.items():
-        planner, weighed = (
-            _shown(_mean([row[key] for row in each])) for key in ("planner", "weighed")
-        )
-        of_splits = [_with_ends(row["difference"]) for row in each]
+        cells = [_shown(_mean([row[key] for row in each if key in row])) for key in PLANNERS]
         tasks = sum(row["tasks"] for row in each)
-        title = f"{BOOKS[book]}, {split.replace('-', ' ')}"
-        yield f"| {title} | {planner} | **{weighed}** | {' | '.join(of_splits)} | {tasks:,} |"
+        yield f"| {_book_and_split(book, split)} | {' | '.join(cells)} | {tasks:,} |"
 
 
-PLAN_PARTS = f"{DATA}/plan-weights-parts.json"
-"""Gains of all weights of plans and of two of them, on split 0."""
-BY_UNSEEN = {"unseen": "the goal is unseen", "seen": "only the intermediate is unseen"}
-"""Kinds of tasks of depth 2 on a split by goal."""
+def plan_gains() -> Iterator[str]:
+    """Yield the table of paired differences of planners on each split."""
+    rows, seeds = _by_split("plan-weights.json")
+    yield f"| book, split | difference | {' | '.join(f'split {seed}' for seed in seeds)} |"
+    yield f"|---|{'---|' * (len(seeds) + 1)}"
+    for (split, book), each in rows.items():
+        for key, text in PLANNER_GAINS.items():
+            cells = " | ".join(_with_ends(row[key]) if key in row else "" for row in each)
+            yield f"| {_book_and_split(book, split)} | {text} | {cells} |"
 
 
-def plan_parts() -> Iterator[str]:
-    """Yield the table of all weights and of two, and of tasks with and without an unseen goal."""
-    yield "| book, split | tasks | planner | weights from play | gain | gain by value and reuse |"
-    yield "|---|---|---|---|---|---|"
-    for whole in _rows(PLAN_PARTS, weights="all"):
-        (two,) = _rows(
-            PLAN_PARTS, weights="value and reused", book=whole["book"], split=whole["split"]
-        )
-        title = f"{BOOKS[whole['book']]}, {whole['split'].replace('-', ' ')}"
-        yield _plan_cells(title, whole, two)
-        for name, text in BY_UNSEEN.items() if "by_goal" in whole else ():
-            yield _plan_cells(f"{title}, {text}", whole["by_goal"][name], two["by_goal"][name])
-
-
-def _plan_cells(title: str, whole: Row, two: Row) -> str:
-    rates = f"{_shown(whole['planner'])} | {_shown(whole['weighed'])}"
-    gains = f"{_with_ends(whole['difference'])} | {_with_ends(two['difference'])}"
-    return f"| {title} | {whole['tasks']:,} | {rates} | {gains} |"
-
-
-def plan_agents() -> Iterator[str]:
-    """Yield the table of trained agents with plans: gains over the planner and over its weights.
-
-    The first training of each split has an interval over what the split holds out; of others the
-    gain is shown alone.
-    """
-    by_book: dict[tuple[str, str], dict[int, list[Row]]] = {}
-    for row in _read("evidence/data/plan-agents.json"):
-        of_splits = by_book.setdefault((row["split"], row["book"]), {})
-        of_splits.setdefault(row["split_seed"], []).append(row)
-    (seeds,) = {tuple(of_splits) for of_splits in by_book.values()}
-    gains = [f"minus planner, split {seed}" for seed in seeds]
-    yield f"| book, split | planner | agents | {' | '.join(gains)} | minus weights from play | tasks |"
-    yield f"|---|{'---|' * (len(gains) + 4)}"
-    for (split, book), of_splits in by_book.items():
-        cells = []
-        for first, *others in of_splits.values():
-            points = "".join(f", {_signed(row['against_planner'][0])}" for row in others)
-            cells.append(_with_ends(first["against_planner"]) + points)
-        over_weights = [row["against_weighed"][0] for each in of_splits.values() for row in each]
-        ends = f"{_signed(min(over_weights))} to {_signed(max(over_weights))}"
-        # Each split counts once, however many trainings it has.
-        agents, planner = (
-            _shown(_mean([_mean([row[key] for row in each]) for each in of_splits.values()]))
-            for key in ("agent", "planner")
-        )
-        tasks = f"{sum(each[0]['tasks'] for each in of_splits.values()):,}"
-        title = f"{BOOKS[book]}, {split.replace('-', ' ')}"
-        yield f"| {title} | {planner} | **{agents}** | {' | '.join(cells)} | {ends} | {tasks} |"
+def _book_and_split(book: str, split: str) -> str:
+    return f"{BOOKS[book]}, {split.replace('-', ' ')}"
 
 
 def attempts() -> Iterator[str]:
@@ -1173,16 +1141,11 @@ def acting_answer() -> Iterator[str]:
                 texts.append(f"{signed(row['difference'])} [{low}, {high}]")
         return ", ".join([f"{len(texts) or 'none'} of {len(by_depth[depth])}", *texts])
 
-    gains = [row["difference"] for row in _read("evidence/data/plan-weights.json")]
-    above = sum(low > 0 for _, low, _ in gains)
-    means = [mean for mean, *_ in gains]
     yield (
         f"**Answer.** Hardly, so far: with the default penalty an agent's difference to its own scorer is "
         f"{ends(1)} at depth 1 (significant at {100 * ALPHA:.0f} % after correction: {significant(1)}). At "
         f"depth 2 it is {ends(2)} against the planner (significant: {significant(2)}). These agents have "
-        f"the paper's preset; with the recommended one, [weights of plans learned in play](plan-weights.md) "
-        f"add {_shown(min(means))} to {_shown(max(means))} at depth 2 ({above} of {len(gains)} intervals "
-        "above 0)."
+        "the paper's preset."
     )
 
 
@@ -1341,8 +1304,7 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     },
     "finetuned": finetuned,
     "plan weights": plan_weights,
-    "plan agents": plan_agents,
-    "plan parts": plan_parts,
+    "plan gains": plan_gains,
     "attempts": attempts,
     **{
         f"planning {split}": partial(

@@ -22,9 +22,11 @@ from wordcraft_kg.base.errors import (
     TaskError,
     UnknownEntityError,
 )
-from wordcraft_kg.envs.config import REWARDS, RewardConfig
+from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs.task_search import make_tasks
 
 # water + earth makes two things, sun + sand glass, and so does fire + sand.
 ROWS = [
@@ -52,7 +54,9 @@ def labels_on(env, seen):
 
 def posed(world, goal, table, **options):
     """Begin an episode with this goal and table; returns the environment."""
-    env = WordCraftEnv(world, part="all", **options)
+    config = WordCraftConfig(part="all", **options)
+    every_task = make_tasks(world.graph, config.depth, twice_share=None)
+    env = WordCraftEnv(World(world, config, every_task))
     task = next(i for i in range(len(env.tasks)) if env.tasks[i].goal == goal)
     env.reset(seed=0, options={"task": task, "table": table})
     return env

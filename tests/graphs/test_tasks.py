@@ -13,7 +13,12 @@ from scipy.stats import chisquare
 from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, task_search
 from wordcraft_kg.graphs.splits import PARTS, Draw
-from wordcraft_kg.graphs.task_search import MAX_DEPTH, SolutionSearch, make_tasks
+from wordcraft_kg.graphs.task_search import (
+    MAX_DEPTH,
+    TWICE_SHARE,
+    SolutionSearch,
+    make_tasks,
+)
 from wordcraft_kg.graphs.tasks import CraftingTask, replay
 
 
@@ -69,7 +74,7 @@ def pairs(plan):
 
 def tasks_made(graph, depth, *arguments, **options):
     try:
-        return list(make_tasks(graph, depth, *arguments, **options))
+        return list(make_tasks(graph, depth, *arguments, twice_share=None, **options))
     except TaskError:
         return []
 
@@ -115,7 +120,7 @@ def test_a_plan_may_use_both_results_of_one_attempt():
     [rows] = SolutionSearch(graph).plans("e", ["a", "b"], 2)
     assert rows == (0, 1, 2)
     assert SolutionSearch(graph).plans("e", ["a", "b"], 1) == []
-    made = make_tasks(graph, 2)
+    made = make_tasks(graph, 2, twice_share=None)
     assert [(task.goal, "".join(task.start)) for task in made] == [
         ("e", "ab"),
         ("e", "abc"),
@@ -170,7 +175,7 @@ def test_tasks_are_all_that_trying_every_start_finds(depth, graph):
     ids=["depth 1", "depth 2", "depth 3", "depth 4"],
 )
 def kitchen_tasks(kitchen, request):
-    return make_tasks(kitchen, request.param, limit=300)
+    return make_tasks(kitchen, request.param, limit=300, twice_share=None)
 
 
 def test_every_plan_makes_the_goal_and_none_is_shorter(kitchen, kitchen_tasks):
@@ -224,7 +229,8 @@ def test_task_sets_of_equal_content_are_equal(kitchen):
     ):
         assert other != drawn
         assert list(other) != list(drawn)
-    assert list(make_tasks(kitchen, 3, limit=50))[:20] == list(drawn)
+    longer, shorter = (make_tasks(kitchen, 3, limit=limit, twice_share=None) for limit in (50, 20))
+    assert list(longer)[:20] == list(shorter)
     assert replace(drawn, starts=drawn.starts[::-1]) != drawn
 
 
@@ -277,19 +283,19 @@ def part_of(task, split):
 )
 def test_each_task_belongs_to_the_part_of_its_plans_or_to_none(kitchen, kind, valid_ratio, depth):
     split = make_split(kitchen, SplitConfig(kind, 0.7, valid_ratio, seed=1))
-    every = make_tasks(kitchen, depth, split, "all")
+    every = make_tasks(kitchen, depth, split, "all", twice_share=None)
     expected = {
         part: [task for task in every if part_of(task, split) == part] for part in (*PARTS, "mixed")
     }
     # Train tasks are those of a book of the train recipes: more, and other ones at depth 2.
-    of_train_book = [*make_tasks(train_book(split), depth)]
+    of_train_book = [*make_tasks(train_book(split), depth, twice_share=None)]
     assert (expected["train"] != of_train_book) == bool(expected["mixed"])
     expected["train"] = of_train_book
     assert expected["test"]
     assert bool(expected["valid"]) == bool(valid_ratio)
     for part in PARTS:
         if expected[part]:
-            made = make_tasks(kitchen, depth, split, part)
+            made = make_tasks(kitchen, depth, split, part, twice_share=None)
             assert list(made) == expected[part]
             mixed = 0 if part == "train" else len(expected["mixed"])
             assert (made.part, made.mixed) == (part, mixed)
@@ -411,7 +417,14 @@ def test_the_first_task_drawn_has_the_probability_of_the_ways_to_draw_it(part, w
     counts = Counter()
     for seed in range(draws):
         [task] = make_tasks(
-            BRANCHED, 3, BRANCHED_SPLIT, part, weighting=weighting, limit=1, seed=seed
+            BRANCHED,
+            3,
+            BRANCHED_SPLIT,
+            part,
+            weighting=weighting,
+            limit=1,
+            seed=seed,
+            twice_share=None,
         )
         counts[task.goal, task.start] += 1
     assert counts.keys() <= expected.keys()
@@ -488,16 +501,28 @@ def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed
 
 
 def test_tasks_of_depth_two_are_drawn_where_too_many_plans_lead_to_them(kitchen, monkeypatch):
-    everything = make_tasks(kitchen, 2)
+    every_task = make_tasks(kitchen, 2, twice_share=None)
+    by_share = make_tasks(kitchen, 2)
     plans = sum(
         len(SolutionSearch(kitchen).recipes_of[part])
         for a, b, _ in kitchen.recipes
         for part in (a, b)
     )
     monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans)
-    assert make_tasks(kitchen, 2) == everything
+    assert make_tasks(kitchen, 2) == by_share
     monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans - 1)
     drawn = make_tasks(kitchen, 2, limit=30)
     assert (len(drawn), drawn.is_complete) == (30, False)
-    assert set(drawn) < set(everything)
+    assert set(drawn) < set(every_task)
     assert make_tasks(kitchen, 1).is_complete
+
+
+@pytest.mark.parametrize("depth", [2, 3])
+def test_a_stated_share_of_the_tasks_uses_an_entity_twice(kitchen, depth):
+    tasks = make_tasks(kitchen, depth, limit=60)
+    every_task = make_tasks(kitchen, depth, limit=60, twice_share=None)
+    assert abs(tasks.uses_twice.mean() - TWICE_SHARE) < 1 / len(tasks)
+    assert abs(every_task.uses_twice.mean() - TWICE_SHARE) > 2 / len(tasks)
+    assert [len(set(task.start)) <= depth for task in tasks] == tasks.uses_twice.tolist()
+    if depth == 2:
+        assert set(tasks) < set(every_task)

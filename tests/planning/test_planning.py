@@ -34,9 +34,11 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
 from wordcraft_kg.planning.search import (
+    AT_ONCE,
     FURTHER,
     INTERMEDIATE,
     NO_PLAN,
+    REUSED,
     PlanSearch,
     _num_pairs,
     _pairs,
@@ -107,6 +109,20 @@ def slow_pair(search, goal, table, attempts, pair, cache):
     return cache[key]
 
 
+def slow_with_form(search, goal, table, attempts, pair, cache):
+    """The best plan that begins with a pair; the form of two attempts has log-odds."""
+    if attempts != 2:
+        return slow_pair(search, goal, table, attempts, pair, cache)
+    plans = [slow_log_probability(search, *pair, goal) + AT_ONCE]
+    for result in set(range(SIZE)) - table - {goal}:
+        chance = slow_log_probability(search, *pair, result, INTERMEDIATE) - FURTHER
+        for second in itertools.combinations_with_replacement(sorted(table | {result}), 2):
+            uses_again = result in second and set(pair) & set(second)
+            form = REUSED * bool(uses_again) if result in second else AT_ONCE
+            plans.append(chance + slow_log_probability(search, *second, goal) + form)
+    return max(plans)
+
+
 @pytest.mark.parametrize(
     ("seed", "attempts"),
     [
@@ -123,15 +139,48 @@ def test_values_are_those_of_all_plans(seed, attempts):
     values = search.values(*state, torch.tensor([attempts]))[0]
     for i, j in itertools.product(range(3), repeat=2):
         pair = tuple(sorted((table[i], table[j])))
-        expected = max(slow_pair(search, goal, frozenset(table), attempts, pair, cache), NO_PLAN)
+        best = slow_with_form(search, goal, frozenset(table), attempts, pair, cache)
+        expected = max(best, NO_PLAN)
         assert values[i, j] == pytest.approx(expected, abs=2e-3)  # features are half precision
     assert (values[3] == -torch.inf).all()
     pair = divmod(int(values.argmax()), 4)
     steps = search.plan(goal, table, pair, model=0, attempts_left=attempts)
     assert steps[-1][2] == goal
-    assert sum(math.log(max(chance, 1e-13)) for *_, chance in steps) == pytest.approx(
+    form = log_odds_of_form(steps) if attempts == 2 else 0
+    assert form + sum(math.log(max(chance, 1e-13)) for *_, chance in steps) == pytest.approx(
         float(values.max()), abs=2e-3
     )
+
+
+def log_odds_of_form(steps):
+    """What the form of a plan costs, if two attempts are left."""
+    first, *later = ({*step[:2]} for step in steps)
+    if not any(steps[0][2] in second for second in later):
+        return AT_ONCE
+    return REUSED * any(first & second for second in later)
+
+
+@pytest.mark.parametrize("seed", [3, 5, 6])
+def test_a_plan_is_carried_on_after_the_result_that_it_expects(seed):
+    search = random_search(seed)
+    goal = seed % SIZE
+    table = [(goal + step) % SIZE for step in (1, 2, 4)]
+    state = state_of(goal, table)
+    first = divmod(int(search.values(*state, torch.tensor([2]))[0].argmax()), 3)
+    steps = search.plan(goal, table, first, model=0, attempts_left=2)
+    assert len(steps) == 2
+    tried = torch.zeros(1, 4, 4, dtype=torch.bool)
+    tried[0, first[0], first[1]] = tried[0, first[1], first[0]] = True
+    later = search.values(*state_of(goal, [*table, steps[0][2]]), torch.tensor([1]), tried)[0]
+    one, other = divmod(int(later.argmax()), 4)
+    at_hand = [*table, steps[0][2]]
+    assert {at_hand[one], at_hand[other]} == {*steps[1][:2]}
+    # After a pair that nobody planned, an ingredient of it costs as much as in a plan.
+    afresh = search.values(*state_of(goal, at_hand), torch.tensor([1]))[0]
+    uses_again = torch.tensor([slot in first for slot in range(4)])
+    uses_again = (uses_again[:, None] | uses_again).float()
+    expected = (afresh + REUSED * uses_again).masked_fill(tried[0], NO_PLAN)
+    torch.testing.assert_close(later, expected.clamp(min=NO_PLAN))
 
 
 def test_a_batch_has_the_values_of_single_states():
@@ -337,9 +386,9 @@ def test_evidence_is_a_plan_whose_probability_is_p(scorer, opened):
             for slot, evidence in enumerate(p.evidence(state)):
                 assert (evidence is None) == (int(table[0, slot]) == empty)
                 if evidence and evidence.plan:
-                    assert math.log(math.prod(step[3] for step in evidence.plan)) == pytest.approx(
-                        float(scores[slot]), abs=2 * FURTHER
-                    )
+                    chance = math.log(math.prod(step[3] for step in evidence.plan))
+                    # After tried pairs, forms do not count.
+                    assert chance == pytest.approx(float(scores[slot]), abs=2 * FURTHER)
                     first, result = {*evidence.plan[0][:2]}, evidence.plan[0][2]
                     assert first == {int(table[0, slot]), evidence.partner}
                     expected = p.knowledge.supporting_recipes(
@@ -387,3 +436,12 @@ def test_one_ingredient_recipes_are_planned():
     steps = source.search.plan(goal, [start], (0, 0), model=0, attempts_left=3)
     assert [graph.entities[made] for *_, made, _ in steps] == ["plant", "tree", "wood"]
     assert [chance for *_, chance in steps] == [1, 1, 1]
+
+
+def test_a_planner_of_before_is_refused_with_the_reason():
+    source = BestPlan.of_recipes(6, np.array([[0, 1, 4]]))
+    constants = source.state_dict()
+    with pytest.raises(
+        ValueError, match=r"searches again after an attempt.* Train the agent again"
+    ):
+        BestPlan.restored(6, constants | {"curve": constants["curve"][:-2]})

@@ -78,7 +78,9 @@ class WordCraftConfig:
     Attributes:
         part: the part of the split with the tasks: ``train``, ``valid``, ``test``, or ``all``.
         depth: fewest attempts that solve a task, 1 to 5.
-        num_distractors: entities on the table that no plan needs; 1, 2 and 8 in the paper.
+        num_distractors: entities on the table that no plan needs, beside the ``depth + 1``
+            ingredients of the largest plan; 1, 2 and 8 in the paper. A task with fewer ingredients
+            has more, so that all tables have the same size.
         max_attempts: attempts in an episode; None means ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
         distractor_weighting: weights of entities for drawing distractors without replacement:
@@ -97,7 +99,8 @@ class WordCraftConfig:
         illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an
             error.
         num_tasks: number of tasks to sample at depth 3 and above, and at depth 2 in large graphs.
-        task_seed: random seed for this sample.
+        task_seed: random seed for this sample; at depth 2 for the sample of tasks that use no
+            entity twice, see :data:`~wordcraft_kg.graphs.task_search.TWICE_SHARE`.
         rewards: the shaped rewards that ``reward`` stands for; derived, not a setting.
         attempts: attempts in an episode; derived, not a setting.
 

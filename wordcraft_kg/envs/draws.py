@@ -61,7 +61,8 @@ class Draws:
         arrays: array operations by NumPy or torch.
         repeat: number of different episodes of an environment, which then begin again with the
             first; 0 if all differ.
-        width: size of the largest starting table.
+        width: size of a starting table, the same for all tasks.
+        most_drawn: distractors of the task with the fewest starting ingredients.
     """
 
     def __init__(self, world: World, arrays: Arrays, repeat: int = 0):
@@ -69,8 +70,13 @@ class Draws:
         self.world = world
         self.arrays = arrays
         self.repeat = repeat
-        self.width = world.config.depth + 1 + world.config.num_distractors
+        self.width = world.num_given
         tasks = world.tasks
+        self.most_drawn = int(world.num_drawn.max())
+        self._num_drawn = arrays.array(world.num_drawn)
+        # Rows of the distractors that only some tasks have, the last one first.
+        before = world.config.num_distractors - 1
+        self._further = arrays.array(np.arange(self.most_drawn - 1, before, -1))
         self._starts = arrays.array(tasks.starts.astype(np.int32))
         self._goals = arrays.array(tasks.goals.astype(np.int32))
         self._intermediates = arrays.array(tasks.intermediates.astype(np.int32))
@@ -165,8 +171,16 @@ class Draws:
         arrays = self.arrays
         starts = self._starts[tasks].T
         rows = starts
-        if self.world.config.num_distractors:
-            rows = arrays.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
+        if self.most_drawn:
+            drawn = self._distractors(keys, tasks, starts)
+            wanted = self.world.config.num_distractors
+            # Further distractors take the places of ingredients that a task lacks, from the last
+            # one on. So tables of tasks that lack none do not depend on other tasks.
+            further = drawn[self._further]
+            num_full = len(starts) - len(further)
+            parts = starts[num_full:]
+            filled = arrays.xp.where(parts == self.world.nothing, further, parts)
+            rows = arrays.xp.concatenate([starts[:num_full], filled, drawn[:wanted]])
         # Shuffled by sorting random places. Halved, so that an empty slot's place is above all.
         places = self._numbers(keys, _PLACES, len(rows)) >> 1
         order = arrays.xp.where(rows == self.world.nothing, _LAST_31_BITS, places)
@@ -191,21 +205,19 @@ class Draws:
         tasks: Array,
         starts: Array,
     ) -> Array:
-        """Draw distractors by weight without replacement: shape (num_distractors, R).
+        """Draw distractors by weight without replacement: shape (most_drawn, R).
 
         Candidates are drawn with replacement, and those that are not allowed are skipped. Where no
-        allowed entity is left, the id of nothing.
+        allowed entity is left, the id of nothing. Rows beyond a task's number have no meaning.
         """
-        config = self.world.config
-        wanted = config.num_distractors
         goals = self._goals[tasks][None, :]
         taken = self.arrays.xp.concatenate([goals, starts, self._intermediates[tasks].T])
         if self.arrays.on_device:
             # One round with many candidates, because a check would wait for the device.
-            drawn = self._pick(keys, tasks, taken, 8 * wanted + 16)
+            drawn = self._pick(keys, tasks, taken, 8 * self.most_drawn + 16)
         else:
             drawn = self._drawn_in_rounds(keys, tasks, taken)
-        if self._shortcuts is not None and config.attempts > 1:
+        if self._shortcuts is not None and self.world.config.attempts > 1:
             self._avoid_shortcuts(keys, tasks, taken, drawn)
         return drawn
 
@@ -215,21 +227,26 @@ class Draws:
         tasks: Array,
         taken: Array,
     ) -> Array:
-        """Draw distractors with as few candidates as each table needs: (num_distractors, R)."""
+        """Draw distractors with as few candidates as each table needs: (most_drawn, R)."""
         wanted = self.world.config.num_distractors
+        needed = self._num_drawn[tasks]
         # Most tables take the first candidates; the rest are drawn with more care.
-        drawn = self._candidates(keys, wanted)
-        again = self._clashes(drawn, taken).nonzero()[0]
+        first = self._candidates(keys, wanted)
+        clash = self._clashes(first, taken) | (needed > wanted)
+        again = clash.nonzero()[0]
         if self._shortcuts is not None:
             again = np.arange(len(keys))
-        amount = wanted + 4
+        drawn = np.full((self.most_drawn, len(keys)), self.world.nothing, dtype=np.int32)
+        drawn[:wanted] = first
+        amount = self.most_drawn + 4
         while len(again):
             chosen = self._pick(keys[again], tasks[again], taken[:, again], amount)
             drawn[:, again] = chosen
             amount *= 4
-            if amount >= 2**11 * wanted:
+            if amount >= 2**11 * self.most_drawn:
                 break  # entities have run out: the last slots stay empty
-            again = again[chosen[-1] == self.world.nothing]
+            num_chosen = (chosen != self.world.nothing).sum(0)
+            again = again[num_chosen < needed[again]]
         return drawn
 
     def _candidates(self, keys: Array, amount: int) -> Array:
@@ -263,10 +280,9 @@ class Draws:
         """Take the first allowed distractors among ``amount`` candidates, in their order.
 
         Returns:
-            shape (num_distractors, R); the id of nothing where too few are allowed.
+            shape (most_drawn, R); the id of nothing where too few are allowed.
         """
         arrays = self.arrays
-        wanted = self.world.config.num_distractors
         candidates = self._candidates(keys, amount)
         allowed = arrays.full(tuple(candidates.shape), 1, "bool")
         for entity in taken:
@@ -280,7 +296,7 @@ class Draws:
         # Allowed candidates come first, in the order of their draw; then nothing.
         order = arrays.xp.where(allowed, 0, _LAST_31_BITS)
         ids = arrays.xp.where(allowed, candidates, self.world.nothing)
-        return self._in_order(order, ids)[:, :wanted].T
+        return self._in_order(order, ids)[:, : self.most_drawn].T
 
     def _refuse_shortcuts(
         self,
@@ -327,7 +343,8 @@ class Draws:
         for i in range(len(keys)):
             task = int(tasks[i])
             turn = 0
-            while world.has_shortcut(task, _without(drawn[:, i], world.nothing)):
+            number = world.num_drawn[task]
+            while world.has_shortcut(task, _without(drawn[:number, i], world.nothing)):
                 turn += 1
                 world.check_tries(turn, task)
                 key = mixed(keys[i : i + 1] + turn)

@@ -108,7 +108,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     ## Starting state
     A task from the chosen part of the split, and distractors drawn without replacement. Goal,
-    starting ingredients and intermediates of the task's plans are never distractors.
+    starting ingredients and intermediates of the task's plans are never distractors. All tables
+    begin with ``depth + 1 + num_distractors`` entities: a task with fewer starting ingredients,
+    whose plan uses an entity twice, has more distractors.
     ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets the entities in
     the first slots, by id or label.
 
@@ -168,6 +170,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self._shortcuts: set[tuple[int, int, int]] = set()
         self._goals: list[int] = self.tasks.goals.tolist()
         self._starts = self._unpadded(self.tasks.starts)
+        self._num_drawn: list[int] = self.world.num_drawn.tolist()
         self._intermediates = self._unpadded(self.tasks.intermediates)
         self._makeable: list[list[int]] = [[] for _ in self._starts]
         if self.config.distractor_policy != "any":
@@ -370,7 +373,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         drawn: list[int] = []
         total = self._weight_ends[-1]
         # With all entities and the id of nothing taken, entities have run out.
-        while len(drawn) < self.config.num_distractors and len(taken) <= self._nothing:
+        wanted = self._num_drawn[task]
+        while len(drawn) < wanted and len(taken) <= self._nothing:
             entity = bisect_right(self._weight_ends, int(self._random() * total))
             if entity in taken:
                 continue

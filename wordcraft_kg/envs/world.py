@@ -94,8 +94,9 @@ class World:
         max_results: largest number of results of a pair.
         max_distractors: largest number of distractors that the graph's entities allow for every
             task.
-        num_slots: table size, fixed: starting ingredients, distractors, and room for all results of
-            all attempts.
+        num_given: entities on each starting table, whatever the task: the starting ingredients of
+            the largest plan, and the distractors.
+        num_slots: table size, fixed: ``num_given``, and room for all results of all attempts.
 
     Example:
         >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
@@ -137,15 +138,9 @@ class World:
         self.nothing = self.graph.num_entities
         self.max_results = max(map(len, self.outcomes.values()), default=1)
         # A plan of depth d starts with at most d + 1 ingredients.
-        num_given = config.depth + 1 + config.num_distractors
-        self.num_slots = num_given + self.max_results * config.attempts
-        # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
-        needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
-        # Half-products of chains are none either, whether a plan needs them or not.
-        is_thing = np.append(~self.graph.is_half_product, False)
-        things = int(is_thing.sum())
-        reserved = 1 + int(is_thing[needed].sum(axis=1).max())
-        self.max_distractors = things - reserved
+        self.num_given = config.depth + 1 + config.num_distractors
+        self.num_slots = self.num_given + self.max_results * config.attempts
+        self.max_distractors = int(self._num_free.min())
         if config.distractor_policy == "no_train_shortcut" and self.split.is_in("train").all():
             raise ConfigError(
                 f"`distractor_policy` 'no_train_shortcut': {self.graph.name} has no split, so all "
@@ -153,9 +148,10 @@ class World:
                 "`distractor_policy` no_shortcut."
             )
         if config.num_distractors > self.max_distractors:
+            things = int((~self.graph.is_half_product).sum())
             raise ConfigError(
                 f"`num_distractors` {config.num_distractors}: {self.graph.name} has "
-                f"{things} entities, of which a task needs up to {reserved}; "
+                f"{things} entities, of which a task needs up to {things - self.max_distractors}; "
                 f"expected at most {self.max_distractors}."
             )
 
@@ -231,6 +227,27 @@ class World:
             seed=config.task_seed,
             search=self.search,
         )
+
+    @_derived_from(*_TASKS, "num_distractors")
+    def num_drawn(self) -> Ids:
+        """Number of distractors of each task, shape (N,), one more for each ingredient it lacks.
+
+        A plan that uses an entity twice has fewer starting ingredients than the largest plan of its
+        depth; without further distractors, the size of its table would tell. Only a book with
+        hardly more entities than a plan needs cannot fill its tables.
+        """
+        num_lacking = (self.tasks.starts == self.nothing).sum(axis=1)
+        return frozen(np.minimum(self.config.num_distractors + num_lacking, self._num_free))
+
+    @_derived_from(*_TASKS)
+    def _num_free(self) -> Ids:
+        """Number of entities that may be distractors, by task, shape (N,)."""
+        # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
+        needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
+        # Half-products of chains are none either, whether a plan needs them or not.
+        is_thing = np.append(~self.graph.is_half_product, False)
+        num_needed = 1 + is_thing[needed].sum(axis=1)
+        return frozen(is_thing.sum() - num_needed)
 
     @_derived_from(*_TASKS)
     def groups(self) -> Ids:

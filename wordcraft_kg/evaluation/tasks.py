@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -34,6 +34,7 @@ class TaskListing(Record):
         depth: fewest attempts that solve a task.
         part: the split part.
         tasks: number of tasks.
+        uses_twice: share of the tasks whose plans use an entity twice.
         complete: whether these are all tasks of the part, and not a random sample.
         mixed: number of tasks that use recipes of several parts and belong to none.
         shown: the examples.
@@ -43,6 +44,7 @@ class TaskListing(Record):
     depth: int
     part: TaskPart
     tasks: Count
+    uses_twice: Share
     complete: bool
     mixed: Count
     shown: tuple[ShownTask, ...]
@@ -67,6 +69,7 @@ def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
         depth=env.config.depth,
         part=env.config.part,
         tasks=len(env.tasks),
+        uses_twice=float(env.tasks.uses_twice.mean()),
         complete=env.tasks.is_complete,
         mixed=env.tasks.mixed,
         shown=tuple(_shown(env, index) for index in order),

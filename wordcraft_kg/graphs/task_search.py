@@ -28,6 +28,12 @@ DRAWN_TASKS = 1_000
 """Default size of a random set."""
 MAX_ENUMERATED = 1_000_000
 """Plans at depth 2 that are enumerated, about 1 kB each; with more of them, tasks are drawn."""
+TWICE_SHARE = 0.25
+"""Share of the tasks of depth 2 and more whose plans use an entity twice.
+
+In a book it is between a twentieth and a fourth, so that a player does well who never uses an
+entity twice. All such tasks stay in a set, and of the others as many as this share allows.
+"""
 _ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
 _MOST_NEAR = 128  # most entities of which all pairs are looked up, about a millisecond
 _TRIES = 2_000  # draws without a new task after which drawing stops
@@ -277,7 +283,7 @@ class SolutionSearch:
 
 
 @stage("finding tasks")
-def make_tasks(
+def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with defaults
     graph: RecipeGraph,
     depth: int = 1,
     split: Split | None = None,
@@ -287,11 +293,13 @@ def make_tasks(
     limit: int = DRAWN_TASKS,
     seed: int = 0,
     search: SolutionSearch | None = None,
+    twice_share: float | None = TWICE_SHARE,
 ) -> TaskSet:
     """Return crafting tasks at a depth, the number of attempts in the shortest plan.
 
-    The set has all tasks at depth 1 and, for fewer than :data:`MAX_ENUMERATED` plans, at depth 2;
-    otherwise it is random, see :class:`_Draw` for the distribution.
+    The set has all tasks at depth 1 and, for fewer than :data:`MAX_ENUMERATED` plans, as many of
+    all tasks of depth 2 as ``twice_share`` allows; otherwise it is random, see :class:`_Draw` for
+    the distribution.
 
     *Train* tasks are those of a book of the train recipes alone: depth and plans know nothing of
     held-out recipes. With all recipes, a task belongs to *test* if each plan uses a test recipe, to
@@ -307,6 +315,8 @@ def make_tasks(
         limit: largest size of a random set.
         seed: random seed of a random set.
         search: an existing search for the graph; None makes one by the recipes that the part knows.
+        twice_share: share of the tasks of depth 2 and more whose plans use an entity twice, above 0
+            and below 1; None for the share in the book.
 
     Half-products of chains are neither goals nor starting ingredients, only intermediate results.
 
@@ -332,10 +342,12 @@ def make_tasks(
     is_complete = depth <= _ENUMERATED_DEPTH and are_few
     if is_complete:
         candidates = sorted(set(_enumerated(accept.search, depth)))
-        tasks = _accepted(candidates, accept)
+        every_task = _accepted(candidates, accept)
+        tasks = _with_share(every_task, depth, twice_share, np.random.default_rng(seed))
+        is_complete = len(tasks) == len(every_task)
     else:
         draw = _Draw(accept, weighting, seed)
-        tasks = _drawn(accept, draw, limit)
+        tasks = _drawn(accept, draw, limit, twice_share)
     if not tasks:
         where = ""
         if part != "all":
@@ -413,6 +425,35 @@ def _accepted(candidates: Iterable[_Candidate], accept: _Filter) -> dict[_Candid
         if plans:
             tasks[candidate] = plans
     return tasks
+
+
+def _with_share(
+    tasks: dict[_Candidate, Plans],
+    depth: int,
+    share: float | None,
+    rng: np.random.Generator,
+) -> dict[_Candidate, Plans]:
+    """Return tasks of which a share use an entity twice, in the same order.
+
+    Of those that are too many, some are drawn; a set without the others stays as it is.
+
+    Args:
+        tasks: plans by task.
+        depth: attempts that a task takes; at depth 1 all tasks stay.
+        share: share of the tasks that use an entity twice; None for that of ``tasks``.
+        rng: draws the tasks that stay.
+    """
+    is_twice = np.array([len(start) <= depth for _, start in tasks], dtype=bool)
+    num_twice = int(is_twice.sum())
+    num_others = len(tasks) - num_twice
+    if depth == 1 or share is None or not num_twice or not num_others:
+        return tasks
+    size = min(num_twice / share, num_others / (1 - share))
+    most_twice = round(size * share)
+    stays = np.zeros(len(tasks), dtype=bool)
+    for kind, most in ((is_twice, most_twice), (~is_twice, round(size) - most_twice)):
+        stays[rng.permutation(np.flatnonzero(kind))[:most]] = True
+    return dict(itertools.compress(tasks.items(), stays))
 
 
 def _enumerated(search: SolutionSearch, depth: int) -> Iterator[_Candidate]:
@@ -508,18 +549,33 @@ def _drawn(
     accept: _Filter,
     draw: _Draw,
     limit: int,
+    share: float | None,
 ) -> dict[_Candidate, Plans]:
-    """Return distinct tasks in the order in which they were drawn, at most ``limit``."""
+    """Return distinct tasks in the order in which they were drawn, at most ``limit``.
+
+    Once the set has its share of tasks that use an entity twice, or of the others, further ones of
+    the kind count as draws without a new task.
+    """
     tasks: dict[_Candidate, Plans] = {}
     tries = 0
+    room = {True: limit, False: limit}
+    if share is not None:
+        room[True] = round(limit * share)
+        room[False] = limit - room[True]
     # Most draws of a deep task fail, and a small part has few tasks: stop after many failures.
     while draw.last_steps and len(tasks) < limit and tries < _TRIES:
         tries += 1
         candidate = draw()
         if candidate is None or candidate in tasks:
             continue
+        is_twice = len(candidate[1]) <= draw.depth
+        if not room[is_twice]:
+            continue
         plans = accept(candidate)
         if plans:
             tasks[candidate] = plans
+            room[is_twice] -= 1
             tries = 0
-    return tasks
+    if len(tasks) == limit:
+        return tasks
+    return _with_share(tasks, draw.depth, share, draw.rng)

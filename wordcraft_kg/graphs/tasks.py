@@ -126,6 +126,11 @@ class TaskSet:
         return digest.hexdigest()
 
     @cached_property
+    def uses_twice(self) -> NDArray[np.bool_]:
+        """Whether each task's plans use an entity twice, shape (N,): a start lacks ingredients."""
+        return self.starts[:, -1] == self.graph.num_entities
+
+    @cached_property
     def intermediates(self) -> Ids:
         """Ids of intermediate results in each task's plans, shape (N, I), ascending.
 

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -47,6 +47,18 @@ NEAR = 16
 """Entities that stand for all others where a plan needs two intermediates or more."""
 SCORES = 2**20
 """Recipes scored at once."""
+REUSED = -1.5
+"""Log-odds of a plan of two attempts whose second attempt uses an ingredient of the first again.
+
+A quarter of the tasks use an entity twice, and more than half of the plans that a table allows.
+Chosen on split 10; log-odds of a pair of an entity with itself, in either attempt, changed nothing
+there.
+"""
+AT_ONCE = -3.0
+"""Log-odds of a plan of one attempt, where two are left.
+
+A task has as many attempts as it needs, so that only a distractor can open so short a plan.
+"""
 NO_PLAN = -30.0
 """Log-probability of pairs without a plan."""
 FEATURES = (
@@ -80,7 +92,8 @@ FEATURES = (
 | itself | the pair is an entity twice |
 | reused, twice | two attempts: the plan uses an ingredient again; x with itself |
 
-With one attempt left, only value, first_known and itself differ from 0.
+With one attempt left, only value, first_known, itself and reused differ from 0; an entity of a pair
+before is used again then.
 """
 _MOST_KNOWN = 3
 _CERTAIN = -1e-6
@@ -106,17 +119,29 @@ class _Plans(NamedTuple):
 class PlanSearch:
     """Values of pairs by the most probable plan."""
 
-    def __init__(self, knowledge: RecipeKnowledge, curve: RecipeCurve, *, width: int = 0):
+    def __init__(
+        self,
+        knowledge: RecipeKnowledge,
+        curve: RecipeCurve,
+        *,
+        width: int = 0,
+        reused: float = REUSED,
+        at_once: float = AT_ONCE,
+    ):
         """Prepare a search.
 
         Args:
             knowledge: scores recipes, with E entities and one or more models.
             curve: turns the scores into probabilities.
             width: number of candidates, W; 0 for :data:`WIDTHS`.
+            reused: see :data:`REUSED`; 0 for a planner that knows no form of tasks.
+            at_once: see :data:`AT_ONCE`, likewise.
         """
         self.knowledge = knowledge
         self.curve = curve
         self.width = width
+        self.reused = reused
+        self.at_once = at_once
 
     @property
     def device(self) -> torch.device:
@@ -203,12 +228,18 @@ class PlanSearch:
         itself = torch.eye(slots, device=table.device).expand(len(table), -1, -1)
         named = {"itself": itself}
         if number == 1:
-            value = _bounded(self._log_probabilities(goal, table, model, tried))
-            named |= {"value": value, "first_known": (value > _CERTAIN).float()}
+            to_goal = self._log_probabilities(goal, table, model, tried)
+            again = _uses_again(tried, to_goal)
+            named |= {
+                "value": _bounded(to_goal + again * self.reused),
+                "first_known": (to_goal > _CERTAIN).float(),
+                "reused": again,
+            }
         else:
             plans = self._plans(goal, table, model, number, tried)
+            value = self._values_of(plans, slots, number, tried).amax(1)
             after = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
-            named |= _features_of_plans(plans, after, slots, number)
+            named |= {"value": _bounded(value), **_features_of_plans(plans, after, slots, number)}
         none = torch.zeros_like(itself)
         return torch.stack([named.get(name, none) for name in FEATURES], dim=-1)
 
@@ -239,6 +270,11 @@ class PlanSearch:
             pair that was tried before.
         """
         steps: list[tuple[int, int, int, float]] = []
+        slots = len(table)
+        if tried is None:
+            tried = torch.zeros(1, slots, slots, dtype=torch.bool, device=self.device)
+        has_form = attempts_left == 2 and not tried.any()
+        tried = tried.clone()
         table = list(table)
         one, other = pair
         device = self.device
@@ -248,6 +284,9 @@ class PlanSearch:
             tables = torch.tensor([table], device=device)
             values, results = self._values(goals, tables, models, left, tried)
             if steps:
+                if has_form:
+                    # As in the look-ahead: the second attempt uses what the first one makes.
+                    values[:, :, :-1, :-1] += self.at_once
                 # Only the first pair is given; the plan goes on with the best pair of all.
                 best_pair = int(values[0].amax(0).argmax())
                 one, other = divmod(best_pair, len(table))
@@ -273,6 +312,8 @@ class PlanSearch:
             if is_goal:
                 break
             table.append(int(result))
+            if max(one, other) < slots:
+                tried[0, one, other] = tried[0, other, one] = True
         return steps
 
     def _searches(self, attempts_left: Tensor, slots: int) -> Iterator[tuple[int, Tensor]]:
@@ -350,16 +391,62 @@ class PlanSearch:
         slots = table.shape[1]
         if number == 1:
             to_goal = self._log_probabilities(goal, table, model, tried)
-            return to_goal[:, None], goal[:, None]
+            again = _uses_again(tried, to_goal) * self.reused
+            return (to_goal + again)[:, None], goal[:, None]
         plans = self._plans(goal, table, model, number, tried)
-        candidates, to_goal, to_candidates = plans
-        after = _after_candidates(to_goal, to_candidates, slots, number)
-        at_once = to_goal[:, None, :slots, :slots]
-        of_table = to_candidates[:, :, :slots, :slots]
-        later = of_table + after[:, :, None, None] - FURTHER
-        values = torch.cat([at_once, later], dim=1)
-        results = torch.cat([goal[:, None], candidates], dim=1)
-        return values, results
+        results = torch.cat([goal[:, None], plans.candidates], dim=1)
+        return self._values_of(plans, slots, number, tried), results
+
+    def _values_of(
+        self,
+        plans: _Plans,
+        slots: int,
+        number: int,
+        tried: Tensor | None,
+    ) -> Tensor:
+        """Return :meth:`_values` of two attempts or more, shape (B, 1 + W, A, A)."""
+        at_once = plans.to_goal[:, None, :slots, :slots]
+        first = plans.to_candidates[:, :, :slots, :slots]
+        if number == 2:
+            # After failures, plans for the rest of the attempts may have any form.
+            is_first = torch.ones(len(first), device=first.device)
+            if tried is not None:
+                is_first = (~tried.flatten(1).any(1)).float()
+            at_once = at_once + self.at_once * is_first[:, None, None, None]
+            after = self._second_attempt(plans.to_goal, slots, is_first[:, None])
+        else:
+            of_candidates = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
+            after = of_candidates[:, :, None, None]
+        return torch.cat([at_once, first + after - FURTHER], dim=1)
+
+    def _second_attempt(self, to_goal: Tensor, slots: int, is_first: Tensor) -> Tensor:
+        """Return the log-probability of the best second attempt, by what the first one made.
+
+        Args:
+            to_goal: shape (B, S, S): a pair makes the goal.
+            slots: A.
+            is_first: shape (B, 1): 1 where no pair was tried before, and forms count, else 0.
+
+        Returns:
+            shape (B, W, A, A): after a pair of slots made the candidate.
+        """
+        # Without what the first attempt made, it would be wasted.
+        on_table = to_goal[:, :slots, :slots].flatten(1).amax(1)[:, None]
+        on_table = on_table + self.at_once * is_first
+        last = to_goal[:, slots:]
+        with_itself = last[:, :, slots:].diagonal(dim1=1, dim2=2)
+        with_table = last[:, :, :slots]
+        again = with_table.amax(2) + self.reused * is_first
+        of_candidates = torch.maximum(torch.maximum(with_itself, again), on_table)
+        # The best partner that is not of the pair is one of the three best.
+        values, places = with_table.topk(min(3, slots), dim=2)
+        slot = torch.arange(slots, device=to_goal.device)
+        best = torch.full_like(with_table[..., None] + slot, -torch.inf)
+        for rank in reversed(range(values.shape[2])):
+            is_partner = places[:, :, rank, None] == slot
+            is_of_pair = is_partner[..., :, None] | is_partner[..., None, :]
+            best = torch.where(is_of_pair, best, values[:, :, rank, None, None])
+        return torch.maximum(best, of_candidates[:, :, None, None])
 
     def _plans(
         self,
@@ -472,6 +559,24 @@ class PlanSearch:
         return values
 
 
+def _uses_again(tried: Tensor | None, to_goal: Tensor) -> Tensor:
+    """Return whether a second pair has an ingredient of the first, shape (B, S, S), 0 or 1.
+
+    So a plan is carried on: after an attempt with the result that the plan expects, its second
+    attempt is still the best one. After several attempts nobody knows which of them was the plan's.
+
+    Args:
+        tried: shape (B, A, A), bool: pairs that were tried, for the first A slots; None if unknown.
+        to_goal: shape (B, S, S).
+    """
+    if tried is None:
+        return torch.zeros_like(to_goal)
+    is_second = tried.triu().sum((1, 2)) == 1
+    of_first = tried.any(2) & is_second[:, None]
+    was_used = nn.functional.pad(of_first, (0, to_goal.shape[1] - tried.shape[1]))
+    return (was_used[:, :, None] | was_used[:, None]).float()
+
+
 def _bounded(log_probabilities: Tensor) -> Tensor:
     """Lift log-probabilities to :data:`NO_PLAN` at least, so that products are finite."""
     return log_probabilities.clamp(min=NO_PLAN)
@@ -488,10 +593,6 @@ def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) ->
     """
     goal = plans.to_goal[:, :slots, :slots]
     first = plans.to_candidates[:, :, :slots, :slots]
-    by_further = first + after[:, :, None, None]
-    # Each attempt after the first has a cost.
-    further = by_further.amax(1) - FURTHER
-    value = torch.maximum(goal, further)
     rest = after
     if number == 2:
         # Only plans that use x: without it, the first attempt would be wasted.
@@ -514,7 +615,6 @@ def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) ->
     if by_candidate.shape[1] > 1:
         second = by_candidate.topk(2, dim=1).values[:, 1]
     named = {
-        "value": _bounded(value),
         "goal": _bounded(goal),
         "plan": best,
         "first": best_first.masked_fill(best_first > _CERTAIN, 0),

@@ -20,7 +20,14 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipe_curve import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.planning.search import FEATURES, MAX_ATTEMPTS, NO_PLAN, PlanSearch
+from wordcraft_kg.planning.search import (
+    AT_ONCE,
+    FEATURES,
+    MAX_ATTEMPTS,
+    NO_PLAN,
+    REUSED,
+    PlanSearch,
+)
 
 P = Label(
     "p",
@@ -43,8 +50,8 @@ class BestPlan(BestRecipe):
     Attributes:
         label: name and description of the source.
         reads_attempts: True: states need the number of attempts left.
-        curve: buffer with the settings of the search, float64: the intercepts, then slope, shift
-            and width.
+        curve: buffer with the settings of the search, float64: the intercepts, then slope, shift,
+            width, and the log-odds of two forms of plans.
         weights: buffer, shape (:data:`~.search.MAX_ATTEMPTS`, F), float32: the weight of each
             feature in :data:`~.search.FEATURES` by the attempts left, from one on. Not there
             without :meth:`weigh`.
@@ -83,7 +90,7 @@ class BestPlan(BestRecipe):
             )
         source = super().of_scorer(scorer, view)
         assert isinstance(source, cls)
-        values = [*curve.intercepts, curve.slope, curve.shift, float(view.width)]
+        values = [*curve.intercepts, curve.slope, curve.shift, float(view.width), REUSED, AT_ONCE]
         # float64: the numbers that a file restores equal those of the scorer's record, to the bit.
         source.register_buffer("curve", torch.tensor(values, dtype=torch.float64))
         return source
@@ -104,9 +111,14 @@ class BestPlan(BestRecipe):
         num_entities: int,
         constants: Mapping[str, Tensor],
     ) -> Self:
-        # Besides an intercept for each kind of pair: slope, shift and width.
-        check_tensors(constants, {"curve": "values float64"}, values=KINDS + 3)
-        width = constants["curve"].tolist()[-1]
+        # Besides an intercept for each kind of pair: slope, shift, width and two forms.
+        if constants["curve"].shape == (KINDS + 3,):
+            raise ValueError(
+                "its planner searches again after an attempt, and the tables at depth 2 were "
+                "others. Train the agent again"
+            )
+        check_tensors(constants, {"curve": "values float64"}, values=KINDS + 5)
+        width = constants["curve"].tolist()[KINDS + 2]
         if width not in range(MAX_DIM + 1):
             raise ValueError(
                 f"curve has the width {width}; expected a whole number up to {MAX_DIM}"
@@ -139,9 +151,15 @@ class BestPlan(BestRecipe):
         """The search for plans, on the device of the knowledge."""
         # Its candidates hold tensors that are no buffers: a move to another device makes a new one.
         if self._search is None or self._search.device != self.knowledge.bias.device:
-            new, made, slope, shift, width = self.curve.tolist()
+            new, made, slope, shift, width, reused, at_once = self.curve.tolist()
             curve = RecipeCurve(intercepts=(new, made), slope=slope, shift=shift)
-            self._search = PlanSearch(self.knowledge, curve, width=int(width))
+            self._search = PlanSearch(
+                self.knowledge,
+                curve,
+                width=int(width),
+                reused=reused,
+                at_once=at_once,
+            )
         return self._search
 
     def pair_scores(self, states: States, model: Tensor) -> Tensor:
@@ -235,8 +253,8 @@ class BestPlan(BestRecipe):
         source = cls(size, _without_words(size, recipes))
         # A known recipe is certain; a log-odds far below `NO_PLAN` makes any other impossible.
         impossible = [10 * NO_PLAN] * KINDS
-        # Slope, shift and width (0: the default).
-        values = [*impossible, 0.0, 0.0, 0.0]
+        # Slope, shift and width (0: the default). Of certain plans, none is better.
+        values = [*impossible, 0.0, 0.0, 0.0, 0.0, 0.0]
         source.register_buffer("curve", torch.tensor(values, dtype=torch.float64))
         return source
 

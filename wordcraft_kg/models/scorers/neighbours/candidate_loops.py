@@ -14,6 +14,8 @@ _LATER = np.float32(0.05)
 """Weight of entities that only a further attempt can make."""
 _FIRST = np.float32(1e6)
 """Weight of known results: they come before all others."""
+_LEADS = np.float32(1e4)
+"""Weight of entities that one known attempt after them makes the goal: they come next."""
 
 
 @compiled
@@ -70,6 +72,35 @@ def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
                     break
                 weight = lists.support_alike[goal, row] * lists.made_alike[needed, column]
                 weights[other] += factor * weight
+
+
+@compiled
+def _add_leads(lists, goal, table, needs):  # type: ignore[no-untyped-def]
+    """Add entities from which a known recipe leads to the goal to the weights.
+
+    Args:
+        lists: the lists.
+        goal: entity id.
+        table: shape (A,); negative for empty slots. The recipe's other ingredient is among them, or
+            the entity itself.
+        needs: is added to, shape (T,).
+    """
+    for row in range(lists.support.shape[1]):
+        recipe = lists.support[goal, row]
+        if recipe < 0:
+            break
+        if lists.result[recipe] != goal:
+            continue
+        first = lists.first[recipe]
+        second = lists.second[recipe]
+        if first == second:
+            needs[first] += _LEADS
+            continue
+        for slot in range(len(table)):
+            if table[slot] == first:
+                needs[second] += _LEADS
+            if table[slot] == second:
+                needs[first] += _LEADS
 
 
 @compiled
@@ -153,6 +184,7 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
                         words,
                     )
         _add_needs(lists, goal, np.float32(1), needs)
+        _add_leads(lists, goal, table, needs)
         for _ in range(further):
             for place in range(_best(makes, ids, values)):
                 for slot in range(len(table)):

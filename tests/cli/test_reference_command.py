@@ -199,7 +199,7 @@ def result(folder, settings, played):
     return folder
 
 
-COUNTS = {"invalid_actions": 4, "lost_attempts": 1, "look_ups": 0, "messages": ()}
+COUNTS = {"invalid_actions": 4, "lost_attempts": 1, "look_ups": 0, "messages": (), "pairs": ()}
 
 
 def tasks_made(number, world, most=None):

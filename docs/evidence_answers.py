@@ -593,8 +593,7 @@ def language_models() -> Iterator[str]:
     yield f"|---|{'---|' * len(LITE_TRACKS)}"
     for title, archive in WAYS.items():
         cells = [
-            _played(track, archive) if _submission(track, archive) else ""
-            for track in LITE_TRACKS
+            _played(track, archive) if _submission(track, archive) else "" for track in LITE_TRACKS
         ]
         yield f"| {title} | {' | '.join(cells)} |"
     chance = (_success_of(track, "random") for track in LITE_TRACKS)

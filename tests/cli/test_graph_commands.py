@@ -317,7 +317,7 @@ def test_bad_input_is_refused_naming_its_place(not_built, book, home, line, name
             TABLE,
             "a",
             "\n",
-            "book.csv: no table: a line of 20,000,001 characters; the limit is 100,000",
+            "book.csv, line 2: a line of 20,000,001 characters; the limit is 100,000",
         ),
         pytest.param(
             "book.csv",

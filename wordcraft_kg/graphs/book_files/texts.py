@@ -317,6 +317,8 @@ def read_table(
     faults = list(filter(None, (read_directive(source, *line) for line in head)))
     first = lines[0]
     start = sum(len(line) for _, line in (*head, first))
+    if len(first[1]) > MAX_LINE_LENGTH:
+        raise refusal(path, f"no table: {too_long(first[1])[:-1]}", "table")
     sample = [line for _, line in lines[:_SAMPLE_ROWS] if line.strip()]
     dialect = Dialect(delimiter or usual)
     is_own = tuple(_tolerant_cells(first[1], dialect)) in _OWN

@@ -70,7 +70,7 @@ def test_drawn_tasks_are_said_to_be_drawn(opened):
     tasks = make_tasks(opened.graph, 3, opened.split, "train", limit=70)
     found = view_task_table(tasks)
     assert (found.tasks, found.is_complete, found.paging.pages) == (70, False, 2)
-    assert view_task_table(make_tasks(opened.graph, 2)).is_complete
+    assert view_task_table(make_tasks(opened.graph, 1)).is_complete
 
 
 def test_only_what_is_shown_gets_labels(opened, monkeypatch):

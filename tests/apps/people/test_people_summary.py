@@ -140,7 +140,10 @@ def is_solved(policy, env, seen):
     number = torch.tensor([env.state.task]) if env.config.part == "train" else None
     for _ in range(2):
         batch = [torch.as_tensor(seen[name])[None] for name in ("goal", "selection", "table")]
-        seen, _, _, _, info = env.step(int(policy(States(*batch, task=number)).logits.argmax()))
+        states = States(*batch, task=number)
+        # A policy of pairs takes the best pair, whose first slot may not be the likeliest one.
+        slots = policy.best_slots(states, policy.weights(), policy.external_scores(states))
+        seen, _, _, _, info = env.step(int(slots))
     return info["outcome"] == "goal"
 
 

@@ -10,6 +10,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from parts_tables import PARTS_TABLES
+
 from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.statistics import holm, split_interval, student_interval
 from wordcraft_kg.base.wording import counted
@@ -1355,5 +1357,6 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "speed": speed,
     "people pairs": people_pairs,
     "joint training": joint_training,
+    **PARTS_TABLES,
 }
 """The tables by name."""

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg import evaluate, open_graph
+from wordcraft_kg.agents.players import Player
 from wordcraft_kg.envs.batch import State
 from wordcraft_kg.models.scorers.features import make_features
 
@@ -54,12 +55,17 @@ def advantages(rewards: Tensor, values: Tensor, over: Tensor) -> Tensor:
     return result
 
 
-def train(graph: str, steps: int, seed: int = 0) -> Network:
+def train(graph: str, steps: int, seed: int = 0, distractors: int = 8) -> Network:
     """Train a network on the train tasks of a graph."""
     torch.manual_seed(seed)
     opened = open_graph(graph)
     envs = gym.make_vec(
-        "WordCraft-v0", ENVS, vectorization_mode="vector_entry_point", graph=opened, part="train"
+        "WordCraft-v0",
+        ENVS,
+        vectorization_mode="vector_entry_point",
+        graph=opened,
+        part="train",
+        num_distractors=distractors,
     )
     network = Network(torch.tensor(make_features("glove", opened.graph.entities).vectors))
     optimizer = torch.optim.Adam(network.parameters(), RATE)
@@ -115,18 +121,17 @@ def tensors(seen: dict[str, np.ndarray]) -> dict[str, Tensor]:
     return {name: torch.as_tensor(values) for name, values in seen.items()}
 
 
-@torch.no_grad()
-def success(graph: str, network: Network) -> str:
-    """Return the success of greedy play on the test tasks, with its interval."""
+def player_of(network: Network) -> Player:
+    """Return greedy play by a network."""
 
+    @torch.no_grad()
     def player(state: State, rng: np.random.Generator) -> np.ndarray:
         seen = {name: getattr(state, name).copy() for name in ("goal", "selection", "table")}
         logits, _ = network(tensors({**seen, "action_mask": state.action_masks()}))
         slots: np.ndarray = logits.argmax(1).numpy()
         return slots
 
-    figures = evaluate(player, open_graph(graph), part="test").metrics()
-    return f"test success {figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]"
+    return player
 
 
 if __name__ == "__main__":
@@ -134,6 +139,14 @@ if __name__ == "__main__":
     parser.add_argument("--graph", default="everyday")
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--distractors", type=int, default=8)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    print(success(options.graph, train(options.graph, options.steps, options.seed)))
+    network = train(options.graph, options.steps, options.seed, options.distractors)
+    figures = evaluate(
+        player_of(network),
+        open_graph(options.graph),
+        part="test",
+        num_distractors=options.distractors,
+    ).metrics()
+    print(f"test success {figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]")

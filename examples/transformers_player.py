@@ -32,7 +32,7 @@ from transformers.utils import logging
 from wordcraft_kg.apps.elicitation.chat_template import ChatTemplate, usual_template
 from wordcraft_kg.apps.elicitation.language_model import open_language_model
 from wordcraft_kg.apps.elicitation.weights import locate_model, working
-from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 
 Message = dict[str, str]
 ANSWERS = 200
@@ -51,12 +51,17 @@ class Reader:
         Nothing in it runs code, and it is no larger than its weights, see `elicit`.
 
         Raises:
-            WordCraftKGError: for another model, or one without a chat template.
+            WordCraftKGError: for another model, or one without a chat template or an end of a text.
         """
         opened = open_language_model(locate_model("model", name))
         self.model = opened.model
         self.tokenizer = opened.tokenizer
         usual_template(self.tokenizer)
+        if self.tokenizer.eos_token_id is None:
+            raise ArtefactError(
+                f"the tokenizer of '{name}' has no token that ends a text (eos_token), so an answer "
+                "would not end. Set it in tokenizer_config.json."
+            )
         self.end: int = self.tokenizer.eos_token_id
         self.ids: list[int] = []
         self.cache = DynamicCache(config=self.model.config)

@@ -24,15 +24,22 @@ def player():
 
 @pytest.fixture(scope="module")
 def reader(model_folder):
+    made = reader_of(model_folder, eos_token="bread")
+    made.end = made.tokens("bread")[0]
+    return made
+
+
+def reader_of(model_folder, **tokens):
+    """A reader of a model whose tokenizer has a chat template and further special tokens."""
     from transformers import AutoTokenizer
 
     with pytest.MonkeyPatch.context() as patch:
         tokenizer = AutoTokenizer.from_pretrained(model_folder)
         tokenizer.chat_template = "{% for one in messages %}{{ one.content }}, {% endfor %}"
+        for name, token in tokens.items():
+            setattr(tokenizer, name, token)
         patch.setattr(AutoTokenizer, "from_pretrained", lambda *_, **__: tokenizer)
-        made = player()["Reader"](str(model_folder))
-    made.end = made.tokens("bread")[0]
-    return made
+        return player()["Reader"](str(model_folder))
 
 
 def log_prob(reader, prompt, answer):
@@ -140,6 +147,11 @@ def test_games_without_a_goal_are_refused_by_recipes(reader, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO(line + "\n"))
     with pytest.raises(SystemExit, match="has no goal"):
         player()["play_by_recipes"](reader)
+
+
+def test_a_tokenizer_without_an_end_of_a_text_is_refused(model_folder):
+    with pytest.raises(ArtefactError, match="no token that ends a text"):
+        reader_of(model_folder)
 
 
 def test_a_tokenizer_without_chat_template_is_refused_by_name(model_folder):

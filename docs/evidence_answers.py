@@ -503,7 +503,7 @@ def plan_weights() -> Iterator[str]:
 
     def gains(key: str) -> str:
         """Return the least and the largest difference, and how many intervals are above 0."""
-        differences = [row[key] for row in rows if key in row]
+        differences = [row[key] for row in rows]
         ends = [signed(end(mean for mean, *_ in differences)) for end in (min, max)]
         above = sum(low > 0 for _, low, _ in differences)
         return f"{ends[0]} to {ends[1]} ({above} of {len(differences)} intervals above 0)"

@@ -350,29 +350,19 @@ PLANNER_GAINS = {
 
 
 def plan_weights() -> Iterator[str]:
-    """Yield the table of planners at depth 2: means over splits."""
-    rows, _ = _by_split("plan-weights.json")
-    yield f"| book, split | {' | '.join(PLANNERS.values())} | tasks |"
-    yield f"|---|{'---|' * (len(PLANNERS) + 1)}"
-    for (split, book), each in rows.items():
-        cells = [_shown(_mean([row[key] for row in each if key in row])) for key in PLANNERS]
-        tasks = sum(row["tasks"] for row in each)
-        yield f"| {_book_and_split(book, split)} | {' | '.join(cells)} | {tasks:,} |"
-
-
-def plan_gains() -> Iterator[str]:
-    """Yield the table of paired differences of planners on each split."""
+    """Yield the table of planners at depth 2: means over splits, and each split's differences."""
     rows, seeds = _by_split("plan-weights.json")
-    yield f"| book, split | difference | {' | '.join(f'split {seed}' for seed in seeds)} |"
-    yield f"|---|{'---|' * (len(seeds) + 1)}"
+    splits = " and ".join(map(str, seeds))
+    gains = [f"{text}, splits {splits}" for text in PLANNER_GAINS.values()]
+    yield f"| book, split | {' | '.join((*PLANNERS.values(), *gains))} | tasks |"
+    yield f"|---|{'---|' * (len(PLANNERS) + len(gains) + 1)}"
     for (split, book), each in rows.items():
-        for key, text in PLANNER_GAINS.items():
-            cells = " | ".join(_with_ends(row[key]) if key in row else "" for row in each)
-            yield f"| {_book_and_split(book, split)} | {text} | {cells} |"
-
-
-def _book_and_split(book: str, split: str) -> str:
-    return f"{BOOKS[book]}, {split.replace('-', ' ')}"
+        cells = [_shown(_mean([row[key] for row in each])) for key in PLANNERS]
+        for key in PLANNER_GAINS:
+            cells.append(", ".join(_with_ends(row[key]) for row in each))
+        title = f"{BOOKS[book]}, {split.replace('-', ' ')}"
+        tasks = sum(row["tasks"] for row in each)
+        yield f"| {title} | {' | '.join(cells)} | {tasks:,} |"
 
 
 def attempts() -> Iterator[str]:
@@ -1306,7 +1296,6 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     },
     "finetuned": finetuned,
     "plan weights": plan_weights,
-    "plan gains": plan_gains,
     "attempts": attempts,
     **{
         f"planning {split}": partial(

@@ -43,6 +43,7 @@ def shelf(tmp_path_factory):
     book=RecipeBook.of("book", [("# a", ' "b, c" ', " lead")], base=None, listed=["ä, ö", "'"])
 )
 @example(book=RecipeBook.of("book", [("a", "b", "c")], base=[], listed=["idle"]))
+@example(book=RecipeBook.of("book", [("Crafting", "Recipe", "Result")], base=None))
 @example(book=RecipeBook.of("book", [("a", "b", "c")], base=[" lead"], listed=["trail "]))
 @example(book=RecipeBook.of("book", [("a", "b", "c")], base=["# hash", "a,b", '"', " é "]))
 def test_a_book_written_and_read_back_is_equal(shelf, ending, book):

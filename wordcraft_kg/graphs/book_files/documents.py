@@ -92,6 +92,7 @@ class Located(NamedTuple):
     key: str = ""
 
 
+_OWN_PATHS = ((EACH, ".ingredient_a"), (EACH, ".ingredient_b"), (EACH, ".result"))
 _MOST_KEYS = 40  # of an object that is no map of labels
 _DENSE = 0.5  # share of an object's keys that its siblings have as well
 _MOST_PATHS = 12  # in a refusal
@@ -154,11 +155,8 @@ def read_document(
             commands.
         ConfigError: if ``columns`` lead nowhere.
     """
+    _take_base(path, document, source)
     value = document.value
-    base = value.get("base") if isinstance(value, dict) else None
-    if isinstance(base, list) and all(isinstance(label, str) for label in base):
-        source.base = {check_label(label, f"{path}: base"): "base" for label in base}
-        value = document.value = {key: each for key, each in value.items() if key != "base"}
     source.entries = document.others
     if not value or not isinstance(value, list | dict):
         return source
@@ -172,8 +170,13 @@ def read_document(
     if columns is not None:
         best = read(_given(document, columns, texts), is_given=True)
     elif source.is_exact:
-        parts = tuple((EACH, f".{name}") for name in ("ingredient_a", "ingredient_b"))
-        best = read(Way(parts, ((EACH, ".result"),)))
+        way = Way(_OWN_PATHS[:2], _OWN_PATHS[2:])
+        if source.numbered is not None:
+            # Row by row only if somebody asks.
+            source.entries = chain.from_iterable(read(each).entries for each in [way])
+            source.reading = replace(source.reading, columns=tuple(p[-1][1:] for p in _OWN_PATHS))
+            return source
+        best = read(way)
     else:
         _check_choices(path, texts)
         ways = list(islice(_ways(texts), _MOST_WAYS))
@@ -207,6 +210,15 @@ def read_document(
         if not source.base and any(path[-1:] in ((".text",), (".emoji",)) for path in texts):
             source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
     return source
+
+
+def _take_base(path: FilePath, document: Document, source: FileRows) -> None:
+    """Take a list of labels under the key ``base`` out of a document, as the base."""
+    value = document.value
+    base = value.get("base") if isinstance(value, dict) else None
+    if isinstance(base, list) and all(isinstance(label, str) for label in base):
+        source.base = {check_label(label, f"{path}: base"): "base" for label in base}
+        document.value = {key: each for key, each in value.items() if key != "base"}
 
 
 def _texts_of(document: Document) -> "_Texts":

@@ -372,8 +372,10 @@ def _document(
     ] or [str(at + 1) for at in range(width)]
     document = Document([], is_table=True)
     known = {name.casefold() for name in names if is_documented(name)}
-    # Labels may be words of columns, but hardly those right below the header.
+    # Labels may be words of columns, but hardly those right below the header; in our own tables
+    # they stand as they are.
     known |= {cell.casefold() for row in heads[1:2] for cell in row.cells}
+    known = set() if source.is_exact else known
     for row in rows:
         if not isinstance(row, Line):
             document.others.append(row)

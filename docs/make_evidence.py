@@ -138,7 +138,8 @@ def files() -> Iterator[tuple[Path, str]]:
     """Yield each file and its content."""
     readme = HERE.parent / "README.md"
     yield readme, between(readme.read_text(encoding="utf-8"), FINDING, finding())
-    for page in (HERE / "partial-graph.md", *sorted((HERE / "evidence").glob("*.md"))):
+    guides = [HERE / "partial-graph.md", HERE / "which-model.md"]
+    for page in (*guides, *sorted((HERE / "evidence").glob("*.md"))):
         old = page.read_text(encoding="utf-8")
         text = TABLE.sub(_filled, old)
         if text != old or TABLE.search(old):

@@ -30,6 +30,18 @@ ROWS = {
     "learner with the recipe scorer and plans": "agent with the recipe scorer and plans",
 }
 """Players of the table, in its order, with their names for people."""
+SHORT = {
+    "random pair": "random pair",
+    "nearest words (glove)": "nearest words",
+    "PPO": "PPO",
+    "learner alone": "agent alone",
+    "learner with ComplEx": "agent, ComplEx",
+    "recipe scorer alone": "recipe scorer alone",
+    "learner with the recipe scorer": "agent, recipe scorer",
+    "planner": "planner, untrained",
+    "learner with the recipe scorer and plans": "agent, plans",
+}
+"""Names in README, whose words are few."""
 
 
 @cache
@@ -85,6 +97,24 @@ def differences(depth: int, distractors: int) -> Iterator[str]:
             for column in COLUMNS
         ]
         yield f"| {ROWS[row]} minus {ROWS[minus]} | {' | '.join(texts)} |"
+
+
+def parts_in_short() -> Iterator[str]:
+    """Yield README's table: Little Alchemy 2 without intervals, one and two attempts."""
+    columns = {
+        ("by-recipe", 1, 8): "unseen recipes",
+        ("by-goal", 1, 8): "unseen goals",
+        ("by-recipe", 2, 4): "two attempts",
+        ("by-goal", 2, 4): "two, unseen goals",
+    }
+    yield f"| player | {' | '.join(columns.values())} |"
+    yield "|---" * (len(columns) + 1) + "|"
+    for name, title in SHORT.items():
+        texts = []
+        for split, depth, distractors in columns:
+            figure = cells(depth, distractors).get(("little-alchemy-2", split, name, ""))
+            texts.append(share(figure["value"]) if figure else "")
+        yield f"| {title} | {' | '.join(texts)} |"
 
 
 def answer() -> Iterator[str]:

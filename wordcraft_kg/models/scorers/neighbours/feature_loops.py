@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.hash_loops import makes, num_links, pair_place
 from wordcraft_kg.models.scorers.neighbours.similar import (
     clear,
@@ -37,26 +37,31 @@ OF_PAIRS = 16
 """Features of a pair and a goal."""
 
 
-@compiled
-def neighbour_pairs(neighbours, hashed, a, b, places, weights, words):  # type: ignore[no-untyped-def]
+@in_place
+def neighbour_pairs(  # type: ignore[no-untyped-def]
+    used, used_alike, used_words, partner_bits, pair_keys, a, b, begin, places, weights, words
+):
     """Find the known pairs of neighbours of a and of b, the most similar neighbours first.
 
     Args:
-        neighbours: ``lists.used``, ``lists.used_alike`` and ``lists.used_words``.
-        hashed: ``lists.partner_bits`` and ``lists.pair_keys``.
+        used: ``lists.used``.
+        used_alike: ``lists.used_alike``.
+        used_words: ``lists.used_words``.
+        partner_bits: ``lists.partner_bits``.
+        pair_keys: ``lists.pair_keys``.
         a: entity id.
         b: entity id.
-        places: receives places in the hash table of pairs; as long as all pairs of neighbours.
+        begin: where to begin in the following arrays, which have room for all pairs of neighbours.
+        places: receives places in the hash table of pairs.
         weights: receives k²(a, a') k²(b, b').
         words: receives the same by words.
 
     Returns:
-        their number, and the number of a + b itself among them, -1 if it is not known.
+        the end of the pairs, and the place of a + b itself, -1 if it is not known.
     """
-    used, used_alike, used_words = neighbours
-    partner_bits, pair_keys = hashed
-    count = 0
-    itself = -1
+    count = begin
+    # Not a plain -1, which has a type of its own.
+    itself = np.int64(-1)
     for row in range(used.shape[1]):
         one = used[a, row]
         if one < 0:
@@ -78,7 +83,7 @@ def neighbour_pairs(neighbours, hashed, a, b, places, weights, words):  # type: 
     return count, itself
 
 
-@compiled
+@in_place
 def needed_entities(lists, goal, count, needed, place_of, places):  # type: ignore[no-untyped-def]
     """Add the ingredients of a goal's supporting recipes to a list of different entities.
 
@@ -109,29 +114,94 @@ def needed_entities(lists, goal, count, needed, place_of, places):  # type: igno
     return count, recipes
 
 
-@compiled
-def alike_of(vectors, norms, entity, other, structure):  # type: ignore[no-untyped-def]
-    """Return k and the word cosine of two entities.
+@in_place
+def alike_of(  # type: ignore[no-untyped-def]
+    vectors, norms, all_kernels, all_cosines, entity, others, structure, kernels, cosines
+):
+    """Write the similarities k and word cosines of an entity and others.
 
     Args:
-        vectors: unit word vectors, shape (T, D).
-        norms: similarity of each entity with itself, shape (T,).
+        vectors: ``lists.vectors``.
+        norms: ``lists.norms``.
+        all_kernels: ``lists.kernels``.
+        all_cosines: ``lists.cosines``.
         entity: entity id.
-        other: entity id.
-        structure: the first entity's profile cosines, from ``spread``.
+        others: entity ids, shape (n,); negative for none.
+        structure: the entity's profile cosines, from ``spread``.
+        kernels: receives the similarities, shape (n,); 0 for none.
+        cosines: receives the word cosines, likewise.
     """
-    if entity == other:
-        return np.float32(1), np.float32(1)
-    cosine = dot(vectors, entity, other)
-    return similarity(structure[other], cosine, norms[entity], norms[other]), cosine
+    # The branch is outside of the loop: within, numba would count references for each entity.
+    if len(all_kernels) > 0:
+        for number in range(len(others)):
+            other = others[number]
+            kernels[number] = all_kernels[entity, other] if other >= 0 else 0
+            cosines[number] = all_cosines[entity, other] if other >= 0 else 0
+        return
+    for number in range(len(others)):
+        other = others[number]
+        kernel = np.float32(0)
+        cosine = np.float32(0)
+        if other == entity:
+            kernel = np.float32(1)
+            cosine = np.float32(1)
+        elif other >= 0:
+            cosine = dot(vectors, entity, other)
+            kernel = similarity(structure[other], cosine, norms[entity], norms[other])
+        kernels[number] = kernel
+        cosines[number] = cosine
 
 
-@compiled
-def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes, out):  # type: ignore[no-untyped-def]
+@in_place
+def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no-untyped-def]
+    """List the known links to a goal's neighbours by their ingredient.
+
+    All slots of a table share the goal, so they share these lists.
+
+    Args:
+        lists: the lists.
+        goal: entity id.
+        entry_of: receives each ingredient's first entry, -1 without links; shape (T,), -1 before.
+        entries: receives the neighbour's place in ``lists.made`` and the next entry of the same
+            ingredient, -1 at the end: shape (L, 2), places ascending.
+        counts: receives the number of recipes with the link, shape (L,).
+
+    """
+    end = np.int64(0)
+    places = lists.made.shape[1]
+    # From the last neighbour to the first, so that an ingredient's list begins with the first.
+    for column in range(places - 1, -1, -1):
+        result = lists.made[goal, column]
+        # No product with another similarity reaches the limit.
+        if result < 0 or lists.made_alike[goal, column] < LEAST:
+            continue
+        for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
+            part = lists.parts[place]
+            entries[end, 0] = column
+            entries[end, 1] = entry_of[part]
+            counts[end] = lists.part_counts[place]
+            entry_of[part] = end
+            end += 1
+
+
+@in_place
+def forget_links(lists, goal, entry_of):  # type: ignore[no-untyped-def]
+    """Write -1 where :func:`links_to_results` wrote first entries."""
+    for column in range(lists.made.shape[1]):
+        result = lists.made[goal, column]
+        if result < 0:
+            break
+        for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
+            entry_of[lists.parts[place]] = -1
+
+
+@in_place
+def _of_slot(lists, to_results, entity, goal, cosine, kernel, alike, words, places, recipes, out):  # type: ignore[no-untyped-def]
     """Write the features of an ingredient and a goal.
 
     Args:
         lists: the lists.
+        to_results: from :func:`links_to_results`.
         entity: the ingredient.
         goal: the goal.
         cosine: their word cosine.
@@ -160,15 +230,16 @@ def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes,
     out[13] = log(FLOOR + total)
     out[14] = log(FLOOR + best)
     out[15] = log(FLOOR + by_words)
-    of_link(lists, entity, goal, cosine, kernel, out)
+    of_link(lists, to_results, entity, goal, cosine, kernel, out)
 
 
-@compiled
-def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untyped-def]
+@in_place
+def of_link(lists, to_results, entity, goal, cosine, kernel, out):  # type: ignore[no-untyped-def]
     """Write the features of a componentOf link, without the goal's numbers: ``out[:12]``.
 
     Args:
         lists: the lists.
+        to_results: the arrays of :func:`links_to_results` for the goal.
         entity: the ingredient.
         goal: the result.
         cosine: their word cosine.
@@ -181,6 +252,7 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
     out[3] = log1p(lists.num_makers[entity])
     hashed = (lists.partner_bits, lists.pair_keys)
     links = (lists.result_bits, lists.link_keys, lists.link_counts)
+    entry_of, entries, counts = to_results
     soft = np.float32(0)
     soft_words = np.float32(0)
     with_goal = np.float32(0)
@@ -194,17 +266,18 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
         if pair_place(*hashed, goal, other) >= 0:
             with_goal += of_other
         to_goal += of_other * num_links(*links, other, goal)
-        for column in range(lists.made.shape[1]):
-            result = lists.made[goal, column]
+        entry = entry_of[other]
+        while entry >= 0:
+            column = entries[entry, 0]
             weight = of_other * lists.made_alike[goal, column]
             # Neighbours come by descending similarity, so all that follow are below, too.
-            if result < 0 or weight < LEAST:
+            if weight < LEAST:
                 break
-            number = num_links(*links, other, result)
-            if number:
-                of_words = words_of_other * lists.made_words[goal, column]
-                soft += number * weight
-                soft_words += number * of_words
+            number = counts[entry]
+            of_words = words_of_other * lists.made_words[goal, column]
+            soft += number * weight
+            soft_words += number * of_words
+            entry = entries[entry, 1]
     exact = np.float32(0)
     for column in range(lists.made.shape[1]):
         result = lists.made[goal, column]
@@ -229,7 +302,7 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
     out[11] = product(lists.left, lists.right, entity, goal)
 
 
-@compiled
+@in_place
 def _goal_sides(support, slot, low, high, alike, words, places, recipes, sums):  # type: ignore[no-untyped-def]
     """Sum the recipes that support the goal, for the pairs of a slot and a range of slots.
 
@@ -256,52 +329,56 @@ def _goal_sides(support, slot, low, high, alike, words, places, recipes, sums): 
         by_words[other] = 0
         best[other] = 0
     for row in range(recipes):
+        # Entries are read by both indices: for rows of their own, numba would count references.
         first = places[row, 0]
         second = places[row, 1]
-        of_first = alike[first]
-        of_second = alike[second]
-        words_of_first = words[first]
-        words_of_second = words[second]
         of_goal = support_alike[row]
         of_goal_words = support_words[row]
-        own_first = of_first[slot]
-        own_second = of_second[slot]
-        own_words_first = words_of_first[slot]
-        own_words_second = words_of_second[slot]
+        own_first = alike[first, slot]
+        own_second = alike[second, slot]
+        own_words_first = words[first, slot]
+        own_words_second = words[second, slot]
         for other in range(low, high):
-            straight = own_first * of_second[other]
-            crossed = own_second * of_first[other]
+            straight = own_first * alike[second, other]
+            crossed = own_second * alike[first, other]
             evidence[other] += of_goal * (straight + crossed)
             better = straight if straight > crossed else crossed
             value = of_goal * better
             best[other] = value if value > best[other] else best[other]
-            straight_words = own_words_first * words_of_second[other]
-            crossed_words = own_words_second * words_of_first[other]
+            straight_words = own_words_first * words[second, other]
+            crossed_words = own_words_second * words[first, other]
             by_words[other] += of_goal_words * (straight_words + crossed_words)
 
 
-@compiled
+@in_place
 def _pair_side(  # type: ignore[no-untyped-def]
-    recipes, vectors, norms, pairs, first, last, goal, structure, row, known_row, known, out
+    pair_starts,
+    pair_counts,
+    result_of,
+    places,
+    weights,
+    words,
+    first,
+    last,
+    known,
+    known_words,
+    out,
 ):
     """Write the features of a pair from known pairs of neighbours: ``out[3:8]``.
 
     Args:
-        recipes: first recipe and number of recipes of each place in the hash table, and results.
-        vectors: unit word vectors, shape (T, D).
-        norms: similarity of each entity with itself, shape (T,).
-        pairs: places, weights and words of known pairs, from :func:`neighbour_pairs`.
+        pair_starts: ``lists.pair_starts``.
+        pair_counts: ``lists.pair_counts``.
+        result_of: ``lists.result``.
+        places: of known pairs, from :func:`neighbour_pairs`, likewise the following two.
+        weights: likewise.
+        words: likewise.
         first: number of the first known pair.
         last: end of the known pairs.
-        goal: entity id.
-        structure: the goal's profile cosines, from ``spread``.
-        row: number of the table.
-        known_row: the table for which ``known`` was written, for each entity.
-        known: k² and words⁴ of each result and the goal, written once for each table: shape (T, 2).
+        known: k² of each result and the goal, shape (T,).
+        known_words: the same by words.
         out: shape (16,).
     """
-    pair_starts, pair_counts, result_of = recipes
-    places, weights, words = pairs
     anything = np.float32(0)
     alike = np.float32(0)
     nearest = np.float32(0)
@@ -317,15 +394,10 @@ def _pair_side(  # type: ignore[no-untyped-def]
         anything_words += results * weight_by_words
         for recipe in range(start, start + results):
             result = result_of[recipe]
-            if known_row[result] != row:
-                known_row[result] = row
-                kernel, cosine = alike_of(vectors, norms, goal, result, structure)
-                known[result, 0] = kernel * kernel
-                known[result, 1] = fourth(cosine)
-            value = weight * known[result, 0]
+            value = weight * known[result]
             alike += value
             nearest = max(nearest, value)
-            alike_words += weight_by_words * known[result, 1]
+            alike_words += weight_by_words * known_words[result]
     out[3] = log(FLOOR + anything)
     out[4] = log(FLOOR + alike)
     out[5] = log(FLOOR + nearest)
@@ -347,14 +419,12 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
     Returns:
         places, weights and words, as in :func:`neighbour_pairs`, all pairs of slots in turn.
     """
-    neighbours = (lists.used, lists.used_alike, lists.used_words)
-    hashed = (lists.partner_bits, lists.pair_keys)
     most = lists.used.shape[1] ** 2
     room = 2 * most
     places = np.empty(room, dtype=np.int64)
     weights = np.empty(room, dtype=np.float32)
     words = np.empty(room, dtype=np.float32)
-    end = 0
+    end = np.int64(0)
     for pair in range(len(one)):
         starts[pair] = end
         a = table[one[pair]]
@@ -374,15 +444,55 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
             places = more_places
             weights = more_weights
             words = more_words
-        found, _ = neighbour_pairs(
-            neighbours, hashed, a, b, places[end:], weights[end:], words[end:]
+        end, _ = neighbour_pairs(
+            lists.used,
+            lists.used_alike,
+            lists.used_words,
+            lists.partner_bits,
+            lists.pair_keys,
+            a,
+            b,
+            end,
+            places,
+            weights,
+            words,
         )
-        end += found
     starts[len(one)] = end
     return places, weights, words
 
 
 @compiled
+def _different_results(pair_starts, pair_counts, result_of, places, is_listed):  # type: ignore[no-untyped-def]
+    """Return the results of known pairs, each once.
+
+    Args:
+        pair_starts: ``lists.pair_starts``.
+        pair_counts: ``lists.pair_counts``.
+        result_of: ``lists.result``.
+        places: places of the pairs in the hash table.
+        is_listed: work space, shape (T,): False before and after.
+    """
+    total = 0
+    for number in range(len(places)):
+        total += min(pair_counts[places[number]], MOST_RESULTS)
+    results = np.empty(total, dtype=np.int32)
+    count = 0
+    for number in range(len(places)):
+        start = pair_starts[places[number]]
+        end = start + min(pair_counts[places[number]], MOST_RESULTS)
+        for recipe in range(start, end):
+            result = result_of[recipe]
+            if not is_listed[result]:
+                is_listed[result] = True
+                results[count] = result
+                count += 1
+    results = results[:count]
+    for result in results:
+        is_listed[result] = False
+    return results
+
+
+@in_place
 def _end_of_table(goals, tables, start):  # type: ignore[no-untyped-def]
     """Return the first row after ``start`` with another table, or without a goal."""
     end = start + 1
@@ -417,14 +527,22 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
     place_of = np.full(size, -1, dtype=np.int32)
     structure = np.zeros(size, dtype=np.float32)
     of_goal = np.zeros(size, dtype=np.float32)
-    known_row = np.full(size, -1, dtype=np.int64)
-    known = np.empty((size, 2), dtype=np.float32)
-    cosines = np.empty((slots, slots), dtype=np.float32)
-    kernels = np.empty((slots, slots), dtype=np.float32)
+    is_listed = np.zeros(size, dtype=np.bool_)
+    known = np.empty(size, dtype=np.float32)
+    known_words = np.empty(size, dtype=np.float32)
+    slot_cosines = np.empty((slots, slots), dtype=np.float32)
+    slot_kernels = np.empty((slots, slots), dtype=np.float32)
+    goal_cosines = np.empty(slots, dtype=np.float32)
+    goal_kernels = np.empty(slots, dtype=np.float32)
     starts = np.empty(len(one) + 1, dtype=np.int64)
     own_places = np.empty(len(one), dtype=np.int64)
     regression = np.empty(len(one), dtype=np.float32)
     sums = np.empty((3, slots), dtype=np.float32)
+    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
+    entry_of = np.full(size, -1, dtype=np.int32)
+    entries = np.empty((len(lists.parts), 2), dtype=np.int32)
+    counts = np.empty(len(lists.parts), dtype=np.int32)
+    to_results = (entry_of, entries, counts)
     hashed = (lists.partner_bits, lists.pair_keys)
     recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     # Of each first slot, the range of its second slots.
@@ -462,51 +580,23 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
         # By needed entity, then by slot: loops over slots read and write what lies together.
         alike = np.zeros((count, slots), dtype=np.float32)
         words = np.zeros((count, slots), dtype=np.float32)
-        # A needed entity's word vector is read once for all slots.
-        for number in range(count):
-            for slot in range(slots):
-                entity = table[slot]
-                if entity >= 0:
-                    words[number, slot] = dot(lists.vectors, entity, needed[number])
+        kernels = np.empty(count, dtype=np.float32)
+        cosines = np.empty(count, dtype=np.float32)
         for slot in range(slots):
             entity = table[slot]
             if entity < 0:
                 continue
             spread(lists, entity, structure)
-            norm = lists.norms[entity]
+            alike_of(*similar, entity, needed[:count], structure, kernels, cosines)
             for number in range(count):
-                other_entity = needed[number]
-                value = np.float32(1)
-                cosine = np.float32(1)
-                if other_entity != entity:
-                    cosine = words[number, slot]
-                    norm_of_other = lists.norms[other_entity]
-                    value = similarity(structure[other_entity], cosine, norm, norm_of_other)
-                alike[number, slot] = value * value
-                words[number, slot] = fourth(cosine)
-            for place in range(slots):
-                if table[place] >= 0:
-                    value, cosine = alike_of(
-                        lists.vectors, lists.norms, entity, table[place], structure
-                    )
-                    cosines[slot, place] = cosine
-                    kernels[slot, place] = value
-            for row in range(begin, end):
-                value, cosine = alike_of(lists.vectors, lists.norms, entity, goals[row], structure)
-                _of_slot(
-                    lists,
-                    entity,
-                    goals[row],
-                    cosine,
-                    value,
-                    alike[:, slot],
-                    words[:, slot],
-                    places[row - begin],
-                    recipes[row - begin],
-                    of_slots[row, slot],
-                )
+                alike[number, slot] = kernels[number] * kernels[number]
+                words[number, slot] = fourth(cosines[number])
+            alike_of(*similar, entity, table, structure, slot_kernels[slot], slot_cosines[slot])
             clear(lists, entity, structure)
         known_pairs = _all_neighbour_pairs(lists, table, one, other, starts)
+        results = _different_results(*recipes_of_pairs, known_pairs[0][: starts[-1]], is_listed)
+        result_kernels = np.empty(len(results), dtype=np.float32)
+        result_cosines = np.empty(len(results), dtype=np.float32)
         for pair in range(len(one)):
             a = table[one[pair]]
             b = table[other[pair]]
@@ -519,6 +609,31 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
             goal_uses = log1p(lists.num_uses[goal])
             support = (lists.support_alike[goal], lists.support_words[goal])
             spread(lists, goal, of_goal)
+            links_to_results(lists, goal, *to_results)
+            alike_of(*similar, goal, results, of_goal, result_kernels, result_cosines)
+            for number in range(len(results)):
+                result = results[number]
+                known[result] = result_kernels[number] * result_kernels[number]
+                known_words[result] = fourth(result_cosines[number])
+            alike_of(*similar, goal, table, of_goal, goal_kernels, goal_cosines)
+            for slot in range(slots):
+                entity = table[slot]
+                if entity < 0:
+                    continue
+                _of_slot(
+                    lists,
+                    to_results,
+                    entity,
+                    goal,
+                    goal_cosines[slot],
+                    goal_kernels[slot],
+                    alike[:, slot],
+                    words[:, slot],
+                    places[row - begin],
+                    recipes[row - begin],
+                    of_slots[row, slot],
+                )
+            forget_links(lists, goal, entry_of)
             # First slot of the pairs whose sums are known; pairs come by their first slot.
             summed = -1
             for pair in range(len(one)):
@@ -546,24 +661,19 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 of_pair[1] = log(FLOOR + sums[1, j])
                 of_pair[2] = log(FLOOR + sums[2, j])
                 _pair_side(
-                    recipes_of_pairs,
-                    lists.vectors,
-                    lists.norms,
-                    known_pairs,
+                    *recipes_of_pairs,
+                    *known_pairs,
                     starts[pair],
                     starts[pair + 1],
-                    goal,
-                    of_goal,
-                    row,
-                    known_row,
                     known,
+                    known_words,
                     of_pair,
                 )
                 place = own_places[pair]
                 of_pair[8] = 1 if place >= 0 else 0
                 of_pair[9] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
-                of_pair[10] = cosines[i, j]
-                of_pair[11] = kernels[i, j]
+                of_pair[10] = slot_cosines[i, j]
+                of_pair[11] = slot_kernels[i, j]
                 of_pair[12] = 1 if a == b else 0
                 of_pair[13] = goal_made
                 of_pair[14] = goal_uses
@@ -582,19 +692,24 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
         goal: entity id.
         terms: shape (R, 2): straight and crossed.
     """
-    structure = np.zeros((2, len(lists.norms)), dtype=np.float32)
-    spread(lists, a, structure[0])
-    spread(lists, b, structure[1])
-    squares = np.empty((2, 2), dtype=np.float32)
-    for row in range(lists.support.shape[1]):
+    size = len(lists.norms)
+    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
+    structure = np.zeros(size, dtype=np.float32)
+    parts = np.empty((2, len(terms)), dtype=np.int32)
+    # By entity of the pair, part of the recipe, and recipe.
+    kernels = np.empty((2, 2, len(terms)), dtype=np.float32)
+    cosines = np.empty(len(terms), dtype=np.float32)
+    for row in range(len(terms)):
         recipe = lists.support[goal, row]
-        if recipe < 0:
-            break
+        parts[0, row] = lists.first[recipe] if recipe >= 0 else -1
+        parts[1, row] = lists.second[recipe] if recipe >= 0 else -1
+    for side in range(2):
+        entity = b if side else a
+        spread(lists, entity, structure)
         for part in range(2):
-            entity = lists.second[recipe] if part else lists.first[recipe]
-            for side in range(2):
-                own = b if side else a
-                value, _ = alike_of(lists.vectors, lists.norms, own, entity, structure[side])
-                squares[side, part] = value * value
-        terms[row, 0] = squares[0, 0] * squares[1, 1]
-        terms[row, 1] = squares[0, 1] * squares[1, 0]
+            alike_of(*similar, entity, parts[part], structure, kernels[side, part], cosines)
+        clear(lists, entity, structure)
+    squares = kernels * kernels
+    for row in range(len(terms)):
+        terms[row, 0] = squares[0, 0, row] * squares[1, 1, row]
+        terms[row, 1] = squares[0, 1, row] * squares[1, 0, row]

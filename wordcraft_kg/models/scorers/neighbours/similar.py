@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled, product_of_rows
+from wordcraft_kg.models.scorers.neighbours.compiled import in_place, product_of_rows
 
 Array = Any
 """Compiled loops read the types of their arguments, so these are untyped: arrays and numbers."""
@@ -45,7 +45,7 @@ def product(left, right, one, other):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@in_place
 def similarity(structure, words, norm, other_norm):  # type: ignore[no-untyped-def]
     """Return the similarity k of two different entities, float32, from 0 to 1.
 
@@ -64,14 +64,14 @@ def similarity(structure, words, norm, other_norm):  # type: ignore[no-untyped-d
     return min(np.float32(value), np.float32(1))
 
 
-@compiled
+@in_place
 def fourth(words):  # type: ignore[no-untyped-def]
     """Return a positive word cosine to the power 4, so that only near synonyms count; else 0."""
     square = words * words if words > 0 else np.float32(0)
     return square * square
 
 
-@compiled
+@in_place
 def spread(lists, entity, structure):  # type: ignore[no-untyped-def]
     """Write an entity's profile cosines into an array of all entities, zeros before.
 
@@ -86,7 +86,7 @@ def spread(lists, entity, structure):  # type: ignore[no-untyped-def]
         structure[lists.near[place]] = lists.near_cosines[place]
 
 
-@compiled
+@in_place
 def clear(lists, entity, structure):  # type: ignore[no-untyped-def]
     """Write zeros where :func:`spread` wrote: far fewer places than all T.
 

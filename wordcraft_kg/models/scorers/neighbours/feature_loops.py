@@ -71,7 +71,12 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
             weight = used_alike[a, row] * used_alike[b, column]
             if other < 0 or weight < LEAST:
                 break
-            place = pair_place(partner_bits, pair_keys, one, other)
+            # By a or b itself, whose signature is in the fast cache.
+            place = (
+                pair_place(partner_bits, pair_keys, one, other)
+                if row == 0
+                else pair_place(partner_bits, pair_keys, other, one)
+            )
             if place < 0:
                 continue
             if one == a and other == b:
@@ -153,7 +158,7 @@ def alike_of(  # type: ignore[no-untyped-def]
 
 
 @in_place
-def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no-untyped-def]
+def links_to_results(lists, goal, entry_of, entries, counts, to_goal):  # type: ignore[no-untyped-def]
     """List the known links to a goal's neighbours by their ingredient.
 
     All slots of a table share the goal, so they share these lists.
@@ -165,6 +170,8 @@ def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no
         entries: receives the neighbour's place in ``lists.made`` and the next entry of the same
             ingredient, -1 at the end: shape (L, 2), places ascending.
         counts: receives the number of recipes with the link, shape (L,).
+        to_goal: receives the number of recipes of each ingredient and the goal itself; shape (T,),
+            zeros before.
 
     """
     end = np.int64(0)
@@ -172,8 +179,7 @@ def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no
     # From the last neighbour to the first, so that an ingredient's list begins with the first.
     for column in range(places - 1, -1, -1):
         result = lists.made[goal, column]
-        # No product with another similarity reaches the limit.
-        if result < 0 or lists.made_alike[goal, column] < LEAST:
+        if result < 0:
             continue
         for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
             part = lists.parts[place]
@@ -182,11 +188,22 @@ def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no
             counts[end] = lists.part_counts[place]
             entry_of[part] = end
             end += 1
+    for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
+        to_goal[lists.parts[place]] = lists.part_counts[place]
 
 
 @in_place
-def forget_links(lists, goal, entry_of):  # type: ignore[no-untyped-def]
-    """Write -1 where :func:`links_to_results` wrote first entries."""
+def forget_links(lists, goal, entry_of, to_goal):  # type: ignore[no-untyped-def]
+    """Write -1 and 0 again where :func:`links_to_results` wrote first entries and numbers.
+
+    Args:
+        lists: the lists.
+        goal: entity id.
+        entry_of: shape (T,).
+        to_goal: shape (T,).
+    """
+    for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
+        to_goal[lists.parts[place]] = 0
     for column in range(lists.made.shape[1]):
         result = lists.made[goal, column]
         if result < 0:
@@ -252,7 +269,7 @@ def of_link(lists, to_results, entity, goal, cosine, kernel, out):  # type: igno
     out[3] = log1p(lists.num_makers[entity])
     hashed = (lists.partner_bits, lists.pair_keys)
     links = (lists.result_bits, lists.link_keys, lists.link_counts)
-    entry_of, entries, counts = to_results
+    entry_of, entries, counts, num_to_goal = to_results
     soft = np.float32(0)
     soft_words = np.float32(0)
     with_goal = np.float32(0)
@@ -265,7 +282,7 @@ def of_link(lists, to_results, entity, goal, cosine, kernel, out):  # type: igno
         words_of_other = lists.used_words[entity, row]
         if pair_place(*hashed, goal, other) >= 0:
             with_goal += of_other
-        to_goal += of_other * num_links(*links, other, goal)
+        to_goal += of_other * num_to_goal[other]
         entry = entry_of[other]
         while entry >= 0:
             column = entries[entry, 0]
@@ -279,12 +296,10 @@ def of_link(lists, to_results, entity, goal, cosine, kernel, out):  # type: igno
             soft_words += number * of_words
             entry = entries[entry, 1]
     exact = np.float32(0)
-    for column in range(lists.made.shape[1]):
-        result = lists.made[goal, column]
-        if result < 0:
-            break
-        number = num_links(*links, entity, result)
-        exact += lists.made_alike[goal, column] * number
+    entry = entry_of[entity]
+    while entry >= 0:
+        exact += lists.made_alike[goal, entries[entry, 0]] * counts[entry]
+        entry = entries[entry, 1]
     reverse = np.float32(0)
     for column in range(lists.made.shape[1]):
         result = lists.made[entity, column]
@@ -504,6 +519,96 @@ def _end_of_table(goals, tables, start):  # type: ignore[no-untyped-def]
     return end
 
 
+@in_place
+def _of_pairs(  # type: ignore[no-untyped-def]
+    lists,
+    goal,
+    table,
+    slots_of_pairs,
+    ranges,
+    needed,
+    places,
+    recipes,
+    known_pairs,
+    starts,
+    of_results,
+    own_features,
+    sums,
+    out,
+):
+    """Write the features of a table's pairs and a goal.
+
+    Args:
+        lists: the lists.
+        goal: entity id.
+        table: shape (A,); negative for empty slots.
+        slots_of_pairs: first and second slot of each pair, shape (P,) each; by first slot.
+        ranges: of each first slot, the range of its second slots, shape (A, 2).
+        needed: k² of each needed entity and each slot, and the same by words, shape (needed, A).
+        places: from :func:`needed_entities`.
+        recipes: number of supporting recipes.
+        known_pairs: from :func:`_all_neighbour_pairs`.
+        starts: likewise.
+        of_results: k² of each result of these and the goal, and the same by words, shape (T,).
+        own_features: of the pairs alone: places in the hash table and regression, shape (P,); word
+            cosines and similarities of slots, shape (A, A).
+        sums: work space, shape (3, A).
+        out: shape (P, 16).
+    """
+    one, other = slots_of_pairs
+    alike, words = needed
+    known, known_words = of_results
+    own_places, regression, slot_cosines, slot_kernels = own_features
+    recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
+    support = (lists.support_alike[goal], lists.support_words[goal])
+    goal_made = log1p(lists.num_makers[goal])
+    goal_uses = log1p(lists.num_uses[goal])
+    # First slot of the pairs whose sums are known; pairs come by their first slot.
+    summed = -1
+    for pair in range(len(one)):
+        i = one[pair]
+        j = other[pair]
+        a = table[i]
+        b = table[j]
+        if a < 0 or b < 0:
+            continue
+        of_pair = out[pair]
+        if i != summed:
+            summed = i
+            _goal_sides(
+                support,
+                i,
+                ranges[i, 0],
+                ranges[i, 1],
+                alike,
+                words,
+                places,
+                recipes,
+                sums,
+            )
+        of_pair[0] = log(FLOOR + sums[0, j])
+        of_pair[1] = log(FLOOR + sums[1, j])
+        of_pair[2] = log(FLOOR + sums[2, j])
+        _pair_side(
+            *recipes_of_pairs,
+            *known_pairs,
+            starts[pair],
+            starts[pair + 1],
+            known,
+            known_words,
+            of_pair,
+        )
+        place = own_places[pair]
+        of_pair[8] = 1 if place >= 0 else 0
+        of_pair[9] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
+        of_pair[10] = slot_cosines[i, j]
+        of_pair[11] = slot_kernels[i, j]
+        of_pair[12] = 1 if a == b else 0
+        of_pair[13] = goal_made
+        of_pair[14] = goal_uses
+        of_pair[15] = regression[pair]
+
+
 @compiled
 def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # type: ignore[no-untyped-def]
     """Write the features of slots, and of pairs of slots.
@@ -542,7 +647,8 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
     entry_of = np.full(size, -1, dtype=np.int32)
     entries = np.empty((len(lists.parts), 2), dtype=np.int32)
     counts = np.empty(len(lists.parts), dtype=np.int32)
-    to_results = (entry_of, entries, counts)
+    to_goal = np.zeros(size, dtype=np.int32)
+    to_results = (entry_of, entries, counts, to_goal)
     hashed = (lists.partner_bits, lists.pair_keys)
     recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     # Of each first slot, the range of its second slots.
@@ -605,9 +711,6 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 regression[pair] = product(lists.pair_left, lists.right, a, b)
         for row in range(begin, end):
             goal = goals[row]
-            goal_made = log1p(lists.num_makers[goal])
-            goal_uses = log1p(lists.num_uses[goal])
-            support = (lists.support_alike[goal], lists.support_words[goal])
             spread(lists, goal, of_goal)
             links_to_results(lists, goal, *to_results)
             alike_of(*similar, goal, results, of_goal, result_kernels, result_cosines)
@@ -633,51 +736,24 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                     recipes[row - begin],
                     of_slots[row, slot],
                 )
-            forget_links(lists, goal, entry_of)
-            # First slot of the pairs whose sums are known; pairs come by their first slot.
-            summed = -1
-            for pair in range(len(one)):
-                i = one[pair]
-                j = other[pair]
-                a = table[i]
-                b = table[j]
-                if a < 0 or b < 0:
-                    continue
-                of_pair = of_pairs[row, pair]
-                if i != summed:
-                    summed = i
-                    _goal_sides(
-                        support,
-                        i,
-                        ranges[i, 0],
-                        ranges[i, 1],
-                        alike,
-                        words,
-                        places[row - begin],
-                        recipes[row - begin],
-                        sums,
-                    )
-                of_pair[0] = log(FLOOR + sums[0, j])
-                of_pair[1] = log(FLOOR + sums[1, j])
-                of_pair[2] = log(FLOOR + sums[2, j])
-                _pair_side(
-                    *recipes_of_pairs,
-                    *known_pairs,
-                    starts[pair],
-                    starts[pair + 1],
-                    known,
-                    known_words,
-                    of_pair,
-                )
-                place = own_places[pair]
-                of_pair[8] = 1 if place >= 0 else 0
-                of_pair[9] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
-                of_pair[10] = slot_cosines[i, j]
-                of_pair[11] = slot_kernels[i, j]
-                of_pair[12] = 1 if a == b else 0
-                of_pair[13] = goal_made
-                of_pair[14] = goal_uses
-                of_pair[15] = regression[pair]
+            forget_links(lists, goal, entry_of, to_goal)
+            own_features = (own_places, regression, slot_cosines, slot_kernels)
+            _of_pairs(
+                lists,
+                goal,
+                table,
+                (one, other),
+                ranges,
+                (alike, words),
+                places[row - begin],
+                recipes[row - begin],
+                known_pairs,
+                starts,
+                (known, known_words),
+                own_features,
+                sums,
+                of_pairs[row],
+            )
             clear(lists, goal, of_goal)
 
 

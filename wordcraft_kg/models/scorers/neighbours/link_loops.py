@@ -39,7 +39,8 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
     entry_of = np.full(len(lists.norms), -1, dtype=np.int32)
     entries = np.empty((len(lists.parts), 2), dtype=np.int32)
     counts = np.empty(len(lists.parts), dtype=np.int32)
-    to_results = (entry_of, entries, counts)
+    to_goal = np.zeros(len(lists.norms), dtype=np.int32)
+    to_results = (entry_of, entries, counts, to_goal)
     for row in range(len(goals)):
         goal = goals[row]
         if goal < 0:
@@ -56,7 +57,7 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
             of_link(lists, to_results, entity, goal, cosines[slot], kernels[slot], features)
             features[12] = log1p(lists.num_uses[goal])
             features[13] = log1p(lists.num_makers[goal])
-        forget_links(lists, goal, entry_of)
+        forget_links(lists, goal, entry_of, to_goal)
         clear(lists, goal, structure)
 
 

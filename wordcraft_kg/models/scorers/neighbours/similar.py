@@ -75,13 +75,16 @@ def fourth(words):  # type: ignore[no-untyped-def]
 def spread(lists, entity, structure):  # type: ignore[no-untyped-def]
     """Write an entity's profile cosines into an array of all entities, zeros before.
 
-    Reading them costs nothing then, where each search in a list would miss a few branches.
+    Reading them costs nothing then, where each search in a list would miss a few branches. Where
+    similarities of all entities are kept, nobody reads them.
 
     Args:
         lists: the lists.
         entity: entity id.
         structure: shape (T,): zeros before, the entity's profile cosines after.
     """
+    if len(lists.kernels) > 0:
+        return
     for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
         structure[lists.near[place]] = lists.near_cosines[place]
 
@@ -95,5 +98,7 @@ def clear(lists, entity, structure):  # type: ignore[no-untyped-def]
         entity: the entity that was spread.
         structure: shape (T,): zeros after.
     """
+    if len(lists.kernels) > 0:
+        return
     for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
         structure[lists.near[place]] = 0

@@ -213,108 +213,112 @@ def forget_links(lists, goal, entry_of, to_goal):  # type: ignore[no-untyped-def
 
 
 @in_place
-def _of_slot(lists, to_results, entity, goal, cosine, kernel, alike, words, places, recipes, out):  # type: ignore[no-untyped-def]
-    """Write the features of an ingredient and a goal.
+def _evidence_of_slots(  # type: ignore[no-untyped-def]
+    lists, goal, table, alike, words, places, recipes, out
+):
+    """Write the features of each slot and a goal that links do not have: ``out[:, 12:]``.
 
     Args:
         lists: the lists.
-        to_results: from :func:`links_to_results`.
-        entity: the ingredient.
-        goal: the goal.
-        cosine: their word cosine.
-        kernel: their similarity k.
-        alike: k² of each needed entity and the ingredient.
+        goal: entity id.
+        table: shape (A,); negative for empty slots.
+        alike: k² of each needed entity and each slot, shape (needed, A).
         words: the same by words.
         places: from :func:`needed_entities`.
         recipes: number of supporting recipes.
-        out: shape (16,).
+        out: shape (A, 16).
     """
-    links = (lists.result_bits, lists.link_keys, lists.link_counts)
-    total = np.float32(0)
-    best = np.float32(0)
-    by_words = np.float32(0)
-    for row in range(recipes):
-        of_goal = lists.support_alike[goal, row]
-        of_goal_words = lists.support_words[goal, row]
-        # Both ingredients of the supporting recipe.
-        for part in range(2):
-            place = places[row, part]
-            value = of_goal * alike[place]
-            total += value
-            best = max(best, value)
-            by_words += of_goal_words * words[place]
-    out[12] = log1p(num_links(*links, entity, goal))
-    out[13] = log(FLOOR + total)
-    out[14] = log(FLOOR + best)
-    out[15] = log(FLOOR + by_words)
-    of_link(lists, to_results, entity, goal, cosine, kernel, out)
+    for slot in range(len(table)):
+        entity = table[slot]
+        if entity < 0:
+            continue
+        total = np.float32(0)
+        best = np.float32(0)
+        by_words = np.float32(0)
+        for row in range(recipes):
+            of_goal = lists.support_alike[goal, row]
+            of_goal_words = lists.support_words[goal, row]
+            # Both ingredients of the supporting recipe.
+            for part in range(2):
+                place = places[row, part]
+                value = of_goal * alike[place, slot]
+                total += value
+                best = max(best, value)
+                by_words += of_goal_words * words[place, slot]
+        number = num_links(lists.result_bits, lists.link_keys, lists.link_counts, entity, goal)
+        out[slot, 12] = log1p(number)
+        out[slot, 13] = log(FLOOR + total)
+        out[slot, 14] = log(FLOOR + best)
+        out[slot, 15] = log(FLOOR + by_words)
 
 
 @in_place
-def of_link(lists, to_results, entity, goal, cosine, kernel, out):  # type: ignore[no-untyped-def]
-    """Write the features of a componentOf link, without the goal's numbers: ``out[:12]``.
+def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # type: ignore[no-untyped-def]
+    """Write the features of componentOf links, without the goal's numbers: ``out[:, :12]``.
 
     Args:
         lists: the lists.
         to_results: the arrays of :func:`links_to_results` for the goal.
-        entity: the ingredient.
         goal: the result.
-        cosine: their word cosine.
-        kernel: their similarity k.
-        out: shape (12,) or longer.
+        table: the ingredients, shape (A,); negative for empty slots.
+        cosines: word cosines of slots and goal, shape (A,).
+        kernels: their similarities k, shape (A,).
+        out: shape (A, 12) or wider.
     """
-    out[0] = cosine
-    out[1] = kernel
-    out[2] = log1p(lists.num_uses[entity])
-    out[3] = log1p(lists.num_makers[entity])
+    entry_of, entries, counts, num_to_goal = to_results
     hashed = (lists.partner_bits, lists.pair_keys)
     links = (lists.result_bits, lists.link_keys, lists.link_counts)
-    entry_of, entries, counts, num_to_goal = to_results
-    soft = np.float32(0)
-    soft_words = np.float32(0)
-    with_goal = np.float32(0)
-    to_goal = np.float32(0)
-    for row in range(lists.used.shape[1]):
-        other = lists.used[entity, row]
-        if other < 0:
-            break
-        of_other = lists.used_alike[entity, row]
-        words_of_other = lists.used_words[entity, row]
-        if pair_place(*hashed, goal, other) >= 0:
-            with_goal += of_other
-        to_goal += of_other * num_to_goal[other]
-        entry = entry_of[other]
-        while entry >= 0:
-            column = entries[entry, 0]
-            weight = of_other * lists.made_alike[goal, column]
-            # Neighbours come by descending similarity, so all that follow are below, too.
-            if weight < LEAST:
+    for slot in range(len(table)):
+        entity = table[slot]
+        if entity < 0:
+            continue
+        soft = np.float32(0)
+        soft_words = np.float32(0)
+        with_goal = np.float32(0)
+        to_goal = np.float32(0)
+        for row in range(lists.used.shape[1]):
+            other = lists.used[entity, row]
+            if other < 0:
                 break
-            number = counts[entry]
-            of_words = words_of_other * lists.made_words[goal, column]
-            soft += number * weight
-            soft_words += number * of_words
+            of_other = lists.used_alike[entity, row]
+            if pair_place(*hashed, goal, other) >= 0:
+                with_goal += of_other
+            to_goal += of_other * num_to_goal[other]
+            entry = entry_of[other]
+            while entry >= 0:
+                column = entries[entry, 0]
+                weight = of_other * lists.made_alike[goal, column]
+                # Neighbours come by descending similarity, so all that follow are below, too.
+                if weight < LEAST:
+                    break
+                number = counts[entry]
+                of_words = lists.used_words[entity, row] * lists.made_words[goal, column]
+                soft += number * weight
+                soft_words += number * of_words
+                entry = entries[entry, 1]
+        exact = np.float32(0)
+        entry = entry_of[entity]
+        while entry >= 0:
+            exact += lists.made_alike[goal, entries[entry, 0]] * counts[entry]
             entry = entries[entry, 1]
-    exact = np.float32(0)
-    entry = entry_of[entity]
-    while entry >= 0:
-        exact += lists.made_alike[goal, entries[entry, 0]] * counts[entry]
-        entry = entries[entry, 1]
-    reverse = np.float32(0)
-    for column in range(lists.made.shape[1]):
-        result = lists.made[entity, column]
-        if result < 0:
-            break
-        number = num_links(*links, goal, result)
-        reverse += lists.made_alike[entity, column] * number
-    out[4] = log(FLOOR + soft)
-    out[5] = log(FLOOR + soft_words)
-    out[6] = log(FLOOR + exact)
-    out[7] = log(FLOOR + to_goal)
-    out[8] = log(FLOOR + reverse)
-    out[9] = log(FLOOR + with_goal)
-    out[10] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
-    out[11] = product(lists.left, lists.right, entity, goal)
+        reverse = np.float32(0)
+        for column in range(lists.made.shape[1]):
+            result = lists.made[entity, column]
+            if result < 0:
+                break
+            reverse += lists.made_alike[entity, column] * num_links(*links, goal, result)
+        out[slot, 0] = cosines[slot]
+        out[slot, 1] = kernels[slot]
+        out[slot, 2] = log1p(lists.num_uses[entity])
+        out[slot, 3] = log1p(lists.num_makers[entity])
+        out[slot, 4] = log(FLOOR + soft)
+        out[slot, 5] = log(FLOOR + soft_words)
+        out[slot, 6] = log(FLOOR + exact)
+        out[slot, 7] = log(FLOOR + to_goal)
+        out[slot, 8] = log(FLOOR + reverse)
+        out[slot, 9] = log(FLOOR + with_goal)
+        out[slot, 10] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
+        out[slot, 11] = product(lists.left, lists.right, entity, goal)
 
 
 @in_place
@@ -420,8 +424,8 @@ def _pair_side(  # type: ignore[no-untyped-def]
     out[7] = log(FLOOR + alike_words)
 
 
-@compiled
-def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-untyped-def]
+@in_place
+def _all_neighbour_pairs(lists, table, one, other, starts, places, weights, words):  # type: ignore[no-untyped-def]
     """Find the known pairs of neighbours of all pairs of slots.
 
     Args:
@@ -430,15 +434,11 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
         one: first slot of each pair, shape (P,).
         other: second slot of each pair, shape (P,).
         starts: receives where each pair's begin, and the end, shape (P + 1,).
-
-    Returns:
-        places, weights and words, as in :func:`neighbour_pairs`, all pairs of slots in turn.
+        places: as in :func:`neighbour_pairs`, likewise the following two: with room for all pairs
+            of neighbours of all pairs of slots.
+        weights: likewise.
+        words: likewise.
     """
-    most = lists.used.shape[1] ** 2
-    room = 2 * most
-    places = np.empty(room, dtype=np.int64)
-    weights = np.empty(room, dtype=np.float32)
-    words = np.empty(room, dtype=np.float32)
     end = np.int64(0)
     for pair in range(len(one)):
         starts[pair] = end
@@ -446,19 +446,6 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
         b = table[other[pair]]
         if a < 0 or b < 0:
             continue
-        if room < end + most:
-            room *= 2
-            # A plain loop compiles several times as fast as `np.append`.
-            more_places = np.empty(room, dtype=np.int64)
-            more_weights = np.empty(room, dtype=np.float32)
-            more_words = np.empty(room, dtype=np.float32)
-            for number in range(end):
-                more_places[number] = places[number]
-                more_weights[number] = weights[number]
-                more_words[number] = words[number]
-            places = more_places
-            weights = more_weights
-            words = more_words
         end, _ = neighbour_pairs(
             lists.used,
             lists.used_alike,
@@ -473,7 +460,6 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
             words,
         )
     starts[len(one)] = end
-    return places, weights, words
 
 
 @compiled
@@ -609,6 +595,39 @@ def _of_pairs(  # type: ignore[no-untyped-def]
         of_pair[15] = regression[pair]
 
 
+@in_place
+def _alike_of_slots(  # type: ignore[no-untyped-def]
+    lists, table, needed, structure, likeness, alike, words, slot_kernels, slot_cosines
+):
+    """Write the likeness of all slots and needed entities, and of all slots.
+
+    Args:
+        lists: the lists.
+        table: shape (A,); negative for empty slots.
+        needed: entity ids, shape (n,).
+        structure: work space, shape (T,): zeros before and after.
+        likeness: work space, shape (2, n).
+        alike: receives k² of each needed entity and each slot, shape (n, A); zeros before.
+        words: receives the same by words, likewise.
+        slot_kernels: receives the similarities k of slots, shape (A, A).
+        slot_cosines: receives their word cosines, shape (A, A).
+    """
+    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
+    kernels = likeness[0]
+    cosines = likeness[1]
+    for slot in range(len(table)):
+        entity = table[slot]
+        if entity < 0:
+            continue
+        spread(lists, entity, structure)
+        alike_of(*similar, entity, needed, structure, kernels, cosines)
+        for number in range(len(needed)):
+            alike[number, slot] = kernels[number] * kernels[number]
+            words[number, slot] = fourth(cosines[number])
+        alike_of(*similar, entity, table, structure, slot_kernels[slot], slot_cosines[slot])
+        clear(lists, entity, structure)
+
+
 @compiled
 def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # type: ignore[no-untyped-def]
     """Write the features of slots, and of pairs of slots.
@@ -643,6 +662,13 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
     own_places = np.empty(len(one), dtype=np.int64)
     regression = np.empty(len(one), dtype=np.float32)
     sums = np.empty((3, slots), dtype=np.float32)
+    # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
+    most = len(one) * lists.used.shape[1] ** 2
+    known_pairs = (
+        np.empty(most, dtype=np.int64),
+        np.empty(most, dtype=np.float32),
+        np.empty(most, dtype=np.float32),
+    )
     similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
     entry_of = np.full(size, -1, dtype=np.int32)
     entries = np.empty((len(lists.parts), 2), dtype=np.int32)
@@ -686,20 +712,19 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
         # By needed entity, then by slot: loops over slots read and write what lies together.
         alike = np.zeros((count, slots), dtype=np.float32)
         words = np.zeros((count, slots), dtype=np.float32)
-        kernels = np.empty(count, dtype=np.float32)
-        cosines = np.empty(count, dtype=np.float32)
-        for slot in range(slots):
-            entity = table[slot]
-            if entity < 0:
-                continue
-            spread(lists, entity, structure)
-            alike_of(*similar, entity, needed[:count], structure, kernels, cosines)
-            for number in range(count):
-                alike[number, slot] = kernels[number] * kernels[number]
-                words[number, slot] = fourth(cosines[number])
-            alike_of(*similar, entity, table, structure, slot_kernels[slot], slot_cosines[slot])
-            clear(lists, entity, structure)
-        known_pairs = _all_neighbour_pairs(lists, table, one, other, starts)
+        likeness = np.empty((2, count), dtype=np.float32)
+        _alike_of_slots(
+            lists,
+            table,
+            needed[:count],
+            structure,
+            likeness,
+            alike,
+            words,
+            slot_kernels,
+            slot_cosines,
+        )
+        _all_neighbour_pairs(lists, table, one, other, starts, *known_pairs)
         results = _different_results(*recipes_of_pairs, known_pairs[0][: starts[-1]], is_listed)
         result_kernels = np.empty(len(results), dtype=np.float32)
         result_cosines = np.empty(len(results), dtype=np.float32)
@@ -719,23 +744,19 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 known[result] = result_kernels[number] * result_kernels[number]
                 known_words[result] = fourth(result_cosines[number])
             alike_of(*similar, goal, table, of_goal, goal_kernels, goal_cosines)
-            for slot in range(slots):
-                entity = table[slot]
-                if entity < 0:
-                    continue
-                _of_slot(
-                    lists,
-                    to_results,
-                    entity,
-                    goal,
-                    goal_cosines[slot],
-                    goal_kernels[slot],
-                    alike[:, slot],
-                    words[:, slot],
-                    places[row - begin],
-                    recipes[row - begin],
-                    of_slots[row, slot],
-                )
+            links_of_slots(
+                lists, to_results, goal, table, goal_cosines, goal_kernels, of_slots[row]
+            )
+            _evidence_of_slots(
+                lists,
+                goal,
+                table,
+                alike,
+                words,
+                places[row - begin],
+                recipes[row - begin],
+                of_slots[row],
+            )
             forget_links(lists, goal, entry_of, to_goal)
             own_features = (own_places, regression, slot_cosines, slot_kernels)
             _of_pairs(

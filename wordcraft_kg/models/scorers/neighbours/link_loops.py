@@ -13,9 +13,9 @@ from wordcraft_kg.models.scorers.neighbours.feature_loops import (
     FLOOR,
     alike_of,
     forget_links,
+    links_of_slots,
     links_to_results,
     neighbour_pairs,
-    of_link,
 )
 from wordcraft_kg.models.scorers.neighbours.hash_loops import pair_place
 from wordcraft_kg.models.scorers.neighbours.similar import clear, product, spread
@@ -49,14 +49,13 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
         spread(lists, goal, structure)
         alike_of(*similar, goal, tables[row], structure, kernels, cosines)
         links_to_results(lists, goal, *to_results)
+        links_of_slots(lists, to_results, goal, tables[row], cosines, kernels, out[row])
+        uses = log1p(lists.num_uses[goal])
+        makers = log1p(lists.num_makers[goal])
         for slot in range(tables.shape[1]):
-            entity = tables[row, slot]
-            if entity < 0:
-                continue
-            features = out[row, slot]
-            of_link(lists, to_results, entity, goal, cosines[slot], kernels[slot], features)
-            features[12] = log1p(lists.num_uses[goal])
-            features[13] = log1p(lists.num_makers[goal])
+            if tables[row, slot] >= 0:
+                out[row, slot, 12] = uses
+                out[row, slot, 13] = makers
         forget_links(lists, goal, entry_of, to_goal)
         clear(lists, goal, structure)
 

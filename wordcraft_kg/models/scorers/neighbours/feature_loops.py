@@ -35,6 +35,44 @@ OF_SLOTS = 16
 """Features of an ingredient and a goal, without the score by the link ranker."""
 OF_PAIRS = 16
 """Features of a pair and a goal."""
+# Their places, in the order of `pair_features.OF_SLOTS`: of links first.
+(
+    _WORDS,
+    _KERNEL,
+    _USES,
+    _MADE,
+    _LINK,
+    _LINK_WORDS,
+    _LINK_EXACT,
+    _LINK_TO_GOAL,
+    _LINK_REVERSE,
+    _LINK_WITH_GOAL,
+    _COMBINES,
+    _REGRESSION,
+    _COUNT,
+    _EVIDENCE,
+    _BEST_EVIDENCE,
+    _WORDS_EVIDENCE,
+) = range(OF_SLOTS)
+# In the order of `pair_features.OF_PAIRS`.
+(
+    _PAIR_EVIDENCE,
+    _PAIR_WORDS_EVIDENCE,
+    _PAIR_BEST_EVIDENCE,
+    _MAKES_ANYTHING,
+    _MAKES_ALIKE,
+    _MAKES_BEST,
+    _MAKES_ANYTHING_WORDS,
+    _MAKES_ALIKE_WORDS,
+    _KNOWN,
+    _MAKES,
+    _PAIR_WORDS,
+    _PAIR_KERNEL,
+    _ITSELF,
+    _GOAL_MADE,
+    _GOAL_USES,
+    _PAIR_REGRESSION,
+) = range(OF_PAIRS)
 
 
 @in_place
@@ -216,7 +254,7 @@ def forget_links(lists, goal, entry_of, to_goal):  # type: ignore[no-untyped-def
 def _evidence_of_slots(  # type: ignore[no-untyped-def]
     lists, goal, table, alike, words, places, recipes, out
 ):
-    """Write the features of each slot and a goal that links do not have: ``out[:, 12:]``.
+    """Write ``count`` and the features after it, of each slot and a goal: those that links lack.
 
     Args:
         lists: the lists.
@@ -246,15 +284,15 @@ def _evidence_of_slots(  # type: ignore[no-untyped-def]
                 best = max(best, value)
                 by_words += of_goal_words * words[place, slot]
         number = num_links(lists.result_bits, lists.link_keys, lists.link_counts, entity, goal)
-        out[slot, 12] = log1p(number)
-        out[slot, 13] = log(FLOOR + total)
-        out[slot, 14] = log(FLOOR + best)
-        out[slot, 15] = log(FLOOR + by_words)
+        out[slot, _COUNT] = log1p(number)
+        out[slot, _EVIDENCE] = log(FLOOR + total)
+        out[slot, _BEST_EVIDENCE] = log(FLOOR + best)
+        out[slot, _WORDS_EVIDENCE] = log(FLOOR + by_words)
 
 
 @in_place
 def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # type: ignore[no-untyped-def]
-    """Write the features of componentOf links, without the goal's numbers: ``out[:, :12]``.
+    """Write ``words`` to ``regression`` of componentOf links: all but the goal's numbers.
 
     Args:
         lists: the lists.
@@ -307,18 +345,18 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
             if result < 0:
                 break
             reverse += lists.made_alike[entity, column] * num_links(*links, goal, result)
-        out[slot, 0] = cosines[slot]
-        out[slot, 1] = kernels[slot]
-        out[slot, 2] = log1p(lists.num_uses[entity])
-        out[slot, 3] = log1p(lists.num_makers[entity])
-        out[slot, 4] = log(FLOOR + soft)
-        out[slot, 5] = log(FLOOR + soft_words)
-        out[slot, 6] = log(FLOOR + exact)
-        out[slot, 7] = log(FLOOR + to_goal)
-        out[slot, 8] = log(FLOOR + reverse)
-        out[slot, 9] = log(FLOOR + with_goal)
-        out[slot, 10] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
-        out[slot, 11] = product(lists.left, lists.right, entity, goal)
+        out[slot, _WORDS] = cosines[slot]
+        out[slot, _KERNEL] = kernels[slot]
+        out[slot, _USES] = log1p(lists.num_uses[entity])
+        out[slot, _MADE] = log1p(lists.num_makers[entity])
+        out[slot, _LINK] = log(FLOOR + soft)
+        out[slot, _LINK_WORDS] = log(FLOOR + soft_words)
+        out[slot, _LINK_EXACT] = log(FLOOR + exact)
+        out[slot, _LINK_TO_GOAL] = log(FLOOR + to_goal)
+        out[slot, _LINK_REVERSE] = log(FLOOR + reverse)
+        out[slot, _LINK_WITH_GOAL] = log(FLOOR + with_goal)
+        out[slot, _COMBINES] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
+        out[slot, _REGRESSION] = product(lists.left, lists.right, entity, goal)
 
 
 @in_place
@@ -383,7 +421,7 @@ def _pair_side(  # type: ignore[no-untyped-def]
     known_words,
     out,
 ):
-    """Write the features of a pair from known pairs of neighbours: ``out[3:8]``.
+    """Write ``makes_anything`` to ``makes_alike_words``: from known pairs of neighbours.
 
     Args:
         pair_starts: ``lists.pair_starts``.
@@ -417,11 +455,11 @@ def _pair_side(  # type: ignore[no-untyped-def]
             alike += value
             nearest = max(nearest, value)
             alike_words += weight_by_words * known_words[result]
-    out[3] = log(FLOOR + anything)
-    out[4] = log(FLOOR + alike)
-    out[5] = log(FLOOR + nearest)
-    out[6] = log(FLOOR + anything_words)
-    out[7] = log(FLOOR + alike_words)
+    out[_MAKES_ANYTHING] = log(FLOOR + anything)
+    out[_MAKES_ALIKE] = log(FLOOR + alike)
+    out[_MAKES_BEST] = log(FLOOR + nearest)
+    out[_MAKES_ANYTHING_WORDS] = log(FLOOR + anything_words)
+    out[_MAKES_ALIKE_WORDS] = log(FLOOR + alike_words)
 
 
 @in_place
@@ -543,6 +581,7 @@ def _of_pairs(  # type: ignore[no-untyped-def]
     """
     one, other = slots_of_pairs
     alike, words = needed
+    pair_places, pair_weights, pair_words = known_pairs
     known, known_words = of_results
     own_places, regression, slot_cosines, slot_kernels = own_features
     recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
@@ -572,12 +611,14 @@ def _of_pairs(  # type: ignore[no-untyped-def]
                 recipes,
                 sums,
             )
-        of_pair[0] = log(FLOOR + sums[0, j])
-        of_pair[1] = log(FLOOR + sums[1, j])
-        of_pair[2] = log(FLOOR + sums[2, j])
+        of_pair[_PAIR_EVIDENCE] = log(FLOOR + sums[0, j])
+        of_pair[_PAIR_WORDS_EVIDENCE] = log(FLOOR + sums[1, j])
+        of_pair[_PAIR_BEST_EVIDENCE] = log(FLOOR + sums[2, j])
         _pair_side(
             *recipes_of_pairs,
-            *known_pairs,
+            pair_places,
+            pair_weights,
+            pair_words,
             starts[pair],
             starts[pair + 1],
             known,
@@ -585,14 +626,14 @@ def _of_pairs(  # type: ignore[no-untyped-def]
             of_pair,
         )
         place = own_places[pair]
-        of_pair[8] = 1 if place >= 0 else 0
-        of_pair[9] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
-        of_pair[10] = slot_cosines[i, j]
-        of_pair[11] = slot_kernels[i, j]
-        of_pair[12] = 1 if a == b else 0
-        of_pair[13] = goal_made
-        of_pair[14] = goal_uses
-        of_pair[15] = regression[pair]
+        of_pair[_KNOWN] = 1 if place >= 0 else 0
+        of_pair[_MAKES] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
+        of_pair[_PAIR_WORDS] = slot_cosines[i, j]
+        of_pair[_PAIR_KERNEL] = slot_kernels[i, j]
+        of_pair[_ITSELF] = 1 if a == b else 0
+        of_pair[_GOAL_MADE] = goal_made
+        of_pair[_GOAL_USES] = goal_uses
+        of_pair[_PAIR_REGRESSION] = regression[pair]
 
 
 @in_place

@@ -268,9 +268,11 @@ class RecipeKnowledge(nn.Module):
             others = list(self._lists.values())
             # All models have the same words: their lists share one copy.
             vectors = others[0].vectors if others else self.vectors.float().cpu().numpy()
-            cosines = others[0].cosines if others else None
             with torch_threads(1), threadpool_limits(1):
-                self._lists[model] = make_lists(recipes, vectors, near_words, cosines)
+                lists = make_lists(recipes, vectors, near_words)
+            if others:
+                lists = lists._replace(cosines=others[0].cosines)
+            self._lists[model] = lists
         return self._lists[model]
 
     def share_lists(self, other: "RecipeKnowledge") -> None:

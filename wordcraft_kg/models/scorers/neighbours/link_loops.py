@@ -20,6 +20,23 @@ from wordcraft_kg.models.scorers.neighbours.feature_loops import (
 from wordcraft_kg.models.scorers.neighbours.hash_loops import pair_place
 from wordcraft_kg.models.scorers.neighbours.similar import clear, product, spread
 
+# Places of the goal's numbers, at the end of `link_rows.OF_COMPONENTS`.
+_GOAL_USES = 12
+_GOAL_MADE = 13
+# Places in the order of `link_rows.OF_COMBINES`.
+(
+    _WORDS,
+    _KERNEL,
+    _USES_SUM,
+    _USES_DIFFERENCE,
+    _MADE_SUM,
+    _ITSELF,
+    _COMPLETION,
+    _NEAR_PAIRS_EXACT,
+    _NEAR_PAIRS,
+    _REGRESSION,
+) = range(10)
+
 
 @compiled
 def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-def]
@@ -54,8 +71,8 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
         makers = log1p(lists.num_makers[goal])
         for slot in range(tables.shape[1]):
             if tables[row, slot] >= 0:
-                out[row, slot, 12] = uses
-                out[row, slot, 13] = makers
+                out[row, slot, _GOAL_USES] = uses
+                out[row, slot, _GOAL_MADE] = makers
         forget_links(lists, goal, entry_of, to_goal)
         clear(lists, goal, structure)
 
@@ -125,16 +142,16 @@ def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[
             made = log1p(lists.num_makers[key])
             other_made = log1p(lists.num_makers[entity])
             features = out[row, slot]
-            features[0] = cosines[slot]
-            features[1] = kernels[slot]
-            features[2] = uses + other_uses
-            features[3] = abs(uses - other_uses)
-            features[4] = made + other_made
-            features[5] = 1 if key == entity else 0
-            features[6] = log(FLOOR + completion)
-            features[7] = log(FLOOR + exact)
-            features[8] = log(FLOOR + near)
-            features[9] = product(lists.pair_left, lists.right, key, entity)
+            features[_WORDS] = cosines[slot]
+            features[_KERNEL] = kernels[slot]
+            features[_USES_SUM] = uses + other_uses
+            features[_USES_DIFFERENCE] = abs(uses - other_uses)
+            features[_MADE_SUM] = made + other_made
+            features[_ITSELF] = 1 if key == entity else 0
+            features[_COMPLETION] = log(FLOOR + completion)
+            features[_NEAR_PAIRS_EXACT] = log(FLOOR + exact)
+            features[_NEAR_PAIRS] = log(FLOOR + near)
+            features[_REGRESSION] = product(lists.pair_left, lists.right, key, entity)
         # Cleared where it was written, for the next key.
         for place in range(half_starts[key], half_starts[key + 1]):
             node = half_nodes[place]

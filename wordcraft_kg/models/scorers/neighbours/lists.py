@@ -43,9 +43,9 @@ SIGNATURE = 1024
 A book of fewer entities has a bit for each of them.
 """
 MATRIX = 2_048
-"""Most entities of a book whose similarities are all kept: a look-up takes a tenth of the time.
+"""Most entities of a book whose similarities are all kept, rather than computed for each table.
 
-They take up to 16 MiB for each model, and 16 MiB for word cosines, which all models share.
+They take up to 16 MiB for each model, and 16 MiB for word cosines, which models of folds share.
 """
 BLOCK = 512
 """Rows of word cosines that are in memory at once."""
@@ -161,21 +161,10 @@ def nearest_words(
     return near
 
 
-def cosines_of(vectors: Floats) -> Floats:
-    """Return the word cosines of all entities, (T, T); (0, 0) above :data:`MATRIX` entities."""
-    from wordcraft_kg.models.scorers.neighbours.list_loops import word_cosines
-
-    size = len(vectors) if len(vectors) <= MATRIX else 0
-    cosines = np.empty((size, size), dtype=np.float32)
-    word_cosines(vectors[:size], cosines)
-    return cosines
-
-
 def make_lists(
     recipes: Ids,
     vectors: Floats,
     near_words: Numbers,
-    cosines: Floats | None = None,
     *,
     nearest: int = NEAREST,
     used: int = USED,
@@ -189,7 +178,6 @@ def make_lists(
         recipes: ids (ingredient, ingredient, result), shape (n, 3), any order.
         vectors: unit word vectors, shape (T, D).
         near_words: from :func:`nearest_words`.
-        cosines: from :func:`cosines_of`; None to compute them.
         nearest: K, structural neighbours.
         used: N, neighbours that are ingredients.
         made: G, neighbours that are results.
@@ -207,8 +195,7 @@ def make_lists(
     near_starts, near, near_cosines = _structural_neighbours(rows, min(nearest, max(size, 1)))
     # A profile has length 1, words add their part; entities with neither stay at the words' part.
     norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
-    if cosines is None:
-        cosines = cosines_of(vectors)
+    cosines = _cosines(vectors)
     kernels = np.zeros_like(cosines)
     list_loops.all_kernels(near_starts, near, near_cosines, norms[: len(kernels)], cosines, kernels)
     both_kinds = (vectors, near_starts, near, near_cosines, norms, near_words)
@@ -279,6 +266,16 @@ def make_lists(
         right=right,
         pair_left=pair_left,
     )
+
+
+def _cosines(vectors: Floats) -> Floats:
+    """Return the word cosines of all entities, (T, T); (0, 0) above :data:`MATRIX` entities."""
+    from wordcraft_kg.models.scorers.neighbours.list_loops import word_cosines
+
+    size = len(vectors) if len(vectors) <= MATRIX else 0
+    cosines = np.empty((size, size), dtype=np.float32)
+    word_cosines(vectors[:size], cosines)
+    return cosines
 
 
 def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Floats]:

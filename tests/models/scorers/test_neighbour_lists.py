@@ -292,6 +292,24 @@ def test_rows_columns_candidates_and_tables_agree_on_the_features_of_links(
     torch.testing.assert_close(of_tables, by_row, rtol=1e-4, atol=1e-4)
 
 
+def test_a_book_too_large_for_matrices_of_similarities_has_the_same_features(monkeypatch):
+    recipes = distinct(random_graph(5, SIZE, 60).recipes)
+    vectors = unit_vectors()
+    every = np.arange(SIZE)
+    one, other = np.triu_indices(SIZE)
+    tables = np.tile(every, (SIZE, 1))
+    features = []
+    for most in (SIZE, SIZE - 1):
+        monkeypatch.setattr(lists_module, "MATRIX", most)
+        lists = full_lists(recipes, vectors)
+        assert len(lists.kernels) == len(lists.cosines) == (SIZE if most == SIZE else 0)
+        arrays = table_arrays(SIZE, SIZE)
+        table_features(lists, every, tables, one, other, *arrays)
+        features.append(arrays)
+    for with_matrix, without in zip(*features, strict=True):
+        np.testing.assert_array_equal(with_matrix, without)
+
+
 def test_nearest_words_are_the_largest_positive_cosines_with_ties_by_id():
     vectors = unit_vectors(40, 3)
     vectors[7] = vectors[5]

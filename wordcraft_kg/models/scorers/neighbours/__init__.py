@@ -26,7 +26,9 @@ make.
 
 and the same as maxima, by words (w⁴ for k²), without c; known recipes; kernel regression; cosines;
 degrees. A product below .002 ends a search in both lists. Hash tables answer whether a pair has
-recipes, and how many recipes make c with x.
+recipes, and how many recipes make c with x. A book of at most 2,048 entities has all k and word
+cosines in matrices: most of the time of a table went to products of word vectors. All slots of a
+table share its goal, so the links to the goal's neighbours are listed once, by their ingredient.
 
 **Links** are scored by networks (rankers) of such features: for componentOf(x, c) those of the link
 side, for combinesWith(a, b) those of the pair side without c; both with kernel regression at low
@@ -43,7 +45,7 @@ all links of an entity, and follows the known ones from it, see :mod:`.link_rows
 | regression | E L D + L³ + n m, for L <= 1,536 landmarks |
 | features of a table with A slots | A (2 R D + N G) + A² (N² + R) + D per result, at most |
 | all links of an entity | E D + N (links of a neighbour) G |
-| memory | E (4 K + 3 N + 3 G + 3 R + D + 3 m) + about 25 n numbers |
+| memory | E (4 K + 3 N + 3 G + 3 R + D + 3 m) + about 30 n numbers; 2 E² of a small book |
 
 A model of a large book has a pair encoder besides (:mod:`.pair_encoder`), whose scores are three
 further features; :mod:`.results` proposes results of a pair by both.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.feature_loops import (
     FLOOR,
     MOST_RESULTS,
@@ -18,7 +18,7 @@ _LEADS = np.float32(1e4)
 """Weight of entities that one known attempt after them makes the goal: they come next."""
 
 
-@compiled
+@in_place
 def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type: ignore[no-untyped-def]
     """Add the results of a pair's neighbours to the weights of entities.
 
@@ -34,7 +34,7 @@ def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type
     """
     neighbours = (lists.used, lists.used_alike, lists.used_words)
     hashed = (lists.partner_bits, lists.pair_keys)
-    count, itself = neighbour_pairs(neighbours, hashed, a, b, places, of_pairs, words)
+    count, itself = neighbour_pairs(*neighbours, *hashed, a, b, 0, places, of_pairs, words)
     for number in range(count):
         weight = of_pairs[number]
         # The pair itself, at the first attempt: its results are certain, not only likely.
@@ -46,7 +46,7 @@ def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type
             weights[lists.result[recipe]] += factor * weight
 
 
-@compiled
+@in_place
 def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
     """Add entities similar to the ingredients of a goal's supporting recipes to the weights.
 
@@ -74,7 +74,7 @@ def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
                 weights[other] += factor * weight
 
 
-@compiled
+@in_place
 def _add_leads(lists, goal, table, needs):  # type: ignore[no-untyped-def]
     """Add entities from which a known recipe leads to the goal to the weights.
 
@@ -103,7 +103,7 @@ def _add_leads(lists, goal, table, needs):  # type: ignore[no-untyped-def]
                 needs[first] += _LEADS
 
 
-@compiled
+@in_place
 def _like_made(lists, entity, makes):  # type: ignore[no-untyped-def]
     """Return how strongly the made neighbours of an entity are made, for one that nothing makes.
 
@@ -123,7 +123,7 @@ def _like_made(lists, entity, makes):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@in_place
 def _best(weights, ids, values):  # type: ignore[no-untyped-def]
     """Write the entities with the largest positive weights; return their number.
 

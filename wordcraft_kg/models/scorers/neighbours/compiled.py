@@ -39,7 +39,7 @@ def product_of_rows(function: F) -> F:
     Args:
         function: as for :func:`compiled`.
     """
-    return _compiled(function, {"nogil": True, "fastmath": _SUMS_IN_ANY_ORDER})
+    return _compiled(function, {"nogil": True, "fastmath": _SUMS_IN_ANY_ORDER, "_nrt": False})
 
 
 def compiled(function: F) -> F:
@@ -53,6 +53,18 @@ def compiled(function: F) -> F:
             thread: it runs without Python's lock.
     """
     return _compiled(function, {"nogil": True})
+
+
+def in_place(function: F) -> F:
+    """Compile a function, as :func:`compiled`, that makes no arrays: it writes to its arguments.
+
+    Numba counts no references to arrays there. Counting takes longer than a short loop, because
+    threads may share the counts.
+
+    Args:
+        function: as for :func:`compiled`; calls functions alone that make no arrays, either.
+    """
+    return _compiled(function, {"nogil": True, "_nrt": False})
 
 
 def _compiled(function: F, options: dict[str, Any]) -> F:

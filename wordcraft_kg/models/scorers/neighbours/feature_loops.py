@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.hash_loops import makes, num_links, pair_place
 from wordcraft_kg.models.scorers.neighbours.similar import (
     clear,
@@ -35,28 +35,71 @@ OF_SLOTS = 16
 """Features of an ingredient and a goal, without the score by the link ranker."""
 OF_PAIRS = 16
 """Features of a pair and a goal."""
+# Their places, in the order of `pair_features.OF_SLOTS`: of links first.
+(
+    _WORDS,
+    _KERNEL,
+    _USES,
+    _MADE,
+    _LINK,
+    _LINK_WORDS,
+    _LINK_EXACT,
+    _LINK_TO_GOAL,
+    _LINK_REVERSE,
+    _LINK_WITH_GOAL,
+    _COMBINES,
+    _REGRESSION,
+    _COUNT,
+    _EVIDENCE,
+    _BEST_EVIDENCE,
+    _WORDS_EVIDENCE,
+) = range(OF_SLOTS)
+# In the order of `pair_features.OF_PAIRS`.
+(
+    _PAIR_EVIDENCE,
+    _PAIR_WORDS_EVIDENCE,
+    _PAIR_BEST_EVIDENCE,
+    _MAKES_ANYTHING,
+    _MAKES_ALIKE,
+    _MAKES_BEST,
+    _MAKES_ANYTHING_WORDS,
+    _MAKES_ALIKE_WORDS,
+    _KNOWN,
+    _MAKES,
+    _PAIR_WORDS,
+    _PAIR_KERNEL,
+    _ITSELF,
+    _GOAL_MADE,
+    _GOAL_USES,
+    _PAIR_REGRESSION,
+) = range(OF_PAIRS)
 
 
-@compiled
-def neighbour_pairs(neighbours, hashed, a, b, places, weights, words):  # type: ignore[no-untyped-def]
+@in_place
+def neighbour_pairs(  # type: ignore[no-untyped-def]
+    used, used_alike, used_words, partner_bits, pair_keys, a, b, begin, places, weights, words
+):
     """Find the known pairs of neighbours of a and of b, the most similar neighbours first.
 
     Args:
-        neighbours: ``lists.used``, ``lists.used_alike`` and ``lists.used_words``.
-        hashed: ``lists.partner_bits`` and ``lists.pair_keys``.
+        used: ``lists.used``.
+        used_alike: ``lists.used_alike``.
+        used_words: ``lists.used_words``.
+        partner_bits: ``lists.partner_bits``.
+        pair_keys: ``lists.pair_keys``.
         a: entity id.
         b: entity id.
-        places: receives places in the hash table of pairs; as long as all pairs of neighbours.
+        begin: where to begin in the following arrays, which have room for all pairs of neighbours.
+        places: receives places in the hash table of pairs.
         weights: receives k²(a, a') k²(b, b').
         words: receives the same by words.
 
     Returns:
-        their number, and the number of a + b itself among them, -1 if it is not known.
+        the end of the pairs, and the place of a + b itself, -1 if it is not known.
     """
-    used, used_alike, used_words = neighbours
-    partner_bits, pair_keys = hashed
-    count = 0
-    itself = -1
+    count = begin
+    # Not a plain -1, which has a type of its own.
+    itself = np.int64(-1)
     for row in range(used.shape[1]):
         one = used[a, row]
         if one < 0:
@@ -66,7 +109,12 @@ def neighbour_pairs(neighbours, hashed, a, b, places, weights, words):  # type: 
             weight = used_alike[a, row] * used_alike[b, column]
             if other < 0 or weight < LEAST:
                 break
-            place = pair_place(partner_bits, pair_keys, one, other)
+            # By a or b itself, whose signature is in the fast cache.
+            place = (
+                pair_place(partner_bits, pair_keys, one, other)
+                if row == 0
+                else pair_place(partner_bits, pair_keys, other, one)
+            )
             if place < 0:
                 continue
             if one == a and other == b:
@@ -78,7 +126,7 @@ def neighbour_pairs(neighbours, hashed, a, b, places, weights, words):  # type: 
     return count, itself
 
 
-@compiled
+@in_place
 def needed_entities(lists, goal, count, needed, place_of, places):  # type: ignore[no-untyped-def]
     """Add the ingredients of a goal's supporting recipes to a list of different entities.
 
@@ -109,127 +157,209 @@ def needed_entities(lists, goal, count, needed, place_of, places):  # type: igno
     return count, recipes
 
 
-@compiled
-def alike_of(vectors, norms, entity, other, structure):  # type: ignore[no-untyped-def]
-    """Return k and the word cosine of two entities.
+@in_place
+def alike_of(  # type: ignore[no-untyped-def]
+    vectors, norms, all_kernels, all_cosines, entity, others, structure, kernels, cosines
+):
+    """Write the similarities k and word cosines of an entity and others.
 
     Args:
-        vectors: unit word vectors, shape (T, D).
-        norms: similarity of each entity with itself, shape (T,).
+        vectors: ``lists.vectors``.
+        norms: ``lists.norms``.
+        all_kernels: ``lists.kernels``.
+        all_cosines: ``lists.cosines``.
         entity: entity id.
-        other: entity id.
-        structure: the first entity's profile cosines, from ``spread``.
+        others: entity ids, shape (n,); negative for none.
+        structure: the entity's profile cosines, from ``spread``.
+        kernels: receives the similarities, shape (n,); 0 for none.
+        cosines: receives the word cosines, likewise.
     """
-    if entity == other:
-        return np.float32(1), np.float32(1)
-    cosine = dot(vectors, entity, other)
-    return similarity(structure[other], cosine, norms[entity], norms[other]), cosine
+    # The branch is outside of the loop: within, numba would count references for each entity.
+    if len(all_kernels) > 0:
+        for number in range(len(others)):
+            other = others[number]
+            kernels[number] = all_kernels[entity, other] if other >= 0 else 0
+            cosines[number] = all_cosines[entity, other] if other >= 0 else 0
+        return
+    for number in range(len(others)):
+        other = others[number]
+        kernel = np.float32(0)
+        cosine = np.float32(0)
+        if other == entity:
+            kernel = np.float32(1)
+            cosine = np.float32(1)
+        elif other >= 0:
+            cosine = dot(vectors, entity, other)
+            kernel = similarity(structure[other], cosine, norms[entity], norms[other])
+        kernels[number] = kernel
+        cosines[number] = cosine
 
 
-@compiled
-def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes, out):  # type: ignore[no-untyped-def]
-    """Write the features of an ingredient and a goal.
+@in_place
+def links_to_results(lists, goal, entry_of, entries, counts, to_goal):  # type: ignore[no-untyped-def]
+    """List the known links to a goal's neighbours by their ingredient.
+
+    All slots of a table share the goal, so they share these lists.
 
     Args:
         lists: the lists.
-        entity: the ingredient.
-        goal: the goal.
-        cosine: their word cosine.
-        kernel: their similarity k.
-        alike: k² of each needed entity and the ingredient.
-        words: the same by words.
-        places: from :func:`needed_entities`.
-        recipes: number of supporting recipes.
-        out: shape (16,).
+        goal: entity id.
+        entry_of: receives each ingredient's first entry, -1 without links; shape (T,), -1 before.
+        entries: receives the neighbour's place in ``lists.made`` and the next entry of the same
+            ingredient, -1 at the end: shape (L, 2), places ascending.
+        counts: receives the number of recipes with the link, shape (L,).
+        to_goal: receives the number of recipes of each ingredient and the goal itself; shape (T,),
+            zeros before.
+
     """
-    links = (lists.result_bits, lists.link_keys, lists.link_counts)
-    total = np.float32(0)
-    best = np.float32(0)
-    by_words = np.float32(0)
-    for row in range(recipes):
-        of_goal = lists.support_alike[goal, row]
-        of_goal_words = lists.support_words[goal, row]
-        # Both ingredients of the supporting recipe.
-        for part in range(2):
-            place = places[row, part]
-            value = of_goal * alike[place]
-            total += value
-            best = max(best, value)
-            by_words += of_goal_words * words[place]
-    out[12] = log1p(num_links(*links, entity, goal))
-    out[13] = log(FLOOR + total)
-    out[14] = log(FLOOR + best)
-    out[15] = log(FLOOR + by_words)
-    of_link(lists, entity, goal, cosine, kernel, out)
+    end = np.int64(0)
+    places = lists.made.shape[1]
+    # From the last neighbour to the first, so that an ingredient's list begins with the first.
+    for column in range(places - 1, -1, -1):
+        result = lists.made[goal, column]
+        if result < 0:
+            continue
+        for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
+            part = lists.parts[place]
+            entries[end, 0] = column
+            entries[end, 1] = entry_of[part]
+            counts[end] = lists.part_counts[place]
+            entry_of[part] = end
+            end += 1
+    for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
+        to_goal[lists.parts[place]] = lists.part_counts[place]
 
 
-@compiled
-def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untyped-def]
-    """Write the features of a componentOf link, without the goal's numbers: ``out[:12]``.
+@in_place
+def forget_links(lists, goal, entry_of, to_goal):  # type: ignore[no-untyped-def]
+    """Write -1 and 0 again where :func:`links_to_results` wrote first entries and numbers.
 
     Args:
         lists: the lists.
-        entity: the ingredient.
-        goal: the result.
-        cosine: their word cosine.
-        kernel: their similarity k.
-        out: shape (12,) or longer.
+        goal: entity id.
+        entry_of: shape (T,).
+        to_goal: shape (T,).
     """
-    out[0] = cosine
-    out[1] = kernel
-    out[2] = log1p(lists.num_uses[entity])
-    out[3] = log1p(lists.num_makers[entity])
-    hashed = (lists.partner_bits, lists.pair_keys)
-    links = (lists.result_bits, lists.link_keys, lists.link_counts)
-    soft = np.float32(0)
-    soft_words = np.float32(0)
-    with_goal = np.float32(0)
-    to_goal = np.float32(0)
-    for row in range(lists.used.shape[1]):
-        other = lists.used[entity, row]
-        if other < 0:
-            break
-        of_other = lists.used_alike[entity, row]
-        words_of_other = lists.used_words[entity, row]
-        if pair_place(*hashed, goal, other) >= 0:
-            with_goal += of_other
-        to_goal += of_other * num_links(*links, other, goal)
-        for column in range(lists.made.shape[1]):
-            result = lists.made[goal, column]
-            weight = of_other * lists.made_alike[goal, column]
-            # Neighbours come by descending similarity, so all that follow are below, too.
-            if result < 0 or weight < LEAST:
-                break
-            number = num_links(*links, other, result)
-            if number:
-                of_words = words_of_other * lists.made_words[goal, column]
-                soft += number * weight
-                soft_words += number * of_words
-    exact = np.float32(0)
+    for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
+        to_goal[lists.parts[place]] = 0
     for column in range(lists.made.shape[1]):
         result = lists.made[goal, column]
         if result < 0:
             break
-        number = num_links(*links, entity, result)
-        exact += lists.made_alike[goal, column] * number
-    reverse = np.float32(0)
-    for column in range(lists.made.shape[1]):
-        result = lists.made[entity, column]
-        if result < 0:
-            break
-        number = num_links(*links, goal, result)
-        reverse += lists.made_alike[entity, column] * number
-    out[4] = log(FLOOR + soft)
-    out[5] = log(FLOOR + soft_words)
-    out[6] = log(FLOOR + exact)
-    out[7] = log(FLOOR + to_goal)
-    out[8] = log(FLOOR + reverse)
-    out[9] = log(FLOOR + with_goal)
-    out[10] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
-    out[11] = product(lists.left, lists.right, entity, goal)
+        for place in range(lists.part_starts[result], lists.part_starts[result + 1]):
+            entry_of[lists.parts[place]] = -1
 
 
-@compiled
+@in_place
+def _evidence_of_slots(  # type: ignore[no-untyped-def]
+    lists, goal, table, alike, words, places, recipes, out
+):
+    """Write ``count`` and the features after it, of each slot and a goal: those that links lack.
+
+    Args:
+        lists: the lists.
+        goal: entity id.
+        table: shape (A,); negative for empty slots.
+        alike: k² of each needed entity and each slot, shape (needed, A).
+        words: the same by words.
+        places: from :func:`needed_entities`.
+        recipes: number of supporting recipes.
+        out: shape (A, 16).
+    """
+    for slot in range(len(table)):
+        entity = table[slot]
+        if entity < 0:
+            continue
+        total = np.float32(0)
+        best = np.float32(0)
+        by_words = np.float32(0)
+        for row in range(recipes):
+            of_goal = lists.support_alike[goal, row]
+            of_goal_words = lists.support_words[goal, row]
+            # Both ingredients of the supporting recipe.
+            for part in range(2):
+                place = places[row, part]
+                value = of_goal * alike[place, slot]
+                total += value
+                best = max(best, value)
+                by_words += of_goal_words * words[place, slot]
+        number = num_links(lists.result_bits, lists.link_keys, lists.link_counts, entity, goal)
+        out[slot, _COUNT] = log1p(number)
+        out[slot, _EVIDENCE] = log(FLOOR + total)
+        out[slot, _BEST_EVIDENCE] = log(FLOOR + best)
+        out[slot, _WORDS_EVIDENCE] = log(FLOOR + by_words)
+
+
+@in_place
+def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # type: ignore[no-untyped-def]
+    """Write ``words`` to ``regression`` of componentOf links: all but the goal's numbers.
+
+    Args:
+        lists: the lists.
+        to_results: the arrays of :func:`links_to_results` for the goal.
+        goal: the result.
+        table: the ingredients, shape (A,); negative for empty slots.
+        cosines: word cosines of slots and goal, shape (A,).
+        kernels: their similarities k, shape (A,).
+        out: shape (A, 12) or wider.
+    """
+    entry_of, entries, counts, num_to_goal = to_results
+    hashed = (lists.partner_bits, lists.pair_keys)
+    links = (lists.result_bits, lists.link_keys, lists.link_counts)
+    for slot in range(len(table)):
+        entity = table[slot]
+        if entity < 0:
+            continue
+        soft = np.float32(0)
+        soft_words = np.float32(0)
+        with_goal = np.float32(0)
+        to_goal = np.float32(0)
+        for row in range(lists.used.shape[1]):
+            other = lists.used[entity, row]
+            if other < 0:
+                break
+            of_other = lists.used_alike[entity, row]
+            if pair_place(*hashed, goal, other) >= 0:
+                with_goal += of_other
+            to_goal += of_other * num_to_goal[other]
+            entry = entry_of[other]
+            while entry >= 0:
+                column = entries[entry, 0]
+                weight = of_other * lists.made_alike[goal, column]
+                # Neighbours come by descending similarity, so all that follow are below, too.
+                if weight < LEAST:
+                    break
+                number = counts[entry]
+                of_words = lists.used_words[entity, row] * lists.made_words[goal, column]
+                soft += number * weight
+                soft_words += number * of_words
+                entry = entries[entry, 1]
+        exact = np.float32(0)
+        entry = entry_of[entity]
+        while entry >= 0:
+            exact += lists.made_alike[goal, entries[entry, 0]] * counts[entry]
+            entry = entries[entry, 1]
+        reverse = np.float32(0)
+        for column in range(lists.made.shape[1]):
+            result = lists.made[entity, column]
+            if result < 0:
+                break
+            reverse += lists.made_alike[entity, column] * num_links(*links, goal, result)
+        out[slot, _WORDS] = cosines[slot]
+        out[slot, _KERNEL] = kernels[slot]
+        out[slot, _USES] = log1p(lists.num_uses[entity])
+        out[slot, _MADE] = log1p(lists.num_makers[entity])
+        out[slot, _LINK] = log(FLOOR + soft)
+        out[slot, _LINK_WORDS] = log(FLOOR + soft_words)
+        out[slot, _LINK_EXACT] = log(FLOOR + exact)
+        out[slot, _LINK_TO_GOAL] = log(FLOOR + to_goal)
+        out[slot, _LINK_REVERSE] = log(FLOOR + reverse)
+        out[slot, _LINK_WITH_GOAL] = log(FLOOR + with_goal)
+        out[slot, _COMBINES] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
+        out[slot, _REGRESSION] = product(lists.left, lists.right, entity, goal)
+
+
+@in_place
 def _goal_sides(support, slot, low, high, alike, words, places, recipes, sums):  # type: ignore[no-untyped-def]
     """Sum the recipes that support the goal, for the pairs of a slot and a range of slots.
 
@@ -256,52 +386,56 @@ def _goal_sides(support, slot, low, high, alike, words, places, recipes, sums): 
         by_words[other] = 0
         best[other] = 0
     for row in range(recipes):
+        # Entries are read by both indices: for rows of their own, numba would count references.
         first = places[row, 0]
         second = places[row, 1]
-        of_first = alike[first]
-        of_second = alike[second]
-        words_of_first = words[first]
-        words_of_second = words[second]
         of_goal = support_alike[row]
         of_goal_words = support_words[row]
-        own_first = of_first[slot]
-        own_second = of_second[slot]
-        own_words_first = words_of_first[slot]
-        own_words_second = words_of_second[slot]
+        own_first = alike[first, slot]
+        own_second = alike[second, slot]
+        own_words_first = words[first, slot]
+        own_words_second = words[second, slot]
         for other in range(low, high):
-            straight = own_first * of_second[other]
-            crossed = own_second * of_first[other]
+            straight = own_first * alike[second, other]
+            crossed = own_second * alike[first, other]
             evidence[other] += of_goal * (straight + crossed)
             better = straight if straight > crossed else crossed
             value = of_goal * better
             best[other] = value if value > best[other] else best[other]
-            straight_words = own_words_first * words_of_second[other]
-            crossed_words = own_words_second * words_of_first[other]
+            straight_words = own_words_first * words[second, other]
+            crossed_words = own_words_second * words[first, other]
             by_words[other] += of_goal_words * (straight_words + crossed_words)
 
 
-@compiled
+@in_place
 def _pair_side(  # type: ignore[no-untyped-def]
-    recipes, vectors, norms, pairs, first, last, goal, structure, row, known_row, known, out
+    pair_starts,
+    pair_counts,
+    result_of,
+    places,
+    weights,
+    words,
+    first,
+    last,
+    known,
+    known_words,
+    out,
 ):
-    """Write the features of a pair from known pairs of neighbours: ``out[3:8]``.
+    """Write ``makes_anything`` to ``makes_alike_words``: from known pairs of neighbours.
 
     Args:
-        recipes: first recipe and number of recipes of each place in the hash table, and results.
-        vectors: unit word vectors, shape (T, D).
-        norms: similarity of each entity with itself, shape (T,).
-        pairs: places, weights and words of known pairs, from :func:`neighbour_pairs`.
+        pair_starts: ``lists.pair_starts``.
+        pair_counts: ``lists.pair_counts``.
+        result_of: ``lists.result``.
+        places: of known pairs, from :func:`neighbour_pairs`, likewise the following two.
+        weights: likewise.
+        words: likewise.
         first: number of the first known pair.
         last: end of the known pairs.
-        goal: entity id.
-        structure: the goal's profile cosines, from ``spread``.
-        row: number of the table.
-        known_row: the table for which ``known`` was written, for each entity.
-        known: k² and words⁴ of each result and the goal, written once for each table: shape (T, 2).
+        known: k² of each result and the goal, shape (T,).
+        known_words: the same by words.
         out: shape (16,).
     """
-    pair_starts, pair_counts, result_of = recipes
-    places, weights, words = pairs
     anything = np.float32(0)
     alike = np.float32(0)
     nearest = np.float32(0)
@@ -317,24 +451,19 @@ def _pair_side(  # type: ignore[no-untyped-def]
         anything_words += results * weight_by_words
         for recipe in range(start, start + results):
             result = result_of[recipe]
-            if known_row[result] != row:
-                known_row[result] = row
-                kernel, cosine = alike_of(vectors, norms, goal, result, structure)
-                known[result, 0] = kernel * kernel
-                known[result, 1] = fourth(cosine)
-            value = weight * known[result, 0]
+            value = weight * known[result]
             alike += value
             nearest = max(nearest, value)
-            alike_words += weight_by_words * known[result, 1]
-    out[3] = log(FLOOR + anything)
-    out[4] = log(FLOOR + alike)
-    out[5] = log(FLOOR + nearest)
-    out[6] = log(FLOOR + anything_words)
-    out[7] = log(FLOOR + alike_words)
+            alike_words += weight_by_words * known_words[result]
+    out[_MAKES_ANYTHING] = log(FLOOR + anything)
+    out[_MAKES_ALIKE] = log(FLOOR + alike)
+    out[_MAKES_BEST] = log(FLOOR + nearest)
+    out[_MAKES_ANYTHING_WORDS] = log(FLOOR + anything_words)
+    out[_MAKES_ALIKE_WORDS] = log(FLOOR + alike_words)
 
 
-@compiled
-def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-untyped-def]
+@in_place
+def _all_neighbour_pairs(lists, table, one, other, starts, places, weights, words):  # type: ignore[no-untyped-def]
     """Find the known pairs of neighbours of all pairs of slots.
 
     Args:
@@ -343,46 +472,66 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
         one: first slot of each pair, shape (P,).
         other: second slot of each pair, shape (P,).
         starts: receives where each pair's begin, and the end, shape (P + 1,).
-
-    Returns:
-        places, weights and words, as in :func:`neighbour_pairs`, all pairs of slots in turn.
+        places: as in :func:`neighbour_pairs`, likewise the following two: with room for all pairs
+            of neighbours of all pairs of slots.
+        weights: likewise.
+        words: likewise.
     """
-    neighbours = (lists.used, lists.used_alike, lists.used_words)
-    hashed = (lists.partner_bits, lists.pair_keys)
-    most = lists.used.shape[1] ** 2
-    room = 2 * most
-    places = np.empty(room, dtype=np.int64)
-    weights = np.empty(room, dtype=np.float32)
-    words = np.empty(room, dtype=np.float32)
-    end = 0
+    end = np.int64(0)
     for pair in range(len(one)):
         starts[pair] = end
         a = table[one[pair]]
         b = table[other[pair]]
         if a < 0 or b < 0:
             continue
-        if room < end + most:
-            room *= 2
-            # A plain loop compiles several times as fast as `np.append`.
-            more_places = np.empty(room, dtype=np.int64)
-            more_weights = np.empty(room, dtype=np.float32)
-            more_words = np.empty(room, dtype=np.float32)
-            for number in range(end):
-                more_places[number] = places[number]
-                more_weights[number] = weights[number]
-                more_words[number] = words[number]
-            places = more_places
-            weights = more_weights
-            words = more_words
-        found, _ = neighbour_pairs(
-            neighbours, hashed, a, b, places[end:], weights[end:], words[end:]
+        end, _ = neighbour_pairs(
+            lists.used,
+            lists.used_alike,
+            lists.used_words,
+            lists.partner_bits,
+            lists.pair_keys,
+            a,
+            b,
+            end,
+            places,
+            weights,
+            words,
         )
-        end += found
     starts[len(one)] = end
-    return places, weights, words
 
 
 @compiled
+def _different_results(pair_starts, pair_counts, result_of, places, is_listed):  # type: ignore[no-untyped-def]
+    """Return the results of known pairs, each once.
+
+    Args:
+        pair_starts: ``lists.pair_starts``.
+        pair_counts: ``lists.pair_counts``.
+        result_of: ``lists.result``.
+        places: places of the pairs in the hash table.
+        is_listed: work space, shape (T,): False before and after.
+    """
+    total = 0
+    for number in range(len(places)):
+        total += min(pair_counts[places[number]], MOST_RESULTS)
+    results = np.empty(total, dtype=np.int32)
+    count = 0
+    for number in range(len(places)):
+        start = pair_starts[places[number]]
+        end = start + min(pair_counts[places[number]], MOST_RESULTS)
+        for recipe in range(start, end):
+            result = result_of[recipe]
+            if not is_listed[result]:
+                is_listed[result] = True
+                results[count] = result
+                count += 1
+    results = results[:count]
+    for result in results:
+        is_listed[result] = False
+    return results
+
+
+@in_place
 def _end_of_table(goals, tables, start):  # type: ignore[no-untyped-def]
     """Return the first row after ``start`` with another table, or without a goal."""
     end = start + 1
@@ -392,6 +541,132 @@ def _end_of_table(goals, tables, start):  # type: ignore[no-untyped-def]
                 return end
         end += 1
     return end
+
+
+@in_place
+def _of_pairs(  # type: ignore[no-untyped-def]
+    lists,
+    goal,
+    table,
+    slots_of_pairs,
+    ranges,
+    needed,
+    places,
+    recipes,
+    known_pairs,
+    starts,
+    of_results,
+    own_features,
+    sums,
+    out,
+):
+    """Write the features of a table's pairs and a goal.
+
+    Args:
+        lists: the lists.
+        goal: entity id.
+        table: shape (A,); negative for empty slots.
+        slots_of_pairs: first and second slot of each pair, shape (P,) each; by first slot.
+        ranges: of each first slot, the range of its second slots, shape (A, 2).
+        needed: k² of each needed entity and each slot, and the same by words, shape (needed, A).
+        places: from :func:`needed_entities`.
+        recipes: number of supporting recipes.
+        known_pairs: from :func:`_all_neighbour_pairs`.
+        starts: likewise.
+        of_results: k² of each result of these and the goal, and the same by words, shape (T,).
+        own_features: of the pairs alone: places in the hash table and regression, shape (P,); word
+            cosines and similarities of slots, shape (A, A).
+        sums: work space, shape (3, A).
+        out: shape (P, 16).
+    """
+    one, other = slots_of_pairs
+    alike, words = needed
+    pair_places, pair_weights, pair_words = known_pairs
+    known, known_words = of_results
+    own_places, regression, slot_cosines, slot_kernels = own_features
+    recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
+    support = (lists.support_alike[goal], lists.support_words[goal])
+    goal_made = log1p(lists.num_makers[goal])
+    goal_uses = log1p(lists.num_uses[goal])
+    # First slot of the pairs whose sums are known; pairs come by their first slot.
+    summed = -1
+    for pair in range(len(one)):
+        i = one[pair]
+        j = other[pair]
+        a = table[i]
+        b = table[j]
+        if a < 0 or b < 0:
+            continue
+        of_pair = out[pair]
+        if i != summed:
+            summed = i
+            _goal_sides(
+                support,
+                i,
+                ranges[i, 0],
+                ranges[i, 1],
+                alike,
+                words,
+                places,
+                recipes,
+                sums,
+            )
+        of_pair[_PAIR_EVIDENCE] = log(FLOOR + sums[0, j])
+        of_pair[_PAIR_WORDS_EVIDENCE] = log(FLOOR + sums[1, j])
+        of_pair[_PAIR_BEST_EVIDENCE] = log(FLOOR + sums[2, j])
+        _pair_side(
+            *recipes_of_pairs,
+            pair_places,
+            pair_weights,
+            pair_words,
+            starts[pair],
+            starts[pair + 1],
+            known,
+            known_words,
+            of_pair,
+        )
+        place = own_places[pair]
+        of_pair[_KNOWN] = 1 if place >= 0 else 0
+        of_pair[_MAKES] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
+        of_pair[_PAIR_WORDS] = slot_cosines[i, j]
+        of_pair[_PAIR_KERNEL] = slot_kernels[i, j]
+        of_pair[_ITSELF] = 1 if a == b else 0
+        of_pair[_GOAL_MADE] = goal_made
+        of_pair[_GOAL_USES] = goal_uses
+        of_pair[_PAIR_REGRESSION] = regression[pair]
+
+
+@in_place
+def _alike_of_slots(  # type: ignore[no-untyped-def]
+    lists, table, needed, structure, likeness, alike, words, slot_kernels, slot_cosines
+):
+    """Write the likeness of all slots and needed entities, and of all slots.
+
+    Args:
+        lists: the lists.
+        table: shape (A,); negative for empty slots.
+        needed: entity ids, shape (n,).
+        structure: work space, shape (T,): zeros before and after.
+        likeness: work space, shape (2, n).
+        alike: receives k² of each needed entity and each slot, shape (n, A); zeros before.
+        words: receives the same by words, likewise.
+        slot_kernels: receives the similarities k of slots, shape (A, A).
+        slot_cosines: receives their word cosines, shape (A, A).
+    """
+    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
+    kernels = likeness[0]
+    cosines = likeness[1]
+    for slot in range(len(table)):
+        entity = table[slot]
+        if entity < 0:
+            continue
+        spread(lists, entity, structure)
+        alike_of(*similar, entity, needed, structure, kernels, cosines)
+        for number in range(len(needed)):
+            alike[number, slot] = kernels[number] * kernels[number]
+            words[number, slot] = fourth(cosines[number])
+        alike_of(*similar, entity, table, structure, slot_kernels[slot], slot_cosines[slot])
+        clear(lists, entity, structure)
 
 
 @compiled
@@ -417,14 +692,30 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
     place_of = np.full(size, -1, dtype=np.int32)
     structure = np.zeros(size, dtype=np.float32)
     of_goal = np.zeros(size, dtype=np.float32)
-    known_row = np.full(size, -1, dtype=np.int64)
-    known = np.empty((size, 2), dtype=np.float32)
-    cosines = np.empty((slots, slots), dtype=np.float32)
-    kernels = np.empty((slots, slots), dtype=np.float32)
+    is_listed = np.zeros(size, dtype=np.bool_)
+    known = np.empty(size, dtype=np.float32)
+    known_words = np.empty(size, dtype=np.float32)
+    slot_cosines = np.empty((slots, slots), dtype=np.float32)
+    slot_kernels = np.empty((slots, slots), dtype=np.float32)
+    goal_cosines = np.empty(slots, dtype=np.float32)
+    goal_kernels = np.empty(slots, dtype=np.float32)
     starts = np.empty(len(one) + 1, dtype=np.int64)
     own_places = np.empty(len(one), dtype=np.int64)
     regression = np.empty(len(one), dtype=np.float32)
     sums = np.empty((3, slots), dtype=np.float32)
+    # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
+    most = len(one) * lists.used.shape[1] ** 2
+    known_pairs = (
+        np.empty(most, dtype=np.int64),
+        np.empty(most, dtype=np.float32),
+        np.empty(most, dtype=np.float32),
+    )
+    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
+    entry_of = np.full(size, -1, dtype=np.int32)
+    entries = np.empty((len(lists.parts), 2), dtype=np.int32)
+    counts = np.empty(len(lists.parts), dtype=np.int32)
+    to_goal = np.zeros(size, dtype=np.int32)
+    to_results = (entry_of, entries, counts, to_goal)
     hashed = (lists.partner_bits, lists.pair_keys)
     recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     # Of each first slot, the range of its second slots.
@@ -462,51 +753,22 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
         # By needed entity, then by slot: loops over slots read and write what lies together.
         alike = np.zeros((count, slots), dtype=np.float32)
         words = np.zeros((count, slots), dtype=np.float32)
-        # A needed entity's word vector is read once for all slots.
-        for number in range(count):
-            for slot in range(slots):
-                entity = table[slot]
-                if entity >= 0:
-                    words[number, slot] = dot(lists.vectors, entity, needed[number])
-        for slot in range(slots):
-            entity = table[slot]
-            if entity < 0:
-                continue
-            spread(lists, entity, structure)
-            norm = lists.norms[entity]
-            for number in range(count):
-                other_entity = needed[number]
-                value = np.float32(1)
-                cosine = np.float32(1)
-                if other_entity != entity:
-                    cosine = words[number, slot]
-                    norm_of_other = lists.norms[other_entity]
-                    value = similarity(structure[other_entity], cosine, norm, norm_of_other)
-                alike[number, slot] = value * value
-                words[number, slot] = fourth(cosine)
-            for place in range(slots):
-                if table[place] >= 0:
-                    value, cosine = alike_of(
-                        lists.vectors, lists.norms, entity, table[place], structure
-                    )
-                    cosines[slot, place] = cosine
-                    kernels[slot, place] = value
-            for row in range(begin, end):
-                value, cosine = alike_of(lists.vectors, lists.norms, entity, goals[row], structure)
-                _of_slot(
-                    lists,
-                    entity,
-                    goals[row],
-                    cosine,
-                    value,
-                    alike[:, slot],
-                    words[:, slot],
-                    places[row - begin],
-                    recipes[row - begin],
-                    of_slots[row, slot],
-                )
-            clear(lists, entity, structure)
-        known_pairs = _all_neighbour_pairs(lists, table, one, other, starts)
+        likeness = np.empty((2, count), dtype=np.float32)
+        _alike_of_slots(
+            lists,
+            table,
+            needed[:count],
+            structure,
+            likeness,
+            alike,
+            words,
+            slot_kernels,
+            slot_cosines,
+        )
+        _all_neighbour_pairs(lists, table, one, other, starts, *known_pairs)
+        results = _different_results(*recipes_of_pairs, known_pairs[0][: starts[-1]], is_listed)
+        result_kernels = np.empty(len(results), dtype=np.float32)
+        result_cosines = np.empty(len(results), dtype=np.float32)
         for pair in range(len(one)):
             a = table[one[pair]]
             b = table[other[pair]]
@@ -515,59 +777,45 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 regression[pair] = product(lists.pair_left, lists.right, a, b)
         for row in range(begin, end):
             goal = goals[row]
-            goal_made = log1p(lists.num_makers[goal])
-            goal_uses = log1p(lists.num_uses[goal])
-            support = (lists.support_alike[goal], lists.support_words[goal])
             spread(lists, goal, of_goal)
-            # First slot of the pairs whose sums are known; pairs come by their first slot.
-            summed = -1
-            for pair in range(len(one)):
-                i = one[pair]
-                j = other[pair]
-                a = table[i]
-                b = table[j]
-                if a < 0 or b < 0:
-                    continue
-                of_pair = of_pairs[row, pair]
-                if i != summed:
-                    summed = i
-                    _goal_sides(
-                        support,
-                        i,
-                        ranges[i, 0],
-                        ranges[i, 1],
-                        alike,
-                        words,
-                        places[row - begin],
-                        recipes[row - begin],
-                        sums,
-                    )
-                of_pair[0] = log(FLOOR + sums[0, j])
-                of_pair[1] = log(FLOOR + sums[1, j])
-                of_pair[2] = log(FLOOR + sums[2, j])
-                _pair_side(
-                    recipes_of_pairs,
-                    lists.vectors,
-                    lists.norms,
-                    known_pairs,
-                    starts[pair],
-                    starts[pair + 1],
-                    goal,
-                    of_goal,
-                    row,
-                    known_row,
-                    known,
-                    of_pair,
-                )
-                place = own_places[pair]
-                of_pair[8] = 1 if place >= 0 else 0
-                of_pair[9] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
-                of_pair[10] = cosines[i, j]
-                of_pair[11] = kernels[i, j]
-                of_pair[12] = 1 if a == b else 0
-                of_pair[13] = goal_made
-                of_pair[14] = goal_uses
-                of_pair[15] = regression[pair]
+            links_to_results(lists, goal, *to_results)
+            alike_of(*similar, goal, results, of_goal, result_kernels, result_cosines)
+            for number in range(len(results)):
+                result = results[number]
+                known[result] = result_kernels[number] * result_kernels[number]
+                known_words[result] = fourth(result_cosines[number])
+            alike_of(*similar, goal, table, of_goal, goal_kernels, goal_cosines)
+            links_of_slots(
+                lists, to_results, goal, table, goal_cosines, goal_kernels, of_slots[row]
+            )
+            _evidence_of_slots(
+                lists,
+                goal,
+                table,
+                alike,
+                words,
+                places[row - begin],
+                recipes[row - begin],
+                of_slots[row],
+            )
+            forget_links(lists, goal, entry_of, to_goal)
+            own_features = (own_places, regression, slot_cosines, slot_kernels)
+            _of_pairs(
+                lists,
+                goal,
+                table,
+                (one, other),
+                ranges,
+                (alike, words),
+                places[row - begin],
+                recipes[row - begin],
+                known_pairs,
+                starts,
+                (known, known_words),
+                own_features,
+                sums,
+                of_pairs[row],
+            )
             clear(lists, goal, of_goal)
 
 
@@ -582,19 +830,24 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
         goal: entity id.
         terms: shape (R, 2): straight and crossed.
     """
-    structure = np.zeros((2, len(lists.norms)), dtype=np.float32)
-    spread(lists, a, structure[0])
-    spread(lists, b, structure[1])
-    squares = np.empty((2, 2), dtype=np.float32)
-    for row in range(lists.support.shape[1]):
+    size = len(lists.norms)
+    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
+    structure = np.zeros(size, dtype=np.float32)
+    parts = np.empty((2, len(terms)), dtype=np.int32)
+    # By entity of the pair, part of the recipe, and recipe.
+    kernels = np.empty((2, 2, len(terms)), dtype=np.float32)
+    cosines = np.empty(len(terms), dtype=np.float32)
+    for row in range(len(terms)):
         recipe = lists.support[goal, row]
-        if recipe < 0:
-            break
+        parts[0, row] = lists.first[recipe] if recipe >= 0 else -1
+        parts[1, row] = lists.second[recipe] if recipe >= 0 else -1
+    for side in range(2):
+        entity = b if side else a
+        spread(lists, entity, structure)
         for part in range(2):
-            entity = lists.second[recipe] if part else lists.first[recipe]
-            for side in range(2):
-                own = b if side else a
-                value, _ = alike_of(lists.vectors, lists.norms, own, entity, structure[side])
-                squares[side, part] = value * value
-        terms[row, 0] = squares[0, 0] * squares[1, 1]
-        terms[row, 1] = squares[0, 1] * squares[1, 0]
+            alike_of(*similar, entity, parts[part], structure, kernels[side, part], cosines)
+        clear(lists, entity, structure)
+    squares = kernels * kernels
+    for row in range(len(terms)):
+        terms[row, 0] = squares[0, 0, row] * squares[1, 1, row]
+        terms[row, 1] = squares[0, 1, row] * squares[1, 0, row]

@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 
 Array = Any
 
 
-@compiled
+@in_place
 def _place(keys, key):  # type: ignore[no-untyped-def]
     """Return the place of a key in an open hash table, or of the empty place where it belongs."""
     # The size is a power of 2, so a mask replaces the slow remainder of a division.
@@ -66,7 +66,7 @@ def count_table(links: Array, size: int):  # type: ignore[no-untyped-def]
     return keys, counts
 
 
-@compiled
+@in_place
 def signatures(one: Array, other: Array, out: Array) -> None:
     """Set the bit of each pair of ids in the signature of its first id.
 
@@ -81,7 +81,7 @@ def signatures(one: Array, other: Array, out: Array) -> None:
         out[one[row], bit >> 3] |= np.uint8(1 << (bit & 7))
 
 
-@compiled
+@in_place
 def _may_hold(bits, one, other):  # type: ignore[no-untyped-def]
     """Return whether a signature has the bit of an id: if not, the pair is certainly unknown.
 
@@ -100,7 +100,7 @@ def _may_hold(bits, one, other):  # type: ignore[no-untyped-def]
     return (byte >> (bit & 7)) & 1 != 0
 
 
-@compiled
+@in_place
 def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
     """Return the place of a pair in the hash table, -1 if no recipe uses it.
 
@@ -119,7 +119,7 @@ def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
     return place if pair_keys[place] != -1 else -1
 
 
-@compiled
+@in_place
 def num_links(result_bits, link_keys, link_counts, ingredient, result):  # type: ignore[no-untyped-def]
     """Return the number of recipes that use an ingredient and make a result.
 
@@ -138,7 +138,7 @@ def num_links(result_bits, link_keys, link_counts, ingredient, result):  # type:
     return link_counts[place]
 
 
-@compiled
+@in_place
 def makes(pair_starts, pair_counts, result, place, goal):  # type: ignore[no-untyped-def]
     """Return whether a pair makes the goal: a binary search, because its results are ascending.
 

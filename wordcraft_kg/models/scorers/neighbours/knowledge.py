@@ -269,7 +269,10 @@ class RecipeKnowledge(nn.Module):
             # All models have the same words: their lists share one copy.
             vectors = others[0].vectors if others else self.vectors.float().cpu().numpy()
             with torch_threads(1), threadpool_limits(1):
-                self._lists[model] = make_lists(recipes, vectors, near_words)
+                lists = make_lists(recipes, vectors, near_words)
+            if others:
+                lists = lists._replace(cosines=others[0].cosines)
+            self._lists[model] = lists
         return self._lists[model]
 
     def share_lists(self, other: "RecipeKnowledge") -> None:

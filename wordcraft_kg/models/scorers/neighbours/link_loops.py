@@ -12,11 +12,30 @@ from wordcraft_kg.models.scorers.neighbours.compiled import compiled
 from wordcraft_kg.models.scorers.neighbours.feature_loops import (
     FLOOR,
     alike_of,
+    forget_links,
+    links_of_slots,
+    links_to_results,
     neighbour_pairs,
-    of_link,
 )
 from wordcraft_kg.models.scorers.neighbours.hash_loops import pair_place
 from wordcraft_kg.models.scorers.neighbours.similar import clear, product, spread
+
+# Places of the goal's numbers, at the end of `link_rows.OF_COMPONENTS`.
+_GOAL_USES = 12
+_GOAL_MADE = 13
+# Places in the order of `link_rows.OF_COMBINES`.
+(
+    _WORDS,
+    _KERNEL,
+    _USES_SUM,
+    _USES_DIFFERENCE,
+    _MADE_SUM,
+    _ITSELF,
+    _COMPLETION,
+    _NEAR_PAIRS_EXACT,
+    _NEAR_PAIRS,
+    _REGRESSION,
+) = range(10)
 
 
 @compiled
@@ -31,21 +50,30 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
             or one without goal, keeps its zeros.
     """
     structure = np.zeros(len(lists.norms), dtype=np.float32)
+    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
+    kernels = np.empty(tables.shape[1], dtype=np.float32)
+    cosines = np.empty(tables.shape[1], dtype=np.float32)
+    entry_of = np.full(len(lists.norms), -1, dtype=np.int32)
+    entries = np.empty((len(lists.parts), 2), dtype=np.int32)
+    counts = np.empty(len(lists.parts), dtype=np.int32)
+    to_goal = np.zeros(len(lists.norms), dtype=np.int32)
+    to_results = (entry_of, entries, counts, to_goal)
     for row in range(len(goals)):
         goal = goals[row]
         if goal < 0:
             continue
         # k is symmetric, so the goal's profile serves all slots.
         spread(lists, goal, structure)
+        alike_of(*similar, goal, tables[row], structure, kernels, cosines)
+        links_to_results(lists, goal, *to_results)
+        links_of_slots(lists, to_results, goal, tables[row], cosines, kernels, out[row])
+        uses = log1p(lists.num_uses[goal])
+        makers = log1p(lists.num_makers[goal])
         for slot in range(tables.shape[1]):
-            entity = tables[row, slot]
-            if entity < 0:
-                continue
-            kernel, cosine = alike_of(lists.vectors, lists.norms, goal, entity, structure)
-            features = out[row, slot]
-            of_link(lists, entity, goal, cosine, kernel, features)
-            features[12] = log1p(lists.num_uses[goal])
-            features[13] = log1p(lists.num_makers[goal])
+            if tables[row, slot] >= 0:
+                out[row, slot, _GOAL_USES] = uses
+                out[row, slot, _GOAL_MADE] = makers
+        forget_links(lists, goal, entry_of, to_goal)
         clear(lists, goal, structure)
 
 
@@ -68,6 +96,9 @@ def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[
     neighbours = (lists.used, lists.used_alike, lists.used_words)
     hashed = (lists.partner_bits, lists.pair_keys)
     width = lists.used.shape[1]
+    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
+    kernels = np.empty(tables.shape[1], dtype=np.float32)
+    cosines = np.empty(tables.shape[1], dtype=np.float32)
     structure = np.zeros(len(lists.norms), dtype=np.float32)
     reached = np.zeros(len(pair_starts) - 1, dtype=np.float32)
     places = np.empty(width * width, dtype=np.int64)
@@ -78,6 +109,7 @@ def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[
         if key < 0:
             continue
         spread(lists, key, structure)
+        alike_of(*similar, key, tables[row], structure, kernels, cosines)
         # The key's row of H R, in an array of all nodes.
         for place in range(half_starts[key], half_starts[key + 1]):
             node = half_nodes[place]
@@ -102,25 +134,24 @@ def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[
                 if near_entity >= 0 and pair_place(*hashed, near_entity, key) >= 0:
                     exact += lists.used_alike[entity, number]
             near = np.float32(0)
-            count, _ = neighbour_pairs(neighbours, hashed, key, entity, places, weights, words)
+            count, _ = neighbour_pairs(*neighbours, *hashed, key, entity, 0, places, weights, words)
             for number in range(count):
                 near += weights[number] * lists.pair_counts[places[number]]
-            kernel, cosine = alike_of(lists.vectors, lists.norms, key, entity, structure)
             uses = log1p(lists.num_uses[key])
             other_uses = log1p(lists.num_uses[entity])
             made = log1p(lists.num_makers[key])
             other_made = log1p(lists.num_makers[entity])
             features = out[row, slot]
-            features[0] = cosine
-            features[1] = kernel
-            features[2] = uses + other_uses
-            features[3] = abs(uses - other_uses)
-            features[4] = made + other_made
-            features[5] = 1 if key == entity else 0
-            features[6] = log(FLOOR + completion)
-            features[7] = log(FLOOR + exact)
-            features[8] = log(FLOOR + near)
-            features[9] = product(lists.pair_left, lists.right, key, entity)
+            features[_WORDS] = cosines[slot]
+            features[_KERNEL] = kernels[slot]
+            features[_USES_SUM] = uses + other_uses
+            features[_USES_DIFFERENCE] = abs(uses - other_uses)
+            features[_MADE_SUM] = made + other_made
+            features[_ITSELF] = 1 if key == entity else 0
+            features[_COMPLETION] = log(FLOOR + completion)
+            features[_NEAR_PAIRS_EXACT] = log(FLOOR + exact)
+            features[_NEAR_PAIRS] = log(FLOOR + near)
+            features[_REGRESSION] = product(lists.pair_left, lists.right, key, entity)
         # Cleared where it was written, for the next key.
         for place in range(half_starts[key], half_starts[key + 1]):
             node = half_nodes[place]

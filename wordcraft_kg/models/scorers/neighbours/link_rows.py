@@ -162,7 +162,7 @@ class LinkRows:
         partners = np.concatenate([lists.second, lists.first[is_other]])
         results = np.concatenate([lists.result, lists.result[is_other]])
         self._makes = _links(ingredients, results, size)
-        self._made_of = _links(results, ingredients, size)
+        self._made_of = Linked(lists.part_starts, lists.parts, lists.part_counts.astype(np.float32))
         self._pairs = _links(ingredients, partners, size)
         # The same links, each counted once whatever the number of its results.
         self._partners = self._pairs._replace(counts=np.ones_like(self._pairs.counts))

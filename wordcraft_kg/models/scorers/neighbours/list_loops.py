@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.similar import dot, fourth, similarity
 
 Array = Any
@@ -15,7 +15,7 @@ FAR = 2**31 - 1
 """The id at the end of a list of ascending ids: above all entities."""
 
 
-@compiled
+@in_place
 def insert(ids, values, count, new, value):  # type: ignore[no-untyped-def]
     """Insert an entry into a list by descending value, then ascending id.
 
@@ -252,3 +252,42 @@ def supporting(made, alike, words_alike, starts, by_result, width):  # type: ign
                 of_words[goal, count] = words_alike[goal, place]
                 count += 1
     return numbers, of_alike, of_words
+
+
+@in_place
+def word_cosines(vectors: Array, out: Array) -> None:
+    """Write the word cosines of all entities, 1 on the diagonal.
+
+    Args:
+        vectors: unit word vectors, shape (T, D).
+        out: shape (T, T).
+    """
+    for entity in range(len(vectors)):
+        out[entity, entity] = 1
+        for other in range(entity):
+            cosine = dot(vectors, entity, other)
+            out[entity, other] = cosine
+            out[other, entity] = cosine
+
+
+@in_place
+def all_kernels(near_starts, near, near_cosines, norms, cosines, out):  # type: ignore[no-untyped-def]
+    """Write the similarities k of all entities, 1 on the diagonal.
+
+    Args:
+        near_starts: where each entity's structural neighbours begin, and the last one's end, shape
+            (T + 1,).
+        near: structural neighbours.
+        near_cosines: their profile cosines.
+        norms: each entity's similarity with itself, shape (T,).
+        cosines: word cosines, shape (T, T).
+        out: shape (T, T); zeros before.
+    """
+    for entity in range(len(norms)):
+        row = out[entity]
+        for place in range(near_starts[entity], near_starts[entity + 1]):
+            row[near[place]] = near_cosines[place]
+        for other in range(len(norms)):
+            words = cosines[entity, other]
+            row[other] = similarity(row[other], words, norms[entity], norms[other])
+        row[entity] = 1

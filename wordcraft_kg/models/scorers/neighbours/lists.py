@@ -42,6 +42,11 @@ SIGNATURE = 1024
 
 A book of fewer entities has a bit for each of them.
 """
+MATRIX = 2_048
+"""Most entities of a book whose similarities are all kept, rather than computed for each table.
+
+They take up to 16 MiB for each model, and 16 MiB for word cosines, which models of folds share.
+"""
 BLOCK = 512
 """Rows of word cosines that are in memory at once."""
 
@@ -59,6 +64,8 @@ class Lists(NamedTuple):
             those that have it in theirs, by ascending id.
         near_cosines: cosines of their profiles.
         norms: shape (T,), similarity of an entity with itself, k(x, x).
+        cosines: shape (T, T), word cosines of all entities; (0, 0) above :data:`MATRIX` entities.
+        kernels: shape (T, T), their similarities k; (0, 0) likewise.
         used: shape (T, N), neighbours that are ingredients, the most similar first.
         used_alike: shape (T, N), squared normalised similarities.
         used_words: shape (T, N), positive word cosines to the power 4.
@@ -74,6 +81,8 @@ class Lists(NamedTuple):
         link_keys, link_counts: hash table of (ingredient, result): number of recipes.
         partner_bits, result_bits: shape (T, bits / 8), signatures of an ingredient's partners and
             results: they tell most unknown pairs and links without a look-up.
+        part_starts: shape (T + 1,), where the ingredients of a result begin and end.
+        parts, part_counts: ingredients of each result, ascending: number of recipes.
         num_uses, num_makers: shape (T,), recipes that use, and that make, an entity.
         left, right: shape (T, m), componentOf by kernel regression is ``left[x] · right[c]``.
         pair_left: shape (T, m), combinesWith is ``pair_left[a] · right[b]``.
@@ -84,6 +93,8 @@ class Lists(NamedTuple):
     near: Numbers
     near_cosines: Floats
     norms: Floats
+    cosines: Floats
+    kernels: Floats
     used: Numbers
     used_alike: Floats
     used_words: Floats
@@ -103,6 +114,9 @@ class Lists(NamedTuple):
     link_counts: Numbers
     partner_bits: Bits
     result_bits: Bits
+    part_starts: Ids
+    parts: Numbers
+    part_counts: Numbers
     num_uses: Numbers
     num_makers: Numbers
     left: Floats
@@ -181,6 +195,9 @@ def make_lists(
     near_starts, near, near_cosines = _structural_neighbours(rows, min(nearest, max(size, 1)))
     # A profile has length 1, words add their part; entities with neither stay at the words' part.
     norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
+    cosines = _cosines(vectors)
+    kernels = np.zeros_like(cosines)
+    list_loops.all_kernels(near_starts, near, near_cosines, norms[: len(kernels)], cosines, kernels)
     both_kinds = (vectors, near_starts, near, near_cosines, norms, near_words)
     of_used, used_alike, used_words = _merged(both_kinds, num_uses > 0, min(used, size))
     of_made, made_alike, made_words = _merged(both_kinds, num_makers > 0, min(made, size))
@@ -202,6 +219,10 @@ def make_lists(
     of_second = second[is_other].astype(np.int64) * size + result[is_other]
     links = np.concatenate([of_first, of_second])
     link_keys, link_counts = hash_loops.count_table(links, _table_size(len(links)))
+    # By result, where hash tables know them by ingredient.
+    by_result, part_counts = np.unique(links % size * size + links // size, return_counts=True)
+    results, parts = np.divmod(by_result, size)
+    part_starts = np.searchsorted(results, np.arange(size + 1))
     partner_bits = np.zeros((size, _signature_bytes(size)), dtype=np.uint8)
     hash_loops.signatures(first, second, partner_bits)
     hash_loops.signatures(second, first, partner_bits)
@@ -215,6 +236,8 @@ def make_lists(
         near=near,
         near_cosines=near_cosines,
         norms=norms,
+        cosines=cosines,
+        kernels=kernels,
         used=of_used,
         used_alike=used_alike,
         used_words=used_words,
@@ -234,12 +257,25 @@ def make_lists(
         link_counts=link_counts,
         partner_bits=partner_bits,
         result_bits=result_bits,
+        part_starts=part_starts,
+        parts=parts.astype(np.int32),
+        part_counts=part_counts.astype(np.int32),
         num_uses=num_uses,
         num_makers=num_makers,
         left=left,
         right=right,
         pair_left=pair_left,
     )
+
+
+def _cosines(vectors: Floats) -> Floats:
+    """Return the word cosines of all entities, (T, T); (0, 0) above :data:`MATRIX` entities."""
+    from wordcraft_kg.models.scorers.neighbours.list_loops import word_cosines
+
+    size = len(vectors) if len(vectors) <= MATRIX else 0
+    cosines = np.empty((size, size), dtype=np.float32)
+    word_cosines(vectors[:size], cosines)
+    return cosines
 
 
 def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Floats]:

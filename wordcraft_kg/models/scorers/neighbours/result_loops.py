@@ -32,7 +32,7 @@ def results_of_pairs(lists, first, second, out):  # type: ignore[no-untyped-def]
     values = np.empty(width, dtype=np.float32)
     for row in range(len(first)):
         found, _ = neighbour_pairs(
-            neighbours, hashed, first[row], second[row], places, weights, words
+            *neighbours, *hashed, first[row], second[row], 0, places, weights, words
         )
         count = 0
         for number in range(found):

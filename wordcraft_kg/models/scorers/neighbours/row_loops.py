@@ -1,9 +1,9 @@
 """The loop that follows known links from one entity to all others."""
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.compiled import in_place
 
 
-@compiled
+@in_place
 def follow(entities, near, links, back, least, sums, sums_by_words):  # type: ignore[no-untyped-def]
     """Add up known links between the neighbours of an entity and the neighbours of each other one.
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled, product_of_rows
+from wordcraft_kg.models.scorers.neighbours.compiled import in_place, product_of_rows
 
 Array = Any
 """Compiled loops read the types of their arguments, so these are untyped: arrays and numbers."""
@@ -45,7 +45,7 @@ def product(left, right, one, other):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@in_place
 def similarity(structure, words, norm, other_norm):  # type: ignore[no-untyped-def]
     """Return the similarity k of two different entities, float32, from 0 to 1.
 
@@ -64,29 +64,32 @@ def similarity(structure, words, norm, other_norm):  # type: ignore[no-untyped-d
     return min(np.float32(value), np.float32(1))
 
 
-@compiled
+@in_place
 def fourth(words):  # type: ignore[no-untyped-def]
     """Return a positive word cosine to the power 4, so that only near synonyms count; else 0."""
     square = words * words if words > 0 else np.float32(0)
     return square * square
 
 
-@compiled
+@in_place
 def spread(lists, entity, structure):  # type: ignore[no-untyped-def]
     """Write an entity's profile cosines into an array of all entities, zeros before.
 
-    Reading them costs nothing then, where each search in a list would miss a few branches.
+    Reading them costs nothing then, where each search in a list would miss a few branches. Where
+    similarities of all entities are kept, nobody reads them.
 
     Args:
         lists: the lists.
         entity: entity id.
         structure: shape (T,): zeros before, the entity's profile cosines after.
     """
+    if len(lists.kernels) > 0:
+        return
     for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
         structure[lists.near[place]] = lists.near_cosines[place]
 
 
-@compiled
+@in_place
 def clear(lists, entity, structure):  # type: ignore[no-untyped-def]
     """Write zeros where :func:`spread` wrote: far fewer places than all T.
 
@@ -95,5 +98,7 @@ def clear(lists, entity, structure):  # type: ignore[no-untyped-def]
         entity: the entity that was spread.
         structure: shape (T,): zeros after.
     """
+    if len(lists.kernels) > 0:
+        return
     for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
         structure[lists.near[place]] = 0

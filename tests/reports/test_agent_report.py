@@ -76,7 +76,7 @@ def test_the_table_and_the_text_begin_with_the_best_agent_and_name_the_reference
     best, other = by_success(view, view.headline)
     amount = str(view.headline)
     assert best.success[amount].mean >= other.success[amount].mean
-    first_line, *lines = [line for line in _agents_text(view, "kitchen") if line.startswith("  ")]
+    first_line, *lines = [line for line in _agents_text(view) if line.startswith("  ")]
     assert first_line.split()[0] == by_success(view, view.distractors[0])[0].name
     assert ["reference" in line for line in (first_line, *lines)].count(True) == len(
         view.distractors

@@ -34,7 +34,7 @@ class TaskListing(Record):
         depth: fewest attempts that solve a task.
         part: the split part.
         tasks: number of tasks.
-        uses_twice: share of the tasks whose plans use an entity twice.
+        uses_twice: share of the tasks all of whose plans use an entity twice.
         complete: whether these are all tasks of the part, and not a random sample.
         mixed: number of tasks that use recipes of several parts and belong to none.
         shown: the examples.

@@ -563,7 +563,7 @@ WAYS = {
     "Qwen2.5-Coder-1.5B, by recipes": "qwen15-recipes",
     "Qwen2.5-Coder-0.5B, by recipes": "qwen05-recipes",
     "SmolLM2-135M, by recipes": "smollm2-recipes",
-    "nearest words (MiniLM)": "nearest-words",
+    "nearest words (MiniLM; of made-up words GloVe)": "nearest-words",
     "SmolLM2-135M, probabilities and a look-up": "smollm2-probabilities-look-ups",
     "SmolLM2-135M, probabilities": "smollm2-probabilities",
     "Qwen2.5-Coder-1.5B, constrained": "qwen15-constrained",

@@ -2,6 +2,7 @@
 
 import json
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -396,6 +397,14 @@ def test_the_evidence_on_lists_prints_the_stored_figures_of_both_scorers():
                 assert number(cell) == pytest.approx(means[figure], abs=CLOSE), (name, figure)
 
 
+def archived_means(player):
+    """Success of a player's submissions to `depth-2-lite` of the second edition."""
+    with zipfile.ZipFile(ROOT / "leaderboard" / "archive" / "everyday-v2.zip") as archive:
+        names = [name for name in archive.namelist() if re.match("depth-2-lite/.*sion.json", name)]
+        submissions = [json.loads(archive.read(name)) for name in names]
+    return [each["figures"]["mean"] for each in submissions if each["player"] == player]
+
+
 def test_the_evidence_on_language_models_prints_the_leaderboard():
     """Each cell is a row of its track on the leaderboard."""
     names = {
@@ -429,6 +438,10 @@ def test_the_evidence_on_language_models_prints_the_leaderboard():
             if track.strip("`").endswith("made-up"):
                 player = player.replace("minilm", "glove")
             printed = re.search(rf"\| {re.escape(player)} \| (.*?) <span", of_track)
+            if track == "`depth-2-lite`" and printed is None and cell:
+                player = player.removesuffix(", look-ups")
+                assert number(cell) in archived_means(player), name  # as the page's method says
+                continue
             assert (printed is None) == (cell == ""), (name, track)
             if printed:
                 figures = [float(value) for value in re.findall(NUMBER, cell)]

@@ -158,7 +158,8 @@ def ppo(cell: Cell) -> Player:
     """Return the player that ``examples/ppo.py`` trains."""
     path = Path(__file__).parents[1] / "examples" / "ppo.py"
     spec = importlib.util.spec_from_file_location("ppo", path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     network = module.train(str(cell.graph), PPO_STEPS, distractors=cell.distractors)
@@ -190,7 +191,9 @@ def summary(cells: list[Cell]) -> Iterator[dict[str, object]]:
     tables, groups = zip(*map(successes, cells), strict=True)
     # Groups of different splits are different groups.
     offsets = np.cumsum([0, *(part.max() + 1 for part in groups)])
-    joined = np.concatenate([part + offset for part, offset in zip(groups, offsets)])
+    joined = np.concatenate(
+        [part + offset for part, offset in zip(groups, offsets[:-1], strict=True)]
+    )
     first = cells[0]
     base = {"book": first.book, "split": first.kind, "splits": len(cells), "depth": first.depth}
     base |= {"distractors": first.distractors, "tasks": len(joined)}

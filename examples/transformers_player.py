@@ -59,7 +59,7 @@ class Reader:
         usual_template(self.tokenizer)
         if self.tokenizer.eos_token_id is None:
             raise ArtefactError(
-                f"the tokenizer of '{name}' has no token that ends a text (eos_token), so an answer "
+                f"the tokenizer of '{name}' has no token that ends a text (eos_token): an answer "
                 "would not end. Set it in tokenizer_config.json."
             )
         self.end: int = self.tokenizer.eos_token_id

@@ -127,7 +127,7 @@ class TaskSet:
 
     @cached_property
     def uses_twice(self) -> NDArray[np.bool_]:
-        """Whether all plans of each task use an entity twice, shape (N,): a start lacks ingredients."""
+        """Whether all plans of a task use an entity twice, shape (N,): its start is shorter."""
         return self.starts[:, -1] == self.graph.num_entities
 
     @cached_property

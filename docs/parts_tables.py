@@ -107,14 +107,19 @@ def parts_in_short() -> Iterator[str]:
         ("by-recipe", 2, 4): "two attempts",
         ("by-goal", 2, 4): "two, unseen goals",
     }
-    yield f"| player | {' | '.join(columns.values())} |"
-    yield "|---" * (len(columns) + 1) + "|"
+    figures = {}
+    for split, depth, distractors in columns:
+        for name in SHORT:
+            row = cells(depth, distractors).get(("little-alchemy-2", split, name, ""))
+            if row is not None:
+                figures[split, depth, distractors, name] = share(row["value"])
+    measured = [column for column in columns if any(key[:3] == column for key in figures)]
+    yield f"| player | {' | '.join(columns[column] for column in measured)} |"
+    yield "|---" * (len(measured) + 1) + "|"
     for name, title in SHORT.items():
-        texts = []
-        for split, depth, distractors in columns:
-            figure = cells(depth, distractors).get(("little-alchemy-2", split, name, ""))
-            texts.append(share(figure["value"]) if figure else "")
-        yield f"| {title} | {' | '.join(texts)} |"
+        texts = [figures.get((*column, name), "") for column in measured]
+        if any(texts):
+            yield f"| {title} | {' | '.join(texts)} |"
 
 
 def answer() -> Iterator[str]:

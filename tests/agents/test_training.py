@@ -149,14 +149,14 @@ def test_a_policy_is_loaded_from_its_folder_alone(done, tmp_path):
 def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
     config, made_once, interrupted, update, lag
 ):
-    trainer = replace(config.trainer, policy_lag=lag, unroll=3, steps=2_400)
+    trainer = replace(config.trainer, policy_lag=lag, unroll=2, steps=1_600)
     tasks = TaskConfig(depth=2, distractors=2)
     # The policy is new, because the fixture's was completed for one attempt.
     config = replace(config, tasks=tasks, policy=PolicyConfig(), trainer=trainer)
     assert config.policy.sees_attempts
     whole = made_once(f"kitchen-agent-lag-{lag}", lambda out: train_agent(config, out))
     folder = interrupted(update, config=config)
-    assert open_agent(folder).checkpoint == f"step {update * 24:,}"
+    assert open_agent(folder).checkpoint == f"step {update * 16:,}"
     assert not resume(folder).interrupted
     assert_same_training(folder, whole)
 
@@ -534,13 +534,13 @@ def test_a_preset_or_attempts_that_do_not_exist_are_refused():
 def test_an_unroll_shorter_than_an_episode_is_warned_of(tmp_path, caplog):
     def warned(**settings):
         caplog.clear()
-        trainer = ImpalaConfig(steps=8, batch_size=4, eval_every=0, **settings)
+        trainer = ImpalaConfig(steps=8, eval_every=0, **settings)
         config = AgentConfig("kitchen", None, TaskConfig(2, 2), PolicyConfig(), trainer)
         train_agent(config, tmp_path / "run", force=True)
         return "`unroll` 2 is shorter than an episode of 4 actions" in caplog.text
 
-    assert warned(unroll=2)
-    assert not warned()
+    assert warned(unroll=2, batch_size=4)
+    assert not warned(batch_size=4)
     assert warned(preset="paper")
 
 

@@ -72,11 +72,13 @@ def _tables(text: str, command: str) -> Iterator[str]:
             if not in_table:
                 yield from ("| option | meaning | default |", "|---|---|---|")
             names, about = NAMED.sub(r"\1", option[1]), option[2].replace("|", "\\|")
+            # Several names are separated by commas.
+            name = names.split()[0].rstrip(",")
             default = DEFAULT.search(about)
-            anchor = re.sub(r"[^\w-]", "", f"{_anchor(command)}{names.split()[0]}")
+            anchor = re.sub(r"[^\w-]", "", f"{_anchor(command)}{name}")
             cells = [DEFAULT.sub("", about), f"`{default[1]}`" if default else ""]
-            if names.split()[0] in file_only:
-                setting = names.split()[0].removeprefix("--").replace("-", "_")
+            if name in file_only:
+                setting = name.removeprefix("--").replace("-", "_")
                 settings.append([f"`{setting}`", *cells])
                 continue
             cells.insert(0, f'<a id="{anchor}"></a>`{names}`')

@@ -463,6 +463,11 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
     yield "## Caveats"
     yield ""
     yield "- One split of each kind (seed 0): intervals say nothing about other splits and books."
+    if study.settings.get("depth", 1) != 1:
+        yield (
+            "- At depth 2: tasks and tables of before all tables had one size "
+            "([why they have](../explanation/leaks.md#the-number-of-items-tells-the-form))."
+        )
     commands = {scorer.get("command") for scorer in study.scorers.values()}
     if "train-recipes" in commands:
         yield (

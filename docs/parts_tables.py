@@ -60,6 +60,12 @@ def cells(depth: int, distractors: int) -> dict[tuple[str, str, str, str], Row]:
     }
 
 
+def measured(figures: dict[tuple[str, str, str, str], Row]) -> dict[tuple[str, str], str]:
+    """Return the columns that have figures."""
+    books = {key[:2] for key in figures}
+    return {column: title for column, title in COLUMNS.items() if column in books}
+
+
 def share(value: str, is_signed: bool = False) -> str:
     """Return a share with three digits, such as `.471` or `+.024`."""
     return f"{float(value):{'+' * is_signed}.3f}".replace("0.", ".", 1)
@@ -74,10 +80,11 @@ def interval(row: Row, is_signed: bool = False) -> str:
 def successes(depth: int, distractors: int) -> Iterator[str]:
     """Yield the table of all players at a setting."""
     figures = cells(depth, distractors)
-    yield f"| player | {' | '.join(COLUMNS.values())} |"
-    yield "|---" * (len(COLUMNS) + 1) + "|"
+    columns = measured(figures)
+    yield f"| player | {' | '.join(columns.values())} |"
+    yield "|---" * (len(columns) + 1) + "|"
     for name, title in ROWS.items():
-        rows = [figures.get((*column, name, "")) for column in COLUMNS]
+        rows = [figures.get((*column, name, "")) for column in columns]
         if any(rows):
             texts = [interval(row) if row else "" for row in rows]
             yield f"| {title} | {' | '.join(texts)} |"
@@ -87,14 +94,15 @@ def differences(depth: int, distractors: int) -> Iterator[str]:
     """Yield the table of paired differences at a setting."""
     figures = cells(depth, distractors)
     pairs = dict.fromkeys((row, minus) for _, _, row, minus in figures if minus)
-    yield f"| difference | {' | '.join(COLUMNS.values())} |"
-    yield "|---" * (len(COLUMNS) + 1) + "|"
+    columns = measured(figures)
+    yield f"| difference | {' | '.join(columns.values())} |"
+    yield "|---" * (len(columns) + 1) + "|"
     for row, minus in pairs:
         texts = [
             interval(figures[(*column, row, minus)], is_signed=True)
             if (*column, row, minus) in figures
             else ""
-            for column in COLUMNS
+            for column in columns
         ]
         yield f"| {ROWS[row]} minus {ROWS[minus]} | {' | '.join(texts)} |"
 
@@ -147,6 +155,6 @@ def answer() -> Iterator[str]:
 PARTS_TABLES: dict[str, Callable[[], Iterator[str]]] = {
     f"parts {kind} {depth}, {distractors}": partial(make, depth, distractors)
     for kind, make in {"success": successes, "differences": differences}.items()
-    for depth, distractors in ((1, 8), (1, 1), (2, 4))
+    for depth, distractors in ((1, 8),)
 } | {"parts answer": answer}
 """The tables by name."""

@@ -8,7 +8,7 @@ build one ``World``, and derive other settings with ``world.variant(part="test")
 results of the part ``train`` come from train recipes alone.
 
 ``vector`` shows the engine to Gymnasium, ``open_ended`` is the game without a goal, ``words`` the
-games as text. Observations are ids and masks; ``wrappers`` or the policy add features and scores.
+games as text. Observations are ids and masks; ``wrappers`` add scores.
 ``evaluation_tables`` fixes the tables on which all players are compared.
 
 Free to change: how ``batch`` and ``pairs`` compute, as long as the engines agree and their speed

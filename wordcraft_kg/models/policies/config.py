@@ -70,8 +70,8 @@ class PolicyConfig:
         mixing: range of λ: residual (scores times a learned number each are added to the network's
             logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as
             in the paper's released code. Default: residual for pairs, and for attention with one
-            attempt and without recipe and plan, else free, as in the paper's preset. This and the
-            next three defaults were chosen on validation tasks.
+            attempt and without recipe and plan, else free, as in the paper's preset. This default
+            and those of `scale`, `self_edges` and `value_readout` were chosen on validation tasks.
         scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
             Default: none where the policy sees attempts, else ranks.
         self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges

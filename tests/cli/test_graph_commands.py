@@ -838,13 +838,9 @@ def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, h
     )
     refused = run("build-graph", path, "--out", home / "graph")
     assert refused.code == 1
-    assert (
-        "a table with semicolons whose first row ('x', 'y', 'z') may name the columns"
-        in refused.err
-    )
-    assert "--columns" in refused.err
-    assert "docs/your-file.md#table" in refused.err
-    columns = ("--columns", "x,y,z")
+    assert "Another delimiter is named with --delimiter" in refused.err
+    assert "docs/your-file.md" in refused.err
+    columns = ("--columns", "x,y,z", "--delimiter", ";")
     checked = run("check-book", path, *columns, "--fix", home / "mended.csv")
     assert checked.code == 1
     first, *lines = checked.out.splitlines()

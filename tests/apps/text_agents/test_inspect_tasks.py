@@ -215,7 +215,9 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     answers = ("", "unicorn + [dragon]\ud800", "1 + 2 or 3\nthat is all", "1 + 1")
     answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
     log = play(task, lambda messages: answer_to[messages[1].text], message_limit=7)
-    *invalid, valid = (sample.scores["goal_made"] for sample in log.samples)
+    # A log sorts its samples by their names as texts.
+    scores = [sample.scores["goal_made"] for sample in log.samples]
+    *invalid, valid = sorted(scores, key=lambda score: score.metadata["task"])
     # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the
     # limit leaves 6.
     for score in invalid:

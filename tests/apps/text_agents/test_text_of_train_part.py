@@ -88,5 +88,5 @@ def sessions(graph, games):
 @pytest.mark.parametrize("stream", [chats, tools, messages, sessions])
 def test_no_text_of_the_train_part_depends_on_held_out_results(graphs, stream, games):
     one, other = (stream(graph, games) for graph in graphs)
-    assert len(one) >= games
+    assert len(one) >= games / 2  # a small book has fewer tasks
     assert one == other

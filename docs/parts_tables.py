@@ -21,7 +21,7 @@ ROWS = {
     "random pair": "two different items at random",
     "nearest words (glove)": "the two nearest words, GloVe",
     "nearest words (its vectors)": "the two nearest words, the scorer's vectors",
-    "PPO": "PPO of 60 lines (`examples/ppo.py`)",
+    "PPO": "plain PPO (`examples/ppo.py`)",
     "learner alone": "agent without a graph",
     "learner with ComplEx": "agent with ComplEx",
     "learner with the recipe scorer": "agent with the recipe scorer",

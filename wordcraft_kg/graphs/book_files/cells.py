@@ -308,7 +308,7 @@ def cell_fault(text: str) -> str | None:
 
 
 @dataclass
-class Labels:
+class FileLabels:
     """The labels that the texts of a file stand for.
 
     Attributes:
@@ -376,7 +376,7 @@ def read_labels(
     is_exact: bool = False,
     is_given: bool = False,
     fold: bool = False,
-) -> Labels:
+) -> FileLabels:
     """Find the label of each text in the rows of a file.
 
     Args:
@@ -389,7 +389,7 @@ def read_labels(
     """
     uses = Counter(chain.from_iterable(row.ingredients for row in rows))
     uses.update(row.result for row in rows)
-    labels = Labels(fold=fold)
+    labels = FileLabels(fold=fold)
     name_of = _names_of(uses, names)
     for text in uses:
         name = name_of.get(text, text)
@@ -410,7 +410,7 @@ def read_labels(
     return labels
 
 
-def _clean(labels: Labels, rows: Sequence[Row], uses: Counter[str]) -> None:
+def _clean(labels: FileLabels, rows: Sequence[Row], uses: Counter[str]) -> None:
     """Leave out what stands beside the labels, and count it."""
     bare: dict[str, tuple[str, int]] = {}
     for text, name in labels.label_of.items():
@@ -434,7 +434,7 @@ def _clean(labels: Labels, rows: Sequence[Row], uses: Counter[str]) -> None:
 
 
 def _are_counts(
-    bare: Mapping[str, tuple[str, int]], labels: Labels, rows: Sequence[Row], uses: Counter[str]
+    bare: Mapping[str, tuple[str, int]], labels: FileLabels, rows: Sequence[Row], uses: Counter[str]
 ) -> bool:
     """Return whether a clear share of the cells has numbers of pieces.
 

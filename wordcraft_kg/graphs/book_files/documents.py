@@ -48,7 +48,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     refusal,
     without_nothing,
 )
-from wordcraft_kg.graphs.book_files.rule import Candidate, choose
+from wordcraft_kg.graphs.book_files.rule import ReadingCandidate, choose
 from wordcraft_kg.graphs.book_files.words import (
     COUNT,
     EACH,
@@ -696,7 +696,7 @@ def _candidate(
     is_given: bool = False,
     is_exact: bool = False,
     fold: bool = False,
-) -> Candidate:
+) -> ReadingCandidate:
     """Return the recipes of a way to read a document."""
     used = {*way.parts, *way.results}
     kind = (*way.parts[0][:-1], f".{KIND}")
@@ -749,7 +749,7 @@ def _candidate(
         fold=fold,
     )
     counts = (path for path in others if words_of(path[-1][1:]) & COUNT)
-    return Candidate(
+    return ReadingCandidate(
         way,
         columns=tuple(path_text(path, document.is_table) for path in (*way.parts, *way.results)),
         entries=[labels.row(entry) if isinstance(entry, Row) else entry for entry in entries],

@@ -141,7 +141,14 @@ def refusal(path: Path | str, seen: str, anchor: str, remedy: str = "") -> Recip
 
 
 def fault_at(place: Place, kind: str, message: str, group: str = "") -> Fault:
-    """Return a fault, whose message names a place that is no line."""
+    """Return a fault, whose message names a place that is no line.
+
+    Args:
+        place: where the entry stands: a line, or the path of a value in JSON.
+        kind: violated rule, see :class:`Fault`.
+        message: what was found and what was expected.
+        group: equal for faults of one cause; empty for a message that is its own group.
+    """
     where = f"{place}: " if isinstance(place, str) else ""
     return Fault(place, kind, where + message, group)
 

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.cells import Labels, is_number, odd_label
+from wordcraft_kg.graphs.book_files.cells import FileLabels, is_number, odd_label
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, Row, refusal
 from wordcraft_kg.graphs.book_files.words import Way, words_of
 
@@ -53,7 +53,7 @@ def share_of_reused(recipes: Iterable[tuple[Iterable[str], str]]) -> float:
 
 
 @dataclass
-class Candidate:
+class ReadingCandidate:
     """The recipes of a file by one way to read it.
 
     Attributes:
@@ -71,7 +71,7 @@ class Candidate:
     way: Way
     columns: tuple[str, ...]
     entries: Sequence[Entry]
-    labels: Labels
+    labels: FileLabels
     ignored: tuple[str, ...]
     counts_dropped: int
     several_outputs: int
@@ -150,7 +150,7 @@ class Candidate:
         """All labels of its recipes."""
         return {label for parts, made in self.recipes for label in (*parts, made)}
 
-    def is_like(self, other: "Candidate") -> bool:
+    def is_like(self, other: "ReadingCandidate") -> bool:
         """Return whether two readings share most of their recipes."""
         smaller = min(len(self.recipes), len(other.recipes))
         return len(self.recipes & other.recipes) >= _LIKE * smaller
@@ -158,12 +158,12 @@ class Candidate:
 
 def choose(
     path: Path,
-    candidates: Sequence[Candidate],
-    guesses: Iterable[Candidate],
+    candidates: Sequence[ReadingCandidate],
+    guesses: Iterable[ReadingCandidate],
     anchor: str,
     *,
     allows_single: bool = False,
-) -> Candidate | None:
+) -> ReadingCandidate | None:
     """Return the one reading of a file that the rule takes.
 
     Args:
@@ -237,8 +237,11 @@ def choose(
 
 
 def _undocumented(
-    path: Path, candidates: Iterable[Candidate], readable: Iterable[Candidate], anchor: str
-) -> Candidate | None:
+    path: Path,
+    candidates: Iterable[ReadingCandidate],
+    readable: Iterable[ReadingCandidate],
+    anchor: str,
+) -> ReadingCandidate | None:
     """Refuse a file without documented words, with the readings that hang together.
 
     Args:
@@ -265,7 +268,7 @@ def _undocumented(
 
 
 def _loose(
-    path: Path, best: Candidate, rivals: Sequence[Candidate], anchor: str
+    path: Path, best: ReadingCandidate, rivals: Sequence[ReadingCandidate], anchor: str
 ) -> RecipeFileError:
     """Return the error for a book that does not hang together."""
     seen = (
@@ -280,13 +283,15 @@ def _loose(
     return _several(path, seen, rivals, anchor)
 
 
-def _shown(candidate: Candidate) -> str:
+def _shown(candidate: ReadingCandidate) -> str:
     num_parts = len(candidate.way.parts)
     results = ", ".join(candidate.columns[num_parts:])
     return f"{' + '.join(candidate.columns[:num_parts])} = {results}"
 
 
-def _several(path: Path, seen: str, readings: Sequence[Candidate], anchor: str) -> RecipeFileError:
+def _several(
+    path: Path, seen: str, readings: Sequence[ReadingCandidate], anchor: str
+) -> RecipeFileError:
     if not readings:
         remedy = "Name the ingredients and, last, the result with --columns."
         return refusal(path, seen, anchor, remedy)
@@ -295,7 +300,7 @@ def _several(path: Path, seen: str, readings: Sequence[Candidate], anchor: str) 
     return refusal(path, f"{seen}: {shown}", anchor, "Choose with --columns.")
 
 
-def _told_order(orders: Sequence[Candidate]) -> Candidate | None:
+def _told_order(orders: Sequence[ReadingCandidate]) -> ReadingCandidate | None:
     """Return which of three orders of the same columns the labels tell; None if they do not.
 
     The right one has the fewest pairs that make several things.
@@ -303,7 +308,7 @@ def _told_order(orders: Sequence[Candidate]) -> Candidate | None:
     if len(orders) != 3 or min(len(each.recipes) for each in orders) < _FEWEST_ROWS:
         return None
 
-    def share_of_pairs(order: Candidate) -> float:
+    def share_of_pairs(order: ReadingCandidate) -> float:
         return len({parts for parts, _ in order.recipes}) / len(order.recipes)
 
     *_, second, best = sorted(orders, key=share_of_pairs)

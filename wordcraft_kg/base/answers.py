@@ -195,7 +195,8 @@ def _without_tags(text: str, labels: Sequence[str]) -> str:
     if "<" not in text:
         return text
     index = index_of(tuple(labels))
-    return _TAG.sub(lambda tag: "\n" if index.find(tag[1]) is None else tag[0], text)
+    # A label of several words looks like a tag with an attribute.
+    return _TAG.sub(lambda tag: "\n" if index.find(tag[0].strip("</>")) is None else tag[0], text)
 
 
 def _in_line(line: str, labels: Sequence[str]) -> Pair:

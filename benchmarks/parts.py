@@ -43,6 +43,11 @@ from wordcraft_kg.models.scorers.features import glove_features
 
 STEPS = 350_000
 """Environment steps of an agent; curves of agents without a graph are flat by then."""
+PLAN_STEPS = 50_000
+"""Environment steps of an agent with plans: its weights are learned from play before, and a step costs
+milliseconds of planning."""
+PLANNED_TASKS = 2_000
+"""Tasks that are played where plans have two steps, evenly spaced, on one table each."""
 PPO_STEPS = 1_000_000
 """Environment steps of ``examples/ppo.py``, its default: it needs more."""
 LEARNERS = {
@@ -111,7 +116,8 @@ class Cell:
     def agents(self, row: str) -> list[Path]:
         """Return the folders of an agent's trainings."""
         scorer, sources = LEARNERS[row]
-        options = ["--steps", str(STEPS), "--seeds", self.seeds]
+        steps = PLAN_STEPS if "plan" in sources else STEPS
+        options = ["--steps", str(steps), "--seeds", self.seeds]
         options += ["--depth", str(self.depth), "--distractors", str(self.distractors)]
         if scorer:
             options += ["--scorer", str(self.scorer(scorer)), "--use", sources]
@@ -171,7 +177,8 @@ def successes(cell: Cell) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.in
     """Return each row's success by training and task, shape (S, N), and the tasks' groups."""
     opened = open_model(cell.scorer("recipes")).opened
     world = World(opened, WordCraftConfig("test", cell.depth, cell.distractors))
-    evaluator = Evaluator(world)
+    planned = {"distractor_seeds": 1, "limit": PLANNED_TASKS} if cell.depth > 1 else {}
+    evaluator = Evaluator(world, **planned)
     table = {}
     for row, make in players(cell):
         suffix = f"-seeds-{cell.seeds}" if row in LEARNERS else ""

@@ -26,7 +26,7 @@ help:
 	@echo "make bounds   the tests of scorers, policies and planning, with compiled loops that check bounds"
 	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, directions of imports, generated pages"
-	@echo "make docs     write docs/commands.md from the help of the commands, docs/terms.md from the glossary"
+	@echo "make docs     write docs/terms.md from the glossary, tables and figures of docs/evidence from their data"
 	@echo "make results  train the next missing runs of all studies into results/ for MINUTES=30; of some with STUDY='splits'"
 	@echo "make notebooks  run the notebooks of docs/notebooks and store their outputs; of some with NOTEBOOKS='graphs planning'"
 	@echo "make site     the guides, notebooks, Python reference and the demo in the explorer as a website, in site/"
@@ -88,9 +88,7 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/mypy --strict examples
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python docs/make_commands.py --check
 	$(BIN)/python docs/make_terms.py --check
-	$(BIN)/python docs/make_partial_graph.py --check
 	$(BIN)/python docs/make_results.py --check
 	$(BIN)/python docs/make_evidence.py --check
 	$(BIN)/python docs/make_notebooks.py --check
@@ -102,9 +100,7 @@ format: install
 	$(BIN)/ruff format .
 
 docs: install
-	$(BIN)/python docs/make_commands.py
 	$(BIN)/python docs/make_terms.py
-	$(BIN)/python docs/make_partial_graph.py
 	$(BIN)/python docs/make_results.py
 	$(BIN)/python docs/make_evidence.py
 	$(BIN)/python docs/make_notebooks.py --text

@@ -1,13 +1,11 @@
-"""Write docs/commands.md from the commands' own help; ``--check`` only compares."""
+"""A hook for the website: the page of all commands, from their own help."""
 
 import re
-import sys
 from collections.abc import Iterator
-from pathlib import Path
+from typing import Any
 
 from wordcraft_kg.cli import commands_by_group, make_app, manual_of
 
-PAGE = Path(__file__).with_name("commands.md")
 OPTION = re.compile(r"^\* `(.+?)`: (.*)$")
 DEFAULT = re.compile(r" \*\[default: (.*?)\]\*$")
 NAMED = re.compile(r"\b([A-Z_]+), --[\w-]+")
@@ -25,8 +23,7 @@ def page() -> str:
     lines = [
         "# Commands",
         "",
-        "Made by `make docs` from the help. Options of every command are [at the "
-        "end](#options-of-every-command).",
+        "From the help. Options of every command are [at the end](#options-of-every-command).",
     ]
     for group, names in commands_by_group().items():
         lines += [
@@ -92,11 +89,9 @@ def _tables(text: str, command: str) -> Iterator[str]:
         yield from (f"| {' | '.join(cells)} |" for cells in settings)
 
 
-if __name__ == "__main__":
-    if "--check" in sys.argv:
-        sys.exit(
-            "docs/commands.md is not up to date; run `make docs`"
-            if PAGE.read_text() != page()
-            else 0
-        )
-    PAGE.write_text(page())
+def on_files(files: Any, *, config: Any) -> Any:
+    """Add the page to the website."""
+    from mkdocs.structure.files import File
+
+    files.append(File.generated(config, "commands.md", content=page()))
+    return files

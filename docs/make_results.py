@@ -1,4 +1,4 @@
-"""Write docs/results.md, the evidence pages of the studies and their pictures from docs/results.zip.
+"""Write docs/results.md, and the evidence pages of the studies, from docs/results.zip.
 
     python docs/make_results.py [--check | --take FOLDER]
 
@@ -22,7 +22,6 @@ from typing import NamedTuple, get_args
 
 import msgspec
 import numpy as np
-from charts import Mark, chart, read_mark
 
 from wordcraft_kg.base.artefacts import staged_file, write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
@@ -402,9 +401,13 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
     yield ""
     yield f"**Answer.** {' '.join(answer(of, question))}"
     yield ""
-    yield f"![{study.title}](../images/evidence-{name}.svg)"
+    head, *lines = main_table(*of[0])
+    first_column = head.split("|")[2].strip()
+    where = f"{shown_book(of[0][0]).strip('`')}, {first_column}"
+    shown = "Correlation" if of[0][1].scatters else "Success"
+    yield f"<!-- figure: {shown}, {where} | {shown.lower()} = {first_column} -->"
     yield ""
-    yield from main_table(*of[0])
+    yield from (head, *lines)
     yield ""
     yield (
         "Letters name the scores: u of partners (combinesWith), v of ingredients of the goal "
@@ -519,24 +522,6 @@ def success_text(entry: VariantMetrics) -> str:
     """Return a variant's success with its interval."""
     low, high = entry.interval
     return f"{share(entry.mean)} [{share(low)}, {share(high)}]"
-
-
-def evidence_chart(results: StudyResults, view: StudyView) -> str:
-    """Return the picture of an evidence page: success of the variants at the first point."""
-    title = f"Success, {shown_book(results).strip('`')}"
-    rows: list[tuple[str, list[Mark | None]]] = []
-    if view.scatters:
-        scatter = view.scatters[-1]
-        how = "in-sample" if scatter.in_sample else "out-of-sample"
-        title += f", {how} scores of scorers trained on fewer or wrong recipes (MRR)"
-        rows += [
-            (f"{at.label} ({share(at.mrr)})", [Mark(at.success, *at.interval, share(at.success))])
-            for at in scatter.points
-        ]
-        return chart(title, [""], rows)
-    for name, cells in list(rows_of(results, view).items())[:MOST_ROWS]:
-        rows.append((name.replace("*", ""), [read_mark(cells[0])]))
-    return chart(f"{title}, {view.points[0].title}", [""], rows)
 
 
 def details(results: StudyResults, view: StudyView) -> Iterator[str]:
@@ -700,16 +685,13 @@ def replaced(text: str, marks: tuple[str, str], lines: Iterable[str]) -> str:
 
 
 def written(studies: list[StudyResults], text: str) -> dict[str, str]:
-    """Return the index, the evidence pages and the pictures, by path below docs/."""
+    """Return the index and the evidence pages, by path below docs/."""
     views = [view_study(results) for results in studies]
     files = {"results.md": replaced(text, (BEGIN, END), page(studies, views))}
     by_page: dict[str, list[tuple[StudyResults, StudyView]]] = {}
     for results, view in zip(studies, views, strict=True):
         by_page.setdefault(page_of(results), []).append((results, view))
-    for path, of in by_page.items():
-        files[path] = "\n".join(evidence(of)) + "\n"
-        files[f"images/evidence-{name_of(of[0][0])}.svg"] = evidence_chart(*of[0])
-    return files
+    return files | {path: "\n".join(evidence(of)) + "\n" for path, of in by_page.items()}
 
 
 def main() -> None:

@@ -313,20 +313,6 @@ def test_a_guide_links_the_page_with_each_figure_that_it_quotes(page):
     assert sorted(quoted - shown) == []
 
 
-CHARTS = sorted(
-    path for path in (ROOT / "docs/images").glob("*.svg") if path.name.startswith("evidence-")
-)
-
-
-@pytest.mark.parametrize("path", CHARTS, ids=lambda path: path.stem)
-def test_a_chart_follows_the_colour_scheme(path):
-    """In a dark scheme its ground and its text have other colours than on white."""
-    text = path.read_text(encoding="utf-8")
-    light, dark = text.split("(prefers-color-scheme: dark)")
-    for rule in (r"\.(?:ground|page) {[^}]*fill: (#\w+)", r"(?<!\S)text {[^}]*fill: (#\w+)"):
-        assert re.search(rule, light)[1] != re.search(rule, dark)[1]
-
-
 HOW_TO, EXPLANATIONS = pages_of("How to"), pages_of("Explanation")
 LONGEST = {**dict.fromkeys(EXPLANATIONS, 1_200), **dict.fromkeys(HOW_TO, 600)}
 """Most words of a page."""

@@ -4,6 +4,7 @@ import importlib.util
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -27,13 +28,13 @@ def shown(text):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_a_page_has_question_answer_figure_short_table_and_method(page):
+def test_a_page_has_question_answer_figure_short_table_and_method(page, script):
     text = shown(page.read_text(encoding="utf-8"))
     lines = [line for line in text.splitlines() if line and not line.startswith("<!--")]
     assert re.fullmatch(r"# [A-Z].*\?", lines[0])
     assert lines[1].startswith("**Answer.** ")
     assert re.findall(r"^## (.*)", text, re.MULTILINE) == ["Method", "Caveats", "Command"]
-    assert len(re.findall(r"^!\[.+?\]\(.*?\.svg\)$", text, re.MULTILINE)) == 1
+    assert len(script.FIGURE.findall(text)) == 1
     heads = re.findall(r"^\|[-:| ]+\|$", text, re.MULTILINE)
     rows = [line for line in lines if line.startswith("|")]
     assert len(heads) == 1
@@ -59,7 +60,7 @@ def test_the_readme_is_short():
 
 def test_a_figure_shows_the_named_columns_of_the_first_table(script):
     text = (
-        "# Is `a` better?\n\n**Answer.** Yes. No.\n\n![Success of a](images/evidence-a.svg)\n\n<!-- figure: b; wide = c [95 %] -->\n\n"
+        "# Is `a` better?\n\n**Answer.** Yes. No.\n\n<!-- figure: Success of a | b; wide = c [95 %] -->\n\n"
         "| book | split | b | c [95 %] |\n|---|---|---|---|\n"
         "| first | by goal | .5 | 1,000 [900, 1,100] |\n| | by slot | **.25** (.2 .3) | |\n"
     )
@@ -73,7 +74,7 @@ def test_a_figure_shows_the_named_columns_of_the_first_table(script):
     ]
     assert script.answer(text) == "Yes."
     with pytest.raises(ValueError, match="'Success of a' has 3 series; expected one or two"):
-        script.figure(text.replace("figure: b;", "figure: split; b;"))
+        script.figure(text.replace("| b;", "| split; b;", 1))
 
 
 @pytest.mark.parametrize(
@@ -145,3 +146,18 @@ def test_each_figure_of_a_pages_sentences_is_among_its_stored_figures(page, scri
         for cell in columns.values()
     ]
     assert set(FIGURE.findall(text)) <= set(FIGURE.findall(" ".join(cells)))
+
+
+def test_the_website_shows_a_figure_in_place_of_its_comment(script):
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="evidence/acting.md"))
+    shown = script.on_page_markdown("a\n<!-- figure: Success | b -->\n", page=page)
+    assert shown == "a\n![Success](../images/evidence-acting.svg)\n"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_figure_of_a_page_follows_the_colour_scheme(page, script):
+    light, dark = script.figure(page.read_text(encoding="utf-8")).split(
+        "(prefers-color-scheme: dark)"
+    )
+    for rule in (r"\.ground {[^}]*fill: (#\w+)", r"(?<!\S)text {[^}]*fill: (#\w+)"):
+        assert re.search(rule, light)[1] != re.search(rule, dark)[1]

@@ -76,10 +76,10 @@ def text_of(script, *results):
     return files["results.md"] + files.get("evidence/fabricated.md", "")
 
 
-def test_the_pages_have_claims_metrics_of_each_variant_and_a_picture(script):
+def test_the_pages_have_claims_metrics_of_each_variant_and_a_figure(script):
     files = script.written([results_of(SOME)], HEAD)
-    assert ".600</text>" in files["images/evidence-fabricated.svg"]
     lines = files["evidence/fabricated.md"].splitlines()
+    assert "<!-- figure: Success, everyday, 8 distractors | success = 8 distractors -->" in lines
     assert lines[1] == "# A fabricated study"
     figures = "*guided* .600 against *none* .200: +.400 [+.362, +.438] (2 seeds, 100 tasks)"
     assert lines[3] == f"**Answer.** Guided is better. `everyday`, 8 distractors: {figures}."

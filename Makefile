@@ -69,10 +69,11 @@ test-apps: install
 	$(BIN)/python -m pytest $(FAST) tests/apps
 
 # Property tests again, with more examples. 5: none of these rooms has a slow test. A slow test runs the
-# notebooks, which needs the extra docs; those of Ray are skipped until `pip install -e ".[ray]"`.
+# notebooks, which needs the extra docs; those of Ray are skipped until `pip install -e ".[ray]"`. Bad input comes last.
 slow: .venv/installed-docs
 	$(BIN)/python -m pytest -m "(slow or hypothesis) and not browser" --hypothesis-profile thorough \
 		--numprocesses auto --dist loadfile $(ROOMS) || [ $$? = 5 ]
+	$(if $(ROOMS),,HOME=/nowhere $(BIN)/python -m benchmarks.fuzz --books 2000 --artefacts 1000 --folders 2000 --archives 10000 --values --every 4)
 
 # Loops with checked bounds, and machine code of their own: the cached one checks none.
 bounds: install

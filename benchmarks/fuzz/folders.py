@@ -15,7 +15,7 @@ from .home import copied, mended
 from .spoiling import as_json, spoilt_value
 
 BATCH = 200
-_WORK = "from tests.fuzz.folders import work; work(*__import__('sys').argv[1:])"
+_WORK = "from benchmarks.fuzz.folders import work; work(*__import__('sys').argv[1:])"
 
 
 def make_folders(home):

@@ -1,4 +1,4 @@
-"""Run many cases: ``python -m tests.fuzz --books 10000 --artefacts 5000 --values``, or one:
+"""Run many cases: ``python -m benchmarks.fuzz --books 10000 --artefacts 5000 --values``, or one:
 ``--replay books:123``."""
 
 import argparse
@@ -67,7 +67,7 @@ def faults_of_commands(cases, *, is_shown):
 
 def main():
     """Run what is asked for and return 1 if anything is wrong."""
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=__doc__)
     parser.add_argument("--books", type=int, default=0, help="number of books")
     parser.add_argument("--artefacts", type=int, default=0, help="number of artefacts")
     parser.add_argument("--folders", type=int, default=0, help="number of models and agents")

@@ -83,8 +83,8 @@ class SharedFolder:
             )
         # The licence goes first into the block between the lines of dashes, which the hub reads.
         head, _, body = self.card.removeprefix("---\n").partition("\n---\n")
-        others = [line for line in head.split("\n") if not line.startswith("license:")]
-        lines = [f"license: {licence}", *others]
+        head_lines = [line for line in head.split("\n") if not line.startswith("license:")]
+        lines = [f"license: {licence}", *head_lines]
         sums = "".join(f"{sha256_of(self.path / name)}  {name}\n" for name in self.files)
         return {CARD: "\n".join(["---", *lines, "---", body]), SUMS: sums}
 
@@ -148,11 +148,11 @@ def _check_places(folder: Path, names: Iterable[str]) -> None:
 
 def _open_graph_folder(folder: Path) -> SharedFolder:
     _check_places(folder, _GRAPH_FILES + _TRIPLES)
-    opened = open_graph(str(folder))
+    graph_folder = open_graph(str(folder))
     # Triples and audit follow from the recipes: files that do not agree with them are refused.
-    check_derived_files(folder, opened)
-    graph = opened.graph
-    split = opened.split
+    check_derived_files(folder, graph_folder)
+    graph = graph_folder.graph
+    split = graph_folder.split
     counts = {part: int(split.is_in(part).sum()) for part in ("train", "valid", "test")}
     sizes = ", ".join(f"{count:,} {part}" for part, count in counts.items())
     card = f"""{front_matter("knowledge-graph", "recipes")}

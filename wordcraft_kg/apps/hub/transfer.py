@@ -46,15 +46,15 @@ def push(
         from huggingface_hub import CommitOperationAdd, HfApi
 
         api = HfApi(library_name="wordcraft-kg")
-        where = {"repo_id": repository, "repo_type": shared.repo_type}
+        target = {"repo_id": repository, "repo_type": shared.repo_type}
         # None rather than False: an organisation may make all its repositories private.
-        api.create_repo(**where, private=private or None, exist_ok=True)
+        api.create_repo(**target, private=private or None, exist_ok=True)
         if revision is not None:
-            api.create_branch(**where, branch=revision, exist_ok=True)
+            api.create_branch(**target, branch=revision, exist_ok=True)
         files = [CommitOperationAdd(name, str(shared.path / name)) for name in shared.files]
         files += [CommitOperationAdd(name, text.encode()) for name, text in texts.items()]
         commit = api.create_commit(
-            **where, operations=files, revision=revision, commit_message="wordcraft-kg hub push"
+            **target, operations=files, revision=revision, commit_message="wordcraft-kg hub push"
         )
         return str(commit.commit_url)
 
@@ -92,7 +92,7 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
                 commit = api.dataset_info(repository, revision=revision).sha
                 repo_type = "dataset"
             # The commit, not the branch: all files are of the same state.
-            where = {
+            source = {
                 "repo_id": repository,
                 "repo_type": repo_type,
                 "revision": commit,
@@ -100,19 +100,19 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
             }
 
             def size_of(name: str) -> int:
-                return int(api.hf_hub_download(filename=name, **where, dry_run=True).file_size)
+                return int(api.hf_hub_download(filename=name, **source, dry_run=True).file_size)
 
             _check_size(size_of(SUMS), _LARGEST_TEXT, SUMS, repository)
-            sums = read_sums(Path(api.hf_hub_download(filename=SUMS, **where)), repository)
+            sums = read_sums(Path(api.hf_hub_download(filename=SUMS, **source)), repository)
             _check_size(size_of(CARD), _LARGEST_TEXT, CARD, repository)
             # All sizes before the first large file: a download that cannot fit never begins.
-            free = shutil.disk_usage(folder).free
+            free_bytes = shutil.disk_usage(folder).free
             _check_size(
-                sum(map(size_of, sums)), free, f"the folder of {len(sums)} files", repository
+                sum(map(size_of, sums)), free_bytes, f"the folder of {len(sums)} files", repository
             )
             # Not the whole repository: only names that read_sums has checked.
             for name in (*sums, CARD):
-                api.hf_hub_download(filename=name, **where)
+                api.hf_hub_download(filename=name, **source)
         # The client keeps records of its downloads there, which belong to no folder of ours.
         shutil.rmtree(folder / ".cache", ignore_errors=True)
         for name, expected in sums.items():
@@ -122,11 +122,11 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
                     "written."
                 )
         try:
-            opened = open_folder(folder)
+            shared = open_folder(folder)
         except WordCraftKGError as error:
             raise ArtefactError(str(error).replace(str(folder), repository)) from None
         # A file of the other kinds of folders would come along unread, such as a policy in a graph.
-        unread = sorted(set(sums) - set(opened.files))
+        unread = sorted(set(sums) - set(shared.files))
         if unread:
             raise ArtefactError(
                 f"{SUMS} in '{repository}' lists '{unread[0]}', which does not belong to the "

@@ -109,8 +109,8 @@ def check_model_files(path: Path) -> None:
     # Many models of a kind that transformers has also name code, for its earlier versions.
     if code_names and not _is_known(folder):
         raise ArtefactError(
-            f"'{folder}' needs its own Python code, {code_names[0]}, and code of a model is never run. "
-            "Give a model that transformers itself knows."
+            f"'{folder}' needs its own Python code, {code_names[0]}, and code of a model is never "
+            "run. Give a model that transformers itself knows."
         )
 
 

@@ -73,11 +73,11 @@ class Connection(H11Protocol):
         self._silent_since = self.loop.time()
         self._unsent = 0
         # A web socket leaves this class, but stays in the set.
-        connections = [one for one in self.connections if isinstance(one, Connection)]
-        if len(connections) > self.limit:
+        http = [held for held in self.connections if isinstance(held, Connection)]
+        if len(http) > self.limit:
             # The new connection waits for its client as well, so there is always one.
-            waiting = [one for one in connections if one._patience() is not None]
-            min(waiting, key=lambda one: one._silent_since).end()
+            waiting = [held for held in http if held._patience() is not None]
+            min(waiting, key=lambda held: held._silent_since).end()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
         """Let a web socket leave this class, or refuse it if there are too many."""

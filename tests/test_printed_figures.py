@@ -33,15 +33,6 @@ def number(cell):
     return float(re.search(NUMBER, cell)[0])
 
 
-def test_a_printed_figure_is_read_as_a_number():
-    assert number("**.836** [.802, .870]") == 0.836
-    assert number("1") == 1.0
-    assert number("-.017 [x]") == -0.017
-    head, rows = tables("evidence/planning.md")[0]
-    assert head == ["by-recipe", "depth 1", "2", "3", "4"]
-    assert rows[0][0] == "chance"
-
-
 STUDIED = {
     "no graph": "no graph",
     "the paper's settings, in-sample": "partial, as published, u v",

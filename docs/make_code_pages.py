@@ -1,11 +1,19 @@
-"""A hook for the website: the page of all commands, from their own help."""
+"""A hook for the website: pages that follow from the code.
+
+The page of all commands is their own help. A page of the Python reference has the names of its row in
+docs/reference.md.
+"""
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.cli import commands_by_group, make_app, manual_of
 
+REFERENCE = Path(__file__).with_name("reference.md")
+ROW = re.compile(r"^\| \[(.*?)\]\((reference/.*?)\) \| (.*) \|$", re.MULTILINE)
+NAME = re.compile(r"\]\[(.+?)\]")
 OPTION = re.compile(r"^\* `(.+?)`: (.*)$")
 DEFAULT = re.compile(r" \*\[default: (.*?)\]\*$")
 NAMED = re.compile(r"\b([A-Z_]+), --[\w-]+")
@@ -89,9 +97,24 @@ def _tables(text: str, command: str) -> Iterator[str]:
         yield from (f"| {' | '.join(cells)} |" for cells in settings)
 
 
+def reference_pages(index: str) -> dict[str, str]:
+    """Return the pages of the Python reference by path below docs/: a directive for each name.
+
+    Args:
+        index: text of docs/reference.md, with a row for each page.
+    """
+    pages = {}
+    for title, path, names in ROW.findall(index):
+        directives = [f"::: {name}\n" for name in NAME.findall(names)]
+        pages[path] = f"# {title}\n\n{''.join(directives)}"
+    return pages
+
+
 def on_files(files: Any, *, config: Any) -> Any:
-    """Add the page to the website."""
+    """Add the pages to the website."""
     from mkdocs.structure.files import File
 
-    files.append(File.generated(config, "commands.md", content=page()))
+    pages = {"commands.md": page(), **reference_pages(REFERENCE.read_text(encoding="utf-8"))}
+    for name, text in pages.items():
+        files.append(File.generated(config, name, content=text))
     return files

@@ -1,11 +1,10 @@
-"""Write docs/results.md, the evidence pages of the studies and their pictures from docs/results/.
+"""Write docs/results.md, and the evidence pages of the studies, from docs/results.zip.
 
     python docs/make_results.py [--check | --take FOLDER]
 
 The committed results hold figures and hashes, and nothing of a book. With --take, a built-in study
-of a results folder takes the place of its file if it has at least three seeds of all variants.
-Further tables come from docs/study-players.json, docs/agents-against-scorers.json and
-docs/interval-coverage.json.
+of a results folder takes the place of its file in the archive if it has at least three seeds of all
+variants. Players without an agent come from docs/study-players.json.
 
 docs/results.md has a row for each claim with its verdicts; a study of both books is a page of
 docs/evidence/, with its long tables folded.
@@ -15,23 +14,22 @@ import argparse
 import json
 import re
 import sys
+import zipfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import msgspec
 import numpy as np
-from charts import Mark, chart, read_mark
 
-from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.artefacts import staged_file, write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.base.records import read_record
-from wordcraft_kg.base.statistics import FEWEST_PAIRS, holm
+from wordcraft_kg.base.records import parse_record
+from wordcraft_kg.base.statistics import FEWEST_PAIRS
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
-from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.store import collect_study, studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
@@ -39,18 +37,14 @@ from wordcraft_kg.studies.variants import PointMetrics, ScorerScatter, VariantMe
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 HERE = Path(__file__).parent
+ARCHIVE = HERE / "results.zip"
+"""The results of the studies, a JSON file each."""
 BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"
-MOST_COVERED = "<!-- coverage in short -->\n", "<!-- end of coverage in short -->"
-COVERAGE = "<!-- coverage -->\n", "<!-- end of coverage -->"
-SHORT = "<!-- agents and scorers -->\n", "<!-- end of agents and scorers -->"
-AGAINST = "<!-- agents against scorers -->\n", "<!-- end of agents against scorers -->"
-INTERVALS, ACTING = "evidence/intervals.md", "evidence/acting.md"
-"""Pages with a table that this script writes, below docs/."""
 MEASURED = "November 2026"
 """When the studies ran; the stored results have no dates."""
 MOST_ROWS = 12
 """Of an evidence page's table that is not folded."""
-MOST_BYTES = 4 * 1024 * 1024
+MOST_BYTES = 2 * 1024 * 1024
 """Of all committed results together."""
 ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csrl", "training-data")
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
@@ -193,10 +187,10 @@ def of_first_seeds(results: StudyResults, seeds: int) -> StudyResults:
 
 
 def take(folder: Path, target: Path) -> None:
-    """Copy the results of a results folder's studies: of a built-in one the seeds that all variants
-    have, from ``FEWEST`` on.
+    """Copy the results of a results folder's studies into the archive: of a built-in one the seeds
+    that all variants have, from ``FEWEST`` on.
     """
-    target.mkdir(parents=True, exist_ok=True)
+    texts = {results.name: results_text(results) for results in read_all(target)}
     for name in studies_of(folder):
         results = collect_study(folder, name)
         complete = min((lost.seed for lost in results.missing), default=results.study.seeds)
@@ -205,60 +199,32 @@ def take(folder: Path, target: Path) -> None:
                 continue
             results = of_first_seeds(results, complete)
         if results.runs:
-            write_atomically(target / f"{name}.json", results_text(without_paths(results)))
+            texts[name] = results_text(without_paths(results))
+    with staged_file(target, force=True) as staged, zipfile.ZipFile(staged, "w") as archive:
+        for name, text in sorted(texts.items()):
+            # The same date for all, so that equal results are equal bytes.
+            member = zipfile.ZipInfo(f"{name}.json", date_time=(2026, 11, 29, 0, 0, 0))
+            archive.writestr(member, text, zipfile.ZIP_DEFLATED, 9)
 
 
-def against_table(path: Path, *, is_short: bool = False) -> Iterator[str]:
-    """Yield the lines of a table of agents against their own scorers; p has Holm's correction over
-    all rows, also if only the agents with default settings and most distractors are shown.
-    """
-    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    order = {name: number for number, name in enumerate(BOOKS)}
-    corrected = dict(zip(map(id, rows), holm([row["p"] for row in rows]), strict=True))
-    columns = ["book, split", "depth", "distractors", "agent", "success", "its scorer alone"]
-    heads = ["agent", *columns[4:]] if is_short else columns
-    heads += ["difference", "p"]
-    yield f"| {' | '.join(heads)} |"
-    yield f"|{'---|' * len(heads)}"
-
-    def key(row: dict[str, Any]) -> tuple[Any, ...]:
-        kinds = ("by-recipe", "by-goal", "by-slot")
-        of_split = order[row["book"]], row["depth"], -row["train_ratio"], kinds.index(row["kind"])
-        return *of_split, -row["distractors"], row["variant"]
-
-    for row in sorted(rows, key=key):
-        if is_short and ("no penalty" in row["variant"] or row["distractors"] < 4):
-            continue
-        split = row["kind"] + (
-            f", {row['train_ratio']:.0%} in train" if row["train_ratio"] != TRAIN_RATIO else ""
-        )
-        ends = ", ".join(signed(row[name]) for name in ("low", "high"))
-        p_value = "< .001" if corrected[id(row)] < 0.001 else share(corrected[id(row)])
-        is_grouped = row["depth"] > 1 or row["kind"] != "by-recipe"
-        mark = OVER_TASKS if is_grouped and "groups" not in row else ""
-        difference = f"{signed(row['difference'])} [{ends}]{mark} | {p_value}{mark}"
-        played = f"{share(row['agent'])} | {share(row['scorer'])} | {difference} |"
-        where = f"{BOOKS[row['book']]}, {split}"
-        if is_short:
-            yield f"| {where}, depth {row['depth']}, {row['distractors']} distractors | {played}"
-        else:
-            yield f"| {where} | {row['depth']} | {row['distractors']} | {row['variant']} | {played}"
-
-
-def read_all(folder: Path) -> list[StudyResults]:
-    """Return the committed results in the order of the page."""
-    paths = sorted(folder.glob("*.json"))
-    found = [read_record(path, StudyResults) for path in paths]
-    size = sum(path.stat().st_size for path in paths)
-    if size > MOST_BYTES:
+def read_all(path: Path) -> list[StudyResults]:
+    """Return the committed results in the order of the page; none without the archive."""
+    if not path.exists():
+        return []
+    if path.stat().st_size > MOST_BYTES:
         sys.exit(
-            f"the results take {size:,} bytes; {MOST_BYTES:,} are the most to commit. Leave "
-            "studies out."
+            f"the results take {path.stat().st_size:,} bytes; {MOST_BYTES:,} are the most to commit. "
+            "Leave studies out."
         )
+    with zipfile.ZipFile(path) as archive:
+        studies = [
+            parse_record(archive.read(name), StudyResults, path / name)
+            for name in archive.namelist()
+        ]
     order = {name: number for number, name in enumerate(ORDER)}
     books = {name: number for number, name in enumerate(BOOKS)}
     return sorted(
-        found,
+        studies,
         key=lambda of: (
             order.get(name_of(of), len(order)),
             name_of(of),
@@ -270,7 +236,7 @@ def read_all(folder: Path) -> list[StudyResults]:
 def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
     """Yield the lines of the index of claims."""
     if not found:
-        yield "No study has been run yet: this page fills itself from the files in `docs/results/`."
+        yield "No study has been run yet: this page fills itself from the files in `docs/results.zip`."
         return
     evaluated = [(results, view_claims(results, current(results).claims)) for results in found]
     yield "## Claims of the paper"
@@ -384,11 +350,6 @@ def is_provisional(claim: ClaimVerdict) -> bool:
     return decided and any(measured.seeds < FEWEST_PAIRS for measured in claim.measured)
 
 
-def anchor(results: StudyResults) -> str:
-    """Return the anchor of a section, independent of the heading's words."""
-    return f"{name_of(results)}-{book_of(results)}"
-
-
 def shown_book(results: StudyResults) -> str:
     """Return the name of the book for people."""
     return BOOKS.get(book_of(results), book_of(results))
@@ -440,9 +401,13 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
     yield ""
     yield f"**Answer.** {' '.join(answer(of, question))}"
     yield ""
-    yield f"![{study.title}](../images/evidence-{name}.svg)"
+    head, *lines = main_table(*of[0])
+    first_column = head.split("|")[2].strip()
+    where = f"{shown_book(of[0][0]).strip('`')}, {first_column}"
+    shown = "Correlation" if of[0][1].scatters else "Success"
+    yield f"<!-- figure: {shown}, {where} | {shown.lower()} = {first_column} -->"
     yield ""
-    yield from main_table(*of[0])
+    yield from (head, *lines)
     yield ""
     yield (
         "Letters name the scores: u of partners (combinesWith), v of ingredients of the goal "
@@ -489,7 +454,7 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
     yield ""
     yield (
         f"{MEASURED}, {origins_of([results for results, _ in of])}. "
-        f"Figures: {', '.join(stored(results) for results, _ in of)}."
+        f"Figures: {', '.join(stored(results) for results, _ in of)} in [results.zip](../results.zip)."
     )
     for results, view in of:
         yield ""
@@ -510,8 +475,8 @@ def answer(of: list[tuple[StudyResults, StudyView]], question: Question) -> Iter
 
 
 def stored(results: StudyResults) -> str:
-    """Return a link to the file with a study's figures."""
-    return f"[{results.name}.json](../results/{results.name}.json)"
+    """Return the name of the file with a study's figures."""
+    return f"`{results.name}.json`"
 
 
 def folded(summary: str, lines: Iterable[str]) -> Iterator[str]:
@@ -559,31 +524,10 @@ def success_text(entry: VariantMetrics) -> str:
     return f"{share(entry.mean)} [{share(low)}, {share(high)}]"
 
 
-def evidence_chart(results: StudyResults, view: StudyView) -> str:
-    """Return the picture of an evidence page: success of the variants at the first point."""
-    title = f"Success, {shown_book(results).strip('`')}"
-    rows: list[tuple[str, list[Mark | None]]] = []
-    if view.scatters:
-        scatter = view.scatters[-1]
-        how = "in-sample" if scatter.in_sample else "out-of-sample"
-        title += f", {how} scores of scorers trained on fewer or wrong recipes (MRR)"
-        rows += [
-            (f"{at.label} ({share(at.mrr)})", [Mark(at.success, *at.interval, share(at.success))])
-            for at in scatter.points
-        ]
-        return chart(title, [""], rows)
-    for name, cells in list(rows_of(results, view).items())[:MOST_ROWS]:
-        rows.append((name.replace("*", ""), [read_mark(cells[0])]))
-    return chart(f"{title}, {view.points[0].title}", [""], rows)
-
-
 def details(results: StudyResults, view: StudyView) -> Iterator[str]:
     """Yield the long tables of a study: claims, and figures of each point."""
     study = current(results)
     yield from claims_table(view_claims(results, study.claims))
-    yield ""
-    image = f"../images/results-{anchor(results)}.svg"
-    yield f"[![{study.title} ({shown_book(results).strip('`')})]({image})]({image})"
     yield ""
     if view.scatters:
         for scatter in view.scatters:
@@ -730,31 +674,6 @@ def missing_text(results: StudyResults) -> str:
     )
 
 
-def coverage_short(path: Path) -> Iterator[str]:
-    """Yield the lines of the table of intervals over three and five seeds."""
-    by_kind: dict[str, dict[int, str]] = {}
-    for row in json.loads(path.read_text(encoding="utf-8")):
-        ends = f"[{share(row['lowest'])}, {share(row['highest'])}]"
-        by_kind.setdefault(row["kind"], {})[row["seeds"]] = f"{share(row['coverage'])} {ends}"
-    yield "| 95 % interval | 3 seeds | 5 seeds |"
-    yield "|---|---|---|"
-    for kind, texts in by_kind.items():
-        if {3, 5} <= texts.keys():
-            yield f"| {kind} | {texts[3]} | {texts[5]} |"
-
-
-def coverage_table(path: Path) -> Iterator[str]:
-    """Yield the lines of the table of simulated coverage, with a row for each kind of interval."""
-    by_kind: dict[str, dict[int, str]] = {}
-    for row in json.loads(path.read_text(encoding="utf-8")):
-        text = f"{share(row['coverage'])} ({share(row['lowest'])} to {share(row['highest'])})"
-        by_kind.setdefault(row["kind"], {})[row["seeds"]] = text
-    yield "| 95 % interval | 2 seeds | 3 seeds | 5 seeds | without seeds |"
-    yield "|---|---|---|---|---|"
-    for kind, texts in by_kind.items():
-        yield f"| {kind} | {' | '.join(texts.get(seeds, '') for seeds in (2, 3, 5, 1))} |"
-
-
 def replaced(text: str, marks: tuple[str, str], lines: Iterable[str]) -> str:
     """Return a text with new lines between two marks."""
     before, found, rest = text.partition(marks[0])
@@ -765,36 +684,14 @@ def replaced(text: str, marks: tuple[str, str], lines: Iterable[str]) -> str:
     )
 
 
-def written(found: list[StudyResults], text: str) -> dict[str, str]:
-    """Return the index, the evidence pages and the pictures, by path below docs/."""
-    views = [view_study(results) for results in found]
-    text = replaced(text, (BEGIN, END), page(found, views))
-    coverage = HERE / "interval-coverage.json"
-    covered = replaced(read_page(INTERVALS), MOST_COVERED, coverage_short(coverage))
-    files = {
-        "results.md": text,
-        INTERVALS: replaced(covered, COVERAGE, coverage_table(coverage)),
-    }
-    against = HERE / "agents-against-scorers.json"
-    acting = replaced(read_page(ACTING), SHORT, against_table(against, is_short=True))
-    files[ACTING] = replaced(acting, AGAINST, against_table(against))
-    studies: dict[str, list[tuple[StudyResults, StudyView]]] = {}
-    for results, view in zip(found, views, strict=True):
-        studies.setdefault(page_of(results), []).append((results, view))
-        title = f"{current(results).title} ({shown_book(results).strip('`')})"
-        files[f"images/results-{anchor(results)}.svg"] = study_figure(
-            msgspec.structs.replace(view, title=title)
-        )
-    for path, of in studies.items():
-        files[path] = "\n".join(evidence(of)) + "\n"
-        files[f"images/evidence-{name_of(of[0][0])}.svg"] = evidence_chart(*of[0])
-    return files
-
-
-def read_page(path: str) -> str:
-    """Return a page below docs/, or an empty text."""
-    page = HERE / path
-    return page.read_text(encoding="utf-8") if page.exists() else ""
+def written(studies: list[StudyResults], text: str) -> dict[str, str]:
+    """Return the index and the evidence pages, by path below docs/."""
+    views = [view_study(results) for results in studies]
+    files = {"results.md": replaced(text, (BEGIN, END), page(studies, views))}
+    by_page: dict[str, list[tuple[StudyResults, StudyView]]] = {}
+    for results, view in zip(studies, views, strict=True):
+        by_page.setdefault(page_of(results), []).append((results, view))
+    return files | {path: "\n".join(evidence(of)) + "\n" for path, of in by_page.items()}
 
 
 def main() -> None:
@@ -812,10 +709,8 @@ def main() -> None:
     options = parser.parse_args()
     try:
         if options.take:
-            take(options.take, HERE / "results")
-        files = written(
-            read_all(HERE / "results"), (HERE / "results.md").read_text(encoding="utf-8")
-        )
+            take(options.take, ARCHIVE)
+        files = written(read_all(ARCHIVE), (HERE / "results.md").read_text(encoding="utf-8"))
     except WordCraftKGError as error:
         sys.exit(str(error))
     for path, text in files.items():

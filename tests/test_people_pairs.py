@@ -91,20 +91,6 @@ def test_the_area_is_the_share_of_ordered_cases():
     assert copies == pytest.approx((area, low, high))
 
 
-def test_a_missing_changed_or_unfitting_file_is_refused(graph, tmp_path, monkeypatch, kitchen):
-    monkeypatch.setenv("WORDCRAFT_KG_DATA", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    with pytest.raises(ArtefactError, match="--fetch"):
-        pairs.judgements_file()
-    path = tmp_path / "alchemy_pairs" / "validation_behavior.json"
-    path.parent.mkdir()
-    path.write_text("{}")
-    with pytest.raises(ArtefactError, match="SHA-256"):
-        pairs.judgements_file()
-    with pytest.raises(ConfigError, match="little-alchemy-2"):
-        pairs.read_judgements(path, kitchen)
-
-
 def test_published_judgements_give_the_figures_of_the_guide(alchemy):
     try:
         path = pairs.judgements_file()

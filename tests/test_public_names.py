@@ -86,12 +86,10 @@ def test_the_example_of_every_public_name_does_what_it_says(tmp_path, monkeypatc
 
 
 def test_the_reference_has_every_public_name():
-    docs = Path(__file__).parents[1] / "docs"
-    first = (docs / "reference.md").read_text()
-    pages = first + "".join(path.read_text() for path in (docs / "reference").glob("*.md"))
-    shown = re.findall(r"^::: (.+)$", pages, re.MULTILINE)
+    page = (Path(__file__).parents[1] / "docs" / "reference.md").read_text()
+    shown = re.findall(r"\]\[(.+?)\]", page)
     assert {f"wordcraft_kg.{name}" for name in IN_ORDER} <= set(shown)
-    assert sorted(re.findall(r"\]\[(.+?)\]", first)) == sorted(shown)
+    assert len(shown) == len(set(shown))
 
 
 VECTOR = (

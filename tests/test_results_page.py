@@ -5,6 +5,7 @@ import json
 import runpy
 import shutil
 import sys
+import zipfile
 from pathlib import Path
 
 import msgspec
@@ -62,17 +63,23 @@ def results_of(won, *, study=None, mrr=None, **changed):
 SOME = {"none": [1, 1], "guided": [3, 3]}
 
 
+def archived(path):
+    """Write an archive with the results of a fabricated study, and return its path."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("fabricated-everyday.json", results_text(results_of(SOME)))
+    return path
+
+
 def text_of(script, *results):
     """The page of the claims, and the evidence page of the study."""
     files = script.written(list(results), HEAD)
     return files["results.md"] + files.get("evidence/fabricated.md", "")
 
 
-def test_the_pages_have_claims_metrics_of_each_variant_and_a_picture(script):
+def test_the_pages_have_claims_metrics_of_each_variant_and_a_figure(script):
     files = script.written([results_of(SOME)], HEAD)
-    assert files["images/results-fabricated-everyday.svg"].startswith("<svg ")
-    assert ".600</text>" in files["images/evidence-fabricated.svg"]
     lines = files["evidence/fabricated.md"].splitlines()
+    assert "<!-- figure: Success, everyday, 8 distractors | success = 8 distractors -->" in lines
     assert lines[1] == "# A fabricated study"
     figures = "*guided* .600 against *none* .200: +.400 [+.362, +.438] (2 seeds, 100 tasks)"
     assert lines[3] == f"**Answer.** Guided is better. `everyday`, 8 distractors: {figures}."
@@ -143,11 +150,11 @@ def test_no_path_of_the_machine_is_kept(script):
 
 
 def test_more_than_is_fit_to_commit_is_refused(script, tmp_path, monkeypatch):
-    (tmp_path / "fabricated-everyday.json").write_text(results_text(results_of(SOME)))
-    assert script.read_all(tmp_path) == [results_of(SOME)]
+    path = archived(tmp_path / "results.zip")
+    assert script.read_all(path) == [results_of(SOME)]
     monkeypatch.setattr(script, "MOST_BYTES", 1_000)
     with pytest.raises(SystemExit, match="are the most to commit"):
-        script.read_all(tmp_path)
+        script.read_all(path)
 
 
 def test_the_study_of_the_guide_is_one_and_all_built_in_studies_are_listed(script):
@@ -164,12 +171,9 @@ def test_the_study_of_the_guide_is_one_and_all_built_in_studies_are_listed(scrip
 
 
 def test_the_check_finds_a_page_that_is_out_of_date(tmp_path, monkeypatch):
-    shutil.copytree(DOCS, tmp_path / "docs", ignore=shutil.ignore_patterns("results"))
+    shutil.copytree(DOCS, tmp_path / "docs")
     script = tmp_path / "docs" / "make_results.py"
-    (tmp_path / "docs" / "results").mkdir()
-    (tmp_path / "docs" / "results" / "fabricated-everyday.json").write_text(
-        results_text(results_of(SOME))
-    )
+    archived(tmp_path / "docs" / "results.zip")
     monkeypatch.setattr(sys, "argv", [str(script), "--check"])
     with pytest.raises(SystemExit, match=r"results.md is not up to date"):
         runpy.run_path(str(script), run_name="__main__")
@@ -206,27 +210,6 @@ def test_the_page_names_uneven_seeds_and_counts_verdicts(script):
     assert f"*(Somewhere)* | {chips} |" in text
 
 
-def test_agents_against_their_scorers_have_corrected_p_values(script, tmp_path):
-    row = {
-        "book": "everyday",
-        "kind": "by-goal",
-        "train_ratio": 0.8,
-        "depth": 1,
-        "distractors": 8,
-        "variant": "guided",
-    }
-    row |= {"agent": 0.6, "scorer": 0.5, "difference": 0.1, "low": 0.05, "high": 0.15, "p": 0.01}
-    rows = [row | {"groups": 30}, row | {"train_ratio": 0.1, "p": 0.2}]
-    (tmp_path / "rows.json").write_text(json.dumps(rows))
-    first, second = list(script.against_table(tmp_path / "rows.json"))[2:]
-    assert (
-        first
-        == "| `everyday`, by-goal | 1 | 8 | guided | .600 | .500 | +.100 [+.050, +.150] | .020 |"
-    )
-    assert second.startswith("| `everyday`, by-goal, 10% in train |")
-    assert second.endswith("+.100 [+.050, +.150]† | .200† |"), "over tasks, as no groups are known"
-
-
 def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(
     script, tmp_path, monkeypatch
 ):
@@ -259,12 +242,12 @@ def test_a_study_takes_the_place_of_its_file_with_three_seeds_of_all_variants(
             made, name="knowledge-everyday", origins=(Origin("Linux", {}, 7),)
         )
         monkeypatch.setattr(script, "collect_study", lambda folder, name, made=made: made)
-        target = tmp_path / str(expected)
+        target = tmp_path / f"{expected}.zip"
         script.take(tmp_path / "results", target)
-        path = target / "knowledge-everyday.json"
-        assert path.exists() == (expected is not None)
+        studies = script.read_all(target)
+        assert len(studies) == (expected is not None)
         if expected:
-            (taken,) = script.read_all(target)
+            (taken,) = studies
             assert (len(taken.runs), taken.study.seeds, taken.missing) == (6, 3, ())
             assert taken.command.endswith("--seeds 3")
             assert taken.hours == round(sum(run.seconds for run in taken.runs) / 3600, 4)

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from refusals import refuses
 
-from wordcraft_kg.agents.discovery import NEVER, make_discoverers, play_runs
-from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.agents.discovery import make_discoverers, play_runs
 from wordcraft_kg.evaluation.discovery import ORACLES
-from wordcraft_kg.graphs import RecipeBook, RecipeGraph, layers, open_book, open_graph
+from wordcraft_kg.graphs import RecipeGraph, layers, open_book, open_graph
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 worlds_of_books = import_module("cut_worlds")
@@ -66,53 +65,6 @@ def test_worlds_differ_by_seed_and_way_and_depend_on_nothing_else(everyday):
     graphs_of_two = [RecipeGraph.from_book(cut_world(everyday, seed)).hash[:12] for seed in (0, 7)]
     # Known figures refer to these worlds: the draws may never change.
     assert graphs_of_two == GOLDEN
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_a_book_with_another_number_of_base_entities_gets_a_drawn_base(way):
-    kitchen = open_book("kitchen")
-    assert len(RecipeGraph.from_book(kitchen).base) == 8
-    world = cut_world(kitchen, 4, way, sizes=SMALL)
-    assert 4 <= len(world.base) <= 6
-    assert SMALL[0] <= len(world.entities) <= SMALL[1]
-    assert (layers(RecipeGraph.from_book(world)) >= 0).all()
-
-
-def test_a_base_that_makes_too_little_is_drawn_again(everyday):
-    assert len(cut_world(everyday, 24).entities) >= SIZES[0]
-
-
-def test_books_that_are_too_small_and_odd_settings_are_refused(everyday):
-    with pytest.raises(RecipeFileError, match=r"at least 200 entities in kitchen: .* of its 80"):
-        cut_world(open_book("kitchen"), 0)
-    one = RecipeBook.of("one", [], base=["water"])
-    with pytest.raises(RecipeFileError, match="1 of its 1 entities"):
-        cut_world(one, 0)
-    # Most of the book lies out of reach.
-    rows = [("a", "b", "c"), *(("x", f"{n}", f"{n + 1}") for n in range(300))]
-    apart = RecipeBook.of("apart", rows, base=["a", "b", "c", "x"])
-    with pytest.raises(RecipeFileError, match="4 of its 305 entities"):
-        cut_world(apart, 1)
-    with refuses("way"):
-        cut_world(everyday, 0, "luck")
-    with refuses("seed"):
-        cut_world(everyday, -1)
-    with refuses("percent"):
-        with_wrong_recipes(everyday, 101)
-    with refuses("percent"):
-        with_wrong_recipes(RecipeBook.of("one", [("a", "b", "c")]), 100)
-
-
-def test_a_pair_with_thousands_of_results_fills_a_world_and_no_more():
-    rows = [("a", "b", f"thing {n}") for n in range(5_000)]
-    book = RecipeBook.of("many", rows, base=["a", "b", "c", "d"])
-    for way in WAYS:
-        try:
-            world = cut_world(book, 0, way)
-        except RecipeFileError:
-            assert way == "topic"
-            continue
-        assert SIZES[0] <= len(world.entities) <= SIZES[1]
 
 
 @pytest.mark.parametrize("percent", [1, 30, 100])
@@ -179,23 +131,6 @@ def test_areas_are_mean_discoveries_relative_to_the_better_oracle(worlds):
     assert player.curve["0"].mean == np.mean([len(world.graph.base) for world in worlds])
 
 
-def test_the_share_of_runs_that_pass_main_bottlenecks_and_when(worlds):
-    view = view_worlds(worlds)
-    passed = []
-    for world, result in zip(worlds, view.worlds, strict=True):
-        main = result.statistics.main
-        assert main == result.statistics.bottlenecks[0]
-        entity = world.graph.id_of(main.entity)
-        attempts = [run[entity] for fit in world.fits for run in fit.learnt[0].tolist()]
-        learnt = [attempt for attempt in attempts if attempt != NEVER]
-        assert result.passed["random-no-repeat"] == len(learnt) / len(attempts)
-        if learnt:
-            assert result.passed_at["random-no-repeat"] == statistics.median(learnt)
-        passed += [attempt != NEVER for attempt in attempts]
-    assert view.players["random-no-repeat"].passed.mean == pytest.approx(np.mean(passed))
-    assert [result.shared for result in view.worlds][:2] == [{}, {"random-no-repeat": 1}]
-
-
 def test_differences_are_paired_and_leave_oracles_out(worlds):
     more = []
     for world in worlds:
@@ -213,33 +148,6 @@ def test_differences_are_paired_and_leave_oracles_out(worlds):
     gap = view.players[view.best].area.mean - view.players[other].area.mean
     assert difference.mean == pytest.approx(gap) != 0
     assert difference.low < difference.mean < difference.high
-
-
-def test_worlds_with_other_players_or_without_an_oracle_are_refused(worlds):
-    with refuses("worlds"):
-        view_worlds([])
-    graph = worlds[0].graph
-    with refuses("worlds"):
-        view_worlds([worlds[0], PlayedWorld(graph, [play(graph)], {})])
-    with refuses("players"):
-        view_worlds([PlayedWorld(graph, [play(graph, ["random"])], {})])
-    with refuses("players"):
-        results.oracle_area(play(graph, ["random"]))
-
-
-def test_more_attempts_than_pairs_are_marked_and_all_is_known():
-    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")], ["a", "b"])
-    plays = play(graph, attempts=40)
-    assert plays.known[:, :, -1].tolist() == [[4] * 3] * 3
-    view = view_worlds([PlayedWorld(graph, [plays], {})])
-    assert view.worlds[0].more_attempts_than_pairs
-    assert view.players["greedy"].area.mean == pytest.approx(1)
-    assert view.players["greedy"].area.low is None
-
-
-def test_curves_have_the_area_of_their_gains():
-    known = np.array([[4, 4, 5, 7], [4, 4, 4, 4]])
-    np.testing.assert_allclose(results.curve_area(known), [(0 + 1 + 3) / 3, 0])
 
 
 def test_the_scripts_play_worlds_and_write_figures_and_graph_folders(tmp_path, monkeypatch, capsys):

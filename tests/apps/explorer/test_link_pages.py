@@ -132,13 +132,6 @@ def test_an_example_offers_others_and_a_choice_does_not(explored, page):
     assert "try another" not in look(explored, chosen).text
 
 
-def test_reasons_stand_below_their_rows(explored):
-    shown = look(explored, PairState(model="kitchen-recipes"))
-    assert [attributes for tag, attributes in shown.tags if tag == "tr"].count(
-        {"class": "why"}
-    ) == 10
-
-
 @pytest.mark.parametrize(
     ("known", "how_many"), [("unseen", ""), ("all", " of these"), ("learned", "All of these")]
 )
@@ -199,16 +192,6 @@ def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder):
         with pytest.raises(ConfigError, match="--model FOLDER"):
             view_of(explored, state)
         assert not page_of(state).is_there(explored)
-
-
-def test_a_model_compared_with_itself_does_not_differ(explored):
-    view = view_of(explored, CompareState(one="kitchen-recipes", other="kitchen-recipes"))
-    assert view.headline.models[1].difference == 0
-    assert view.ranks.better == (0, 0)
-    assert (
-        view_of(explored, CompareState(other="kitchen-complex")).ranks.models[0]
-        == "kitchen-recipes"
-    )
 
 
 def test_too_few_unseen_triples_leave_no_headline(of_recipes):

@@ -105,22 +105,6 @@ def test_an_entity_in_its_own_slot_is_marked_and_no_component_of_itself(
         assert ("itself" in statuses) == is_proposed
 
 
-def test_probabilities_are_the_scorers_and_none_for_learned(kernel, neighbours):
-    """Probabilities are those of the scorer and none for what was learned."""
-    scorer = kernel.model.scorer
-    found = kernel.best(kernel.slot(3, COMPONENT_OF, "head"), with_learned=True, top=80)
-    assert {row.status for row in found.best} >= {"learned", "not in the book"}
-    for row in found.best:
-        expected = (
-            None
-            if row.status == "learned"
-            else float(scorer.probability(row.entity, COMPONENT_OF, 3))
-        )
-        assert row.probability == (expected if expected is None else pytest.approx(expected))
-    without = neighbours.best(neighbours.slot(3, COMPONENT_OF, "head"))
-    assert {row.probability for row in without.best} == {None}
-
-
 def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours):
     known, named = {(a, b) for a, b, _ in neighbours.split.recipes("train").tolist()}, 0
     slot = neighbours.slot(3, COMBINES_WITH, "tail")

@@ -117,15 +117,6 @@ def test_codes_differ_and_have_nothing_that_looks_alike():
     assert 12 * math.log2(len(ALPHABET)) > 59
 
 
-def test_a_code_is_not_stored(study, folder, answers):
-    code = new_code()
-    go_on(answers, study, answers.begin(code_hash(code), study.cells), 2)
-    answers.close()
-    stored = b"".join(contents(folder).values())
-    assert code.encode() not in stored
-    assert code.replace("-", "").encode() not in stored
-
-
 def test_the_tasks_of_a_form_are_those_of_the_protocol(study, kitchen):
     """The tasks of a form and condition are those of the protocol with its seed."""
     for cell in study.cells:
@@ -212,17 +203,6 @@ def test_the_first_answer_to_a_task_stays(study, folder, answers):
     assert not answers.add(person, second)
     assert answers.answers_of(person) == [first]
     assert [line.actions for line in lines_of(folder)] == [first.actions]
-
-
-def test_the_first_showing_of_a_task_is_kept_and_each_is_counted(study, folder, answers):
-    person = begin(answers, study)
-    task = study.tasks(person.cell)[0]
-    assert answers.shown(person, task.part, task.number) is None
-    for now in (10.0, 20.0, 5.0):
-        answers.show(person, task.part, task.number, now)
-        assert answers.shown(person, task.part, task.number) == 10.0
-    answers.add(person, study.protocol(person.cell).answer(task, (0, 1), 1.0))
-    assert [line.loads for line in lines_of(folder)] == [3]
 
 
 def test_no_time_of_day_stays_with_an_answer(study, folder, answers):

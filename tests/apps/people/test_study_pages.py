@@ -125,14 +125,6 @@ def test_only_an_explicit_yes_begins_a_session(browser, consent, code, place):
     assert browser.answers.stored().people == 0
 
 
-def test_a_yes_that_is_sent_twice_begins_one_session(browser):
-    code = browser.new_code()
-    for _ in range(2):
-        browser.post("/begin", {"consent": "yes", "code": code})
-        assert browser.place == f"/s/{code}"
-    assert browser.answers.stored().people == 1
-
-
 def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser, code):
     assert f">{code}<" in browser.page
     assert "The second selection is final" in browser.page

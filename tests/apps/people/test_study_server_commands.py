@@ -82,26 +82,6 @@ def nothing_waits(monkeypatch):
     monkeypatch.setattr("wordcraft_kg.apps.web.serving.serve", serve)
 
 
-@pytest.mark.slow
-def test_a_killed_server_goes_on_where_it_was(tmp_path):
-    """A killed server goes on where it was and ctrl c says what is stored."""
-    out = tmp_path / "study"
-    with served(out) as (process, address):
-        code = begin(address)
-        for task in range(3):
-            answer(address, code, task)
-        process.kill()
-    with served(out, "--json") as (process, address):
-        assert "3 of 4 tasks completed" in page(address, "/return", code=code)
-        assert "Thank you for participating" in answer(address, code, 3)
-        process.send_signal(signal.SIGINT)
-        said, log = process.communicate(timeout=20)
-        assert (process.returncode, said) == (0, "")
-        stored = f"1 person (1 finished) and 4 answers stored in {out}"
-        assert log == f"stopped; {stored}; repeat the command to resume\n"
-    assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
-
-
 def test_who_asks_is_private_and_a_manager_ends_it_like_ctrl_c(tmp_path):
     """Who asks is nobodys business and a service manager ends it like ctrl c."""
     with served(tmp_path / "study", "--verbose") as (process, address):
@@ -191,19 +171,6 @@ def test_options_that_cannot_be_write_nothing(run, tmp_path, monkeypatch, option
 
 
 @pytest.mark.slow
-def test_a_folder_of_another_study_is_refused_and_stays(run, begun):
-    for graph, kind, name in (
-        ("everyday", "GraphMismatchError", "graph_hash"),
-        ("kitchen", "ConfigError", "seed 0"),
-    ):
-        with unchanged(begun):
-            outcome = run(
-                "people", "serve", graph, "--out", begun, *SMALL, "--port", "0", "--seed", "1"
-            )
-        assert f"is a study with {name}" in refused(outcome, kind)
-
-
-@pytest.mark.slow
 def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path):
     text = tmp_path / "consent.txt"
     text.write_bytes(
@@ -266,34 +233,6 @@ def test_a_summary_refuses_what_it_cannot_sum_up(summary, begun, tmp_path):
     assert "expected a study" in refused(summary())
     for path in (begun / "study.json", tmp_path, tmp_path / "nowhere"):
         refused(summary(path), "ArtefactError")
-
-
-@pytest.mark.slow
-def test_agents_are_compared_with_people(run, summary, begun, tmp_path):
-    for name in ("one", "two"):
-        assert (
-            run(
-                "train-agent",
-                "kitchen",
-                "--steps",
-                "256",
-                "--eval-every",
-                "0",
-                "--out",
-                tmp_path / name,
-            ).code
-            == 0
-        )
-    options = ("--run", tmp_path / "one", "--run", tmp_path / "two")
-    values = json.loads(summary(begun, *options, "--json").out)
-    agents = values["conditions"][0]["parts"]["train"]["agents"]
-    assert list(agents) == ["one", "two"]
-    assert agents["one"]["tables"] == 4
-    assert "  one " in (text := summary(begun, *options).out)
-    assert "at the same 4 tables" in text
-    assert "expected a run" in refused(
-        summary(begun, "--run", tmp_path / "nowhere"), "ArtefactError"
-    )
 
 
 @pytest.mark.slow

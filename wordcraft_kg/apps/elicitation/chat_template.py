@@ -113,8 +113,8 @@ def _serve() -> None:
     if size.exists():  # Linux
         import resource
 
-        own = int(size.read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (own + _MEMORY, own + _MEMORY))
+        memory = int(size.read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (memory + _MEMORY, memory + _MEMORY))
     template, tokens = json.loads(sys.stdin.readline())
     _answer("")
     for line in sys.stdin:

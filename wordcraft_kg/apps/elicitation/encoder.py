@@ -100,12 +100,12 @@ class _Encoder:
         """
         parts = []
         # Equal numbers of tokens: padding would change the last bits with the other labels.
-        for _, same in groupby(range(len(labels)), key=lambda row: lengths[row]):
-            some = [labels[row] for row in same]
+        for _, same_length in groupby(range(len(labels)), key=lambda row: lengths[row]):
+            batch = [labels[row] for row in same_length]
             # Such as tokens beyond the rows of the weights.
             with working(self.path):
                 part = self.model.encode(
-                    some, batch_size=_BATCH, normalize_embeddings=True, show_progress_bar=False
+                    batch, batch_size=_BATCH, normalize_embeddings=True, show_progress_bar=False
                 )
             parts.append(part)
         # Half precision: a vector's last bits have no meaning, and the folder is half as large.
@@ -186,10 +186,10 @@ def encode_folder(
     with saved_rows(out, key) as folder:
         vectors = _vectors(encoder, labels, tokens, folder, report)
         every = {**inputs, **encoder.hashes}
-        written = write_vectors(out, labels, vectors, inputs=every, force=force)
+        folder_of_vectors = write_vectors(out, labels, vectors, inputs=every, force=force)
         # Only after the folder of vectors is complete.
         shutil.rmtree(folder)
-    return written, vectors.shape[1], encoder.hashes
+    return folder_of_vectors, vectors.shape[1], encoder.hashes
 
 
 def _vectors(
@@ -214,34 +214,34 @@ def _vectors(
     # The longest first: the estimate of the time left then errs on the safe side, and a lack of
     # memory shows at once. Labels of equal length by name, not by their order in a graph.
     order = sorted(range(len(labels)), key=lambda row: (-len(tokens[row]), labels[row]))
-    found: list[NDArray[np.float16]] = []
-    done = computed = 0
+    parts: list[NDArray[np.float16]] = []
+    num_done = computed = 0
     begun = time.perf_counter()
     try:
         for number, rows in enumerate(_parts(order)):
             saved = None if folder is None else read_rows(folder, number)
             if saved is None:
-                some = [labels[row] for row in rows]
-                vectors = encoder.vectors(some, [len(tokens[row]) for row in rows])
+                part_labels = [labels[row] for row in rows]
+                vectors = encoder.vectors(part_labels, [len(tokens[row]) for row in rows])
                 if folder is not None:
                     save_rows(folder, number, torch.from_numpy(vectors))
                 computed += len(rows)
             else:
                 vectors = saved.numpy()
-            found.append(vectors)
-            done += len(rows)
+            parts.append(vectors)
+            num_done += len(rows)
             if report:
                 # Saved parts took no time, so they say nothing about the rest.
                 minutes = (time.perf_counter() - begun) / 60
-                left = minutes / computed * (len(labels) - done) if computed else 0.0
+                minutes_left = minutes / computed * (len(labels) - num_done) if computed else 0.0
                 # Up to a tenth: the last labels take some time, too.
-                report(done, len(labels), {"minutes_left": math.ceil(10 * left) / 10})
+                report(num_done, len(labels), {"minutes_left": math.ceil(10 * minutes_left) / 10})
     except KeyboardInterrupt:
         if folder is None:
             raise
-        saved_labels = f"interrupted; {done:,} of {len(labels):,} labels are saved."
+        saved_labels = f"interrupted; {num_done:,} of {len(labels):,} labels are saved."
         raise KeyboardInterrupt(f"{saved_labels} Repeat the command to continue.") from None
-    ordered = np.concatenate(found)
+    ordered = np.concatenate(parts)
     result = np.empty_like(ordered)
     result[order] = ordered
     return result

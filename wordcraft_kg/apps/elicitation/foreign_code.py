@@ -92,7 +92,7 @@ def check_model_files(path: Path) -> None:
         names = ("config.json", "tokenizer_config.json", "generation_config.json", _ADAPTER)
         files = [folder / name for name in names if (folder / name).is_file()]
     # Code is collected first: whether it is needed depends on the kind of the model.
-    named: list[str] = []
+    code_names: list[str] = []
     for file in files:
         # To search all tokens takes long, and no loader imports a token.
         if file.name in _NOT_READ:
@@ -105,12 +105,12 @@ def check_model_files(path: Path) -> None:
         for key, value in _items(read_json(file)):
             _check_item(file, key, value)
             if key == "auto_map" and value:
-                named += sorted(_strings(value))
+                code_names += sorted(_strings(value))
     # Many models of a kind that transformers has also name code, for its earlier versions.
-    if named and not _is_known(folder):
+    if code_names and not _is_known(folder):
         raise ArtefactError(
-            f"'{folder}' needs its own Python code, {named[0]}, and code of a model is never run. "
-            "Give a model that transformers itself knows."
+            f"'{folder}' needs its own Python code, {code_names[0]}, and code of a model is never "
+            "run. Give a model that transformers itself knows."
         )
 
 
@@ -164,7 +164,7 @@ def _check_places(folder: Path, files: Iterable[Path]) -> None:
     # realpath follows all links, also those of folders on the way.
     for file in files:
         place = os.path.realpath(file)
-        if not any(Path(place).is_relative_to(allowed) for allowed in inside):
+        if not any(Path(place).is_relative_to(root_folder) for root_folder in inside):
             raise ArtefactError(
                 f"'{file}' is a link out of the model folder, to {place}. Replace the link by a "
                 "copy of the file."

@@ -119,9 +119,9 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
         model.eval()
         # A causal model predicts the same after token 0, whatever token follows.
         with torch.inference_mode():
-            one = model(input_ids=torch.tensor([[0, 1]])).logits[:, 0]
-            other = model(input_ids=torch.tensor([[0, 2]])).logits[:, 0]
-        if not torch.allclose(one, other, rtol=1e-3, atol=1e-3):
+            logits = model(input_ids=torch.tensor([[0, 1]])).logits[:, 0]
+            other_logits = model(input_ids=torch.tensor([[0, 2]])).logits[:, 0]
+        if not torch.allclose(logits, other_logits, rtol=1e-3, atol=1e-3):
             raise ValueError("a prediction depends on later tokens")
     return LanguageModel(model, tokenizer, hashes, random_seed)
 
@@ -163,10 +163,10 @@ class _LabelProbabilities:
         counts: list[int] = []
         for owner, label in enumerate(labels):
             with working(self.tokenizer.name_or_path):
-                own = label_tokens(self.tokenizer, label)
-            tokens += own
-            owners += [owner] * len(own)
-            counts += [len(own)] * len(own)
+                label_ids = label_tokens(self.tokenizer, label)
+            tokens += label_ids
+            owners += [owner] * len(label_ids)
+            counts += [len(label_ids)] * len(label_ids)
         self.tokens = torch.tensor(tokens)
         self.owners = torch.tensor(owners)
         self.counts = torch.tensor(counts)
@@ -211,11 +211,11 @@ def _batches(texts: Sequence[list[int]], prompt: int = 0) -> Iterator[_Batch]:
     """Divide texts into batches that need no padding; the batches depend on the texts only."""
     # Padding would change the last bits of a row with the other texts of its batch.
     order = sorted(range(len(texts)), key=lambda row: len(texts[row]))
-    for _, same in groupby(order, key=lambda row: len(texts[row])):
-        rows = list(same)
+    for _, same_length in groupby(order, key=lambda row: len(texts[row])):
+        rows = list(same_length)
         for start in range(0, len(rows), _BATCH):
-            some = rows[start : start + _BATCH]
-            yield _Batch(prompt, some, [texts[row] for row in some])
+            batch_rows = rows[start : start + _BATCH]
+            yield _Batch(prompt, batch_rows, [texts[row] for row in batch_rows])
 
 
 def elicit_knowledge(
@@ -253,10 +253,10 @@ def elicit_knowledge(
     out = with_a_name(out)
     check_output(out, force=force)
     size = graph.num_entities
-    needed = 2 * len(prompts) * size**2  # float16 has two bytes
-    if needed > _LARGEST:
+    num_bytes = 2 * len(prompts) * size**2  # float16 has two bytes
+    if num_bytes > _LARGEST:
         raise ConfigError(
-            f"{len(prompts)} tables of {size:,} x {size:,} entities need {needed:,} bytes; "
+            f"{len(prompts)} tables of {size:,} x {size:,} entities need {num_bytes:,} bytes; "
             f"expected at most {_LARGEST:,}. Use a smaller graph, or fewer `prompts`."
         )
     text = prompts_text(prompts)
@@ -315,7 +315,7 @@ def _tables(
     """
     size = probabilities.size
     tables = torch.zeros(len(prompts), size, size, dtype=torch.half)
-    done = 0
+    num_done = 0
     neutral_prompt = -1
     neutral = torch.zeros(0)
     try:
@@ -333,11 +333,11 @@ def _tables(
                     )
                 save_rows(folder, number, rows)
             tables[batch.prompt, batch.rows] = rows
-            done += len(batch.rows)
+            num_done += len(batch.rows)
             if report:
-                report(done, len(prompts) * size, {})
+                report(num_done, len(prompts) * size, {})
     except KeyboardInterrupt:
-        saved = f"interrupted; {done:,} of {len(prompts) * size:,} texts are saved."
+        saved = f"interrupted; {num_done:,} of {len(prompts) * size:,} texts are saved."
         raise KeyboardInterrupt(f"{saved} Repeat the command to continue.") from None
     return tuple(map(_oriented, tables, prompts))
 

@@ -38,10 +38,10 @@ def check_counts(path: Path, config: Mapping[str, Any]) -> None:
         ArtefactError: if a number of layers or other parts is far above the number of stored
             tensors.
     """
-    most = len(_shapes(path)) + _MORE_PARTS
+    limit = len(_shapes(path)) + _MORE_PARTS
     for name, value in _numbers(config):
-        if value > most and _COUNT.fullmatch(name):
-            raise _too_large(path, f"{name} is {value:,}", f"at most {most:,} for these weights")
+        if value > limit and _COUNT.fullmatch(name):
+            raise _too_large(path, f"{name} is {value:,}", f"at most {limit:,} for these weights")
 
 
 def check_size(path: Path, build: Callable[[], Any]) -> None:
@@ -62,11 +62,11 @@ def check_size(path: Path, build: Callable[[], Any]) -> None:
         model = build()
     # Buffers count as well: tables of positions may be larger than the weights.
     tensors = [*model.parameters(), *model.buffers()]
-    needed = sum(tensor.numel() for tensor in tensors)
+    num_elements = sum(tensor.numel() for tensor in tensors)
     stored = sum(prod(shape) for shape in _shapes(path))
-    most = 2 * stored + _MORE_ELEMENTS
-    if needed > most:
-        raise _too_large(path, f"config.json gives {needed:,} numbers", f"at most {most:,}")
+    limit = 2 * stored + _MORE_ELEMENTS
+    if num_elements > limit:
+        raise _too_large(path, f"config.json gives {num_elements:,} numbers", f"at most {limit:,}")
 
 
 def check_modules(folder: Path) -> None:
@@ -81,10 +81,12 @@ def check_modules(folder: Path) -> None:
         sizes = dict(_numbers(config)) if isinstance(config, dict) else {}
         matrix = sizes.get("in_features", 1) * sizes.get("out_features", 1)
         # Each kind of module has one of these sizes; a missing size counts as 1.
-        needed = max(matrix, sizes.get("dimension", 1))
+        num_elements = max(matrix, sizes.get("dimension", 1))
         stored = sum(prod(shape) for shape in _shapes(file.parent))
-        if needed > 2 * stored + _MORE_ELEMENTS:
-            raise _too_large(file.parent, f"config.json gives {needed:,} numbers", f"{stored:,}")
+        if num_elements > 2 * stored + _MORE_ELEMENTS:
+            raise _too_large(
+                file.parent, f"config.json gives {num_elements:,} numbers", f"{stored:,}"
+            )
 
 
 def _too_large(path: Path, found: str, expected: str) -> ArtefactError:

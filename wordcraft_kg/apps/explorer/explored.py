@@ -100,7 +100,7 @@ class Explored:
             RecipeFileError: if there is no such graph, or a book cannot be read.
             ConfigError: if a file or folder has no games on tasks, or an unknown format.
         """
-        opened = open_graph(graph)
+        opened_graph = open_graph(graph)
         predictors = {
             name: LinkPredictor(name, folder, open_model(folder, str(graph)))
             for name, folder in _named(map(Path, models)).items()
@@ -108,9 +108,9 @@ class Explored:
         folders = _named(chain.from_iterable(run_folders(Path(path)) for path in runs))
         for folder in folders.values():
             # Only the check for the graph: unfinished runs have no weights yet.
-            RunFiles(folder, AGENTS.read_record(folder)).graph(opened)
-        recorded = chain.from_iterable(read_table_games(opened, path) for path in games)
-        return cls(opened, predictors, folders, recorded)
+            RunFiles(folder, AGENTS.read_record(folder)).graph(opened_graph)
+        recorded = chain.from_iterable(read_table_games(opened_graph, path) for path in games)
+        return cls(opened_graph, predictors, folders, recorded)
 
     def predictor(self, name: str = "") -> LinkPredictor:
         """Return a model with all entity similarities computed; by default the first model.
@@ -226,8 +226,10 @@ class Explored:
             TaskError: if there is no task.
         """
         # The search for tasks takes seconds, so settings that differ only in rules share one world.
-        kept = ("part", "depth", "task_weighting", "num_tasks", "task_seed", "pays_held_out")
-        plain = WordCraftConfig(num_distractors=0, **{name: getattr(config, name) for name in kept})
+        settings = ("part", "depth", "task_weighting", "num_tasks", "task_seed", "pays_held_out")
+        plain = WordCraftConfig(
+            num_distractors=0, **{name: getattr(config, name) for name in settings}
+        )
         return self.once(("world", plain), lambda: World(self.opened, plain))
 
     def world_of(self, config: WordCraftConfig) -> World:
@@ -249,14 +251,18 @@ def _named(folders: Iterable[Path]) -> dict[str, Path]:
 
     A folder that is given twice has one name: paths are compared without links.
     """
-    named: dict[str, Path] = {}
+    folders_by_name: dict[str, Path] = {}
     for folder in folders:
         # os.path, because Path.resolve raises on a loop of links before Python 3.13.
         real = os.path.realpath(folder)
         name = run_name(folder)
         above = Path(real).parent
-        while name in named and os.path.realpath(named[name]) != real and above.name:
+        while (
+            name in folders_by_name
+            and os.path.realpath(folders_by_name[name]) != real
+            and above.name
+        ):
             name = f"{above.name}-{name}"
             above = above.parent
-        named[name] = folder
-    return named
+        folders_by_name[name] = folder
+    return folders_by_name

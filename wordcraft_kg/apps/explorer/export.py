@@ -121,13 +121,13 @@ class _Files:
         self.explored = explored
         # Servers and disks open index.html first, so the first page has no name of its own.
         self.names: dict[tuple[str, PageState], str] = {(HOME.name, HOME.state()): "index.html"}
-        taken = {"index.html"}
+        file_names = {"index.html"}
         for page in PAGES.values():
             for state in page.states(explored):
                 if (page.name, state) not in self.names:
-                    name = _unused(f"{page.name}/{_stem(page, state)}", taken)
+                    name = _unused(f"{page.name}/{_stem(page, state)}", file_names)
                     self.names[page.name, state] = name
-                    taken.add(name)
+                    file_names.add(name)
 
     def address(self, page: Page[Any], state: PageState, *, seen_from: str) -> str:
         target = self.names.get((page.name, state))
@@ -163,7 +163,9 @@ def _unused(stem: str, taken: set[str]) -> str:
 
 def _without_paths(text: str, explored: Explored) -> str:
     """Replace folders by names: paths on this machine are private."""
-    folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
+    folders = {
+        name: predictor.folder for name, predictor in explored.models.items()
+    } | explored.runs
     for name, folder in folders.items():
         # A relative path such as `run` tells nothing, and may be a word of a page.
         if folder.is_absolute():
@@ -180,12 +182,12 @@ def _stem(page: Page[Any], state: PageState) -> str:
     characters, such as those that lead to another folder.
     """
     usual = page.state()
-    chosen = [
+    values = [
         str(getattr(state, field))
         for field in state.__struct_fields__
         if getattr(state, field) != getattr(usual, field)
     ]
-    plain = re.sub(r"[^a-z0-9]+", "-", "-".join(chosen).lower()).strip("-")
+    plain = re.sub(r"[^a-z0-9]+", "-", "-".join(values).lower()).strip("-")
     # The cut may end with a hyphen.
     return plain[:LONGEST_NAME].strip("-") or page.name
 

@@ -90,7 +90,7 @@ class Page(Generic[S]):
             elif value != field.default:
                 # A tuple is one parameter given several times.
                 values = value if isinstance(value, tuple) else (value,)
-                query += [(field.name, _written(one)) for one in values]
+                query += [(field.name, _written(part)) for part in values]
         return f"{path}?{urlencode(query)}" if query else path
 
     def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
@@ -106,23 +106,23 @@ class Page(Generic[S]):
                 a setting.
         """
         fields = {field.name: field for field in _fields(self.state)}
-        given: dict[str, Any] = {}
+        settings: dict[str, Any] = {}
         if self.subject and subject:
-            given[self.subject] = subject
+            settings[self.subject] = subject
         for name, value in query:
             if name not in fields:
                 raise ConfigError(_unknown_setting(name, fields))
             if get_origin(fields[name].type) is tuple:
-                given.setdefault(name, []).append(value)
+                settings.setdefault(name, []).append(value)
                 continue
             # An address may repeat a value, such as the subject of its path: equal values are one.
-            if value and given.setdefault(name, value) != value:
+            if value and settings.setdefault(name, value) != value:
                 raise ConfigError(
-                    f"'{name}' is given twice: '{_cut(given[name])}' and '{_cut(value)}'."
+                    f"'{name}' is given twice: '{_cut(settings[name])}' and '{_cut(value)}'."
                 )
         try:
             # All values are texts: strict=False reads numbers and booleans from them.
-            return msgspec.convert(given, self.state, strict=False)
+            return msgspec.convert(settings, self.state, strict=False)
         except msgspec.ValidationError as error:
             # Messages of msgspec quote with backticks, ours with apostrophes.
             message = str(error).replace("`", "'")

@@ -168,11 +168,11 @@ class Slot:
 
     def triples(self, entities: Ids) -> Ids:
         """Return the triples with these entities as answers, shape (n, 3)."""
-        given = np.full(len(entities), self.entity)
+        given_ends = np.full(len(entities), self.entity)
         relation = np.full(len(entities), self.relation)
         if self.side == "head":
-            return np.column_stack([entities, relation, given])
-        return np.column_stack([given, relation, entities])
+            return np.column_stack([entities, relation, given_ends])
+        return np.column_stack([given_ends, relation, entities])
 
     def ranks(self, entities: Ids) -> NDArray[np.float64]:
         """Return filtered, realistic ranks, shape (n,) -> (n,), as by ``rank_triples``."""
@@ -277,16 +277,20 @@ class LinkPredictor:
         size = self.graph.num_entities
         # Two dimensions, as in rankings: factors and embeddings use one matrix product.
         everything = torch.arange(size)[None]
-        one = torch.tensor([[entity]])
-        ids = (everything, relation, one) if side == "head" else (one, relation, everything)
+        entity_ids = torch.tensor([[entity]])
+        ids = (
+            (everything, relation, entity_ids)
+            if side == "head"
+            else (entity_ids, relation, everything)
+        )
         with torch.no_grad():
             scores = self.model.scorer.score(*ids)[0].cpu().numpy()
         # Doubles hold the scores of all scorers exactly, whatever their precision.
         scores = scores.astype(np.float64)
         # Columns of a triple: 0 is the head, 2 the tail.
-        given, answer = (2, 0) if side == "head" else (0, 2)
+        given_column, answer = (2, 0) if side == "head" else (0, 2)
         triples = self.graph.triples
-        is_true = (triples[:, 1] == relation) & (triples[:, given] == entity)
+        is_true = (triples[:, 1] == relation) & (triples[:, given_column] == entity)
         true = triples[is_true]
         part = np.full(size, NEW)
         part[true[:, answer]] = self.split.part_of(true)
@@ -346,11 +350,11 @@ class LinkPredictor:
         is_true = (slot.part != NEW) & ~slot.half_product
         unlearned = np.flatnonzero(is_true & ~slot.learned)
         nearest = unlearned[np.argsort(slot.ranks(unlearned), kind="stable")]
-        given = self.graph.entities[slot.entity]
+        given_label = self.graph.entities[slot.entity]
         return PredictedSlot(
-            head=None if slot.side == "head" else given,
+            head=None if slot.side == "head" else given_label,
             relation=RELATIONS[slot.relation],
-            tail=None if slot.side == "tail" else given,
+            tail=None if slot.side == "tail" else given_label,
             with_learned=with_learned,
             best=tuple(self._predicted(slot, listed[:top], positions, witnesses)),
             truth=tuple(self._predicted(slot, nearest[:truth], positions, 0)),
@@ -363,9 +367,9 @@ class LinkPredictor:
     ) -> Iterator[PredictedEntity]:
         triples = slot.triples(entities)
         ranks = slot.ranks(entities)
-        known = [KNOWN[part] for part in slot.part[entities].tolist()]
-        chances = self.scoring.probabilities(triples, known)
-        rows = zip(triples.tolist(), entities.tolist(), ranks, known, chances, strict=True)
+        parts = [KNOWN[part] for part in slot.part[entities].tolist()]
+        chances = self.scoring.probabilities(triples, parts)
+        rows = zip(triples.tolist(), entities.tolist(), ranks, parts, chances, strict=True)
         for triple, entity, rank, part, chance in rows:
             learned = bool(slot.learned[entity])
             reason = None

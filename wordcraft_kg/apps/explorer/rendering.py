@@ -104,8 +104,8 @@ class Site:
         def entity(label: str) -> Markup:
             # The chosen model stays chosen on the pages that follow.
             model = getattr(state, "model", "")
-            chosen = {"model": model} if model else {}
-            anchor = _anchor(link("entity", entity=label, **chosen), label)
+            settings = {"model": model} if model else {}
+            anchor = _anchor(link("entity", entity=label, **settings), label)
             # A step of a recipe of three or more ingredients is no thing of the game.
             return anchor + _HALF_PRODUCT if is_half_product(label) else anchor
 

@@ -123,9 +123,9 @@ class _Server:
         except UnknownEntityError as error:
             # Labels that do not fit a path are in the query; the unknown name may also be a run or
             # a model.
-            wanted = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
-            is_other = wanted in self.explored.opened.graph
-            return self.error(404, str(error), {} if is_other else self._suggestions(wanted[:200]))
+            label = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
+            is_other = label in self.explored.opened.graph
+            return self.error(404, str(error), {} if is_other else self._suggestions(label[:200]))
         except ConfigError as error:
             return self.error(400, str(error))
         except WordCraftKGError as error:

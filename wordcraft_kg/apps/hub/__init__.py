@@ -5,5 +5,5 @@ Read ``folders`` first: which files of a folder are shared, their checks, licenc
 
 The card's text may change freely. The lists of shared files in ``folders`` are a matter of trust:
 no other name is uploaded or downloaded, so a new kind of file needs a review (it must hold no code
-and no pickle). The form of ``SHA256SUMS`` is read by earlier versions.
+and no pickle).
 """

@@ -1,4 +1,4 @@
-"""Folders for a model hub: checked files, licence, card, and hashes for checking a download."""
+"""Folders for a model hub: checked files, licence and card."""
 
 import os
 import re
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from wordcraft_kg.base.artefacts import read_small_file, sha256_of
+from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.folder import check_derived_files, open_graph
 from wordcraft_kg.graphs.library import known_books, open_book
@@ -19,8 +19,6 @@ from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_finished_run
 
 CARD = "README.md"
-SUMS = "SHA256SUMS"
-"""List of all shared files with their hashes, in the form of the program sha256sum."""
 _EXPECTED = "a graph folder, a model folder or a run of train-agent"
 _GRAPH_FILES = ("graph.json", "split.json", "recipes.csv", "entities.tsv", "audit.json")
 _TRIPLES = tuple(f"triples/{name}.tsv" for name in ("full", "partial", "unseen"))
@@ -34,9 +32,9 @@ _RUN_FILES = (
 
 No other name is shared: a list from elsewhere may name programs and pickles.
 """
+SHARED = (CARD, RUN_FILE, *_RUN_FILES, *_GRAPH_FILES, *_TRIPLES)
+"""All names that a push shares and a pull takes."""
 _RECORD = "\n## Record\n"
-# No path but that of triples: a name such as ../x would lead out of the folder.
-_SUM = re.compile(r"([0-9a-f]{64})  ((?:triples/)?\w[\w.-]*)")
 
 
 @dataclass(frozen=True)
@@ -57,8 +55,8 @@ class SharedFolder:
     card: str
     files: tuple[str, ...]
 
-    def with_licence(self, licence: str | None) -> dict[str, str]:
-        """Return README.md with a licence, and SHA256SUMS, by name.
+    def with_licence(self, licence: str | None) -> str:
+        """Return the card with a licence.
 
         Args:
             licence: identifier of a licence on the hub; None for the licence of a built-in book,
@@ -83,10 +81,9 @@ class SharedFolder:
             )
         # The licence goes first into the block between the lines of dashes, which the hub reads.
         head, _, body = self.card.removeprefix("---\n").partition("\n---\n")
-        others = [line for line in head.split("\n") if not line.startswith("license:")]
-        lines = [f"license: {licence}", *others]
-        sums = "".join(f"{sha256_of(self.path / name)}  {name}\n" for name in self.files)
-        return {CARD: "\n".join(["---", *lines, "---", body]), SUMS: sums}
+        head_lines = [line for line in head.split("\n") if not line.startswith("license:")]
+        lines = [f"license: {licence}", *head_lines]
+        return "\n".join(["---", *lines, "---", body])
 
     def _is_built_in(self) -> bool:
         """Return whether the graph is that of a built-in book: the content counts, not the name."""
@@ -148,11 +145,11 @@ def _check_places(folder: Path, names: Iterable[str]) -> None:
 
 def _open_graph_folder(folder: Path) -> SharedFolder:
     _check_places(folder, _GRAPH_FILES + _TRIPLES)
-    opened = open_graph(str(folder))
+    graph_folder = open_graph(str(folder))
     # Triples and audit follow from the recipes: files that do not agree with them are refused.
-    check_derived_files(folder, opened)
-    graph = opened.graph
-    split = opened.split
+    check_derived_files(folder, graph_folder)
+    graph = graph_folder.graph
+    split = graph_folder.split
     counts = {part: int(split.is_in(part).sum()) for part in ("train", "valid", "test")}
     sizes = ", ".join(f"{count:,} {part}" for part, count in counts.items())
     card = f"""{front_matter("knowledge-graph", "recipes")}
@@ -179,26 +176,3 @@ def _record(run: RunRecord) -> str:
     # The program's own path is left out: it may hold a user's name.
     command = shlex.join(["wordcraft-kg", *run.argv[1:]])
     return f"{_RECORD}\n`{command}` with {versions}. Hashes of the inputs:\n\n{inputs}\n"
-
-
-def read_sums(path: Path, repository: str) -> dict[str, str]:
-    """Read a list of hashes: SHA-256 by file name.
-
-    Raises:
-        ArtefactError: if a line has another form, or names a file that `wordcraft-kg hub push` does
-            not share.
-    """
-    text = read_small_file(path).decode(errors="replace")
-    lines = [_SUM.fullmatch(line) for line in text.splitlines()]
-    if not lines or None in lines:
-        raise ArtefactError(
-            f"{SUMS} in '{repository}' was changed, or not written by `wordcraft-kg hub push`."
-        )
-    sums = {line[2]: line[1] for line in lines if line}
-    foreign = sorted(set(sums) - {RUN_FILE, *_RUN_FILES, *_GRAPH_FILES, *_TRIPLES})
-    if foreign:
-        raise ArtefactError(
-            f"{SUMS} in '{repository}' lists '{foreign[0]}', which `wordcraft-kg hub push` never "
-            "shares. Pull from another repository, or ask its owner to push the folder again."
-        )
-    return sums

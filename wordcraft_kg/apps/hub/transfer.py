@@ -6,19 +6,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from wordcraft_kg.apps.hub.folders import CARD, SUMS, SharedFolder, open_folder, read_sums
-from wordcraft_kg.base.artefacts import sha256_of, staged_folder
+from wordcraft_kg.apps.hub.folders import CARD, SHARED, SharedFolder, open_folder
+from wordcraft_kg.base.artefacts import staged_folder
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, FetchError, WordCraftKGError
 from wordcraft_kg.base.progress import stage
-
-_LARGEST_TEXT = 2**20
-"""Largest card and list of hashes in bytes; ours have a few thousand."""
 
 
 @stage("uploading")
 def push(
     shared: SharedFolder,
-    texts: dict[str, str],
+    card: str,
     repository: str,
     *,
     private: bool,
@@ -30,7 +27,7 @@ def push(
 
     Args:
         shared: the checked folder.
-        texts: further files by name: the card and the list of hashes.
+        card: README.md with a licence.
         repository: OWNER/NAME on the hub.
         private: create a private repository; an existing one stays as it is.
         revision: branch, created if necessary; None for the main branch.
@@ -46,15 +43,15 @@ def push(
         from huggingface_hub import CommitOperationAdd, HfApi
 
         api = HfApi(library_name="wordcraft-kg")
-        where = {"repo_id": repository, "repo_type": shared.repo_type}
+        target = {"repo_id": repository, "repo_type": shared.repo_type}
         # None rather than False: an organisation may make all its repositories private.
-        api.create_repo(**where, private=private or None, exist_ok=True)
+        api.create_repo(**target, private=private or None, exist_ok=True)
         if revision is not None:
-            api.create_branch(**where, branch=revision, exist_ok=True)
+            api.create_branch(**target, branch=revision, exist_ok=True)
         files = [CommitOperationAdd(name, str(shared.path / name)) for name in shared.files]
-        files += [CommitOperationAdd(name, text.encode()) for name, text in texts.items()]
+        files.append(CommitOperationAdd(CARD, card.encode()))
         commit = api.create_commit(
-            **where, operations=files, revision=revision, commit_message="wordcraft-kg hub push"
+            **target, operations=files, revision=revision, commit_message="wordcraft-kg hub push"
         )
         return str(commit.commit_url)
 
@@ -63,8 +60,8 @@ def push(
 def pull(repository: str, out: Path, revision: str | None) -> str:
     """Write a pushed folder to ``out``, a new folder, and return the commit's hash.
 
-    Only files that :func:`push` shares are downloaded, and the folder is opened before it is
-    written.
+    Only files that :func:`push` shares are downloaded. The folder is opened before it is written,
+    which compares all files with the hashes in its record, or with its graph.
 
     Args:
         repository: OWNER/NAME on the hub.
@@ -74,8 +71,8 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
     Raises:
         ConfigError: if ``repository`` is not OWNER/NAME.
         FetchError: if the hub cannot be reached or refuses.
-        ArtefactError: if a file differs from its recorded hash or from the other files, is not
-            one of ours, or would not fit; ``out`` is then not written.
+        ArtefactError: if the files are no whole folder of ours, or would not fit; ``out`` is then
+            not written.
         OutputExistsError: if ``out`` exists.
     """
     with staged_folder(out) as folder:
@@ -84,64 +81,46 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
             from huggingface_hub.errors import RepositoryNotFoundError
 
             api = HfApi(library_name="wordcraft-kg")
+            source = {"repo_id": repository, "revision": revision, "files_metadata": True}
             # Models and datasets have names of their own on the hub; a name does not tell the kind.
             try:
-                commit = api.model_info(repository, revision=revision).sha
+                state = api.repo_info(**source, repo_type="model")
                 repo_type = "model"
             except RepositoryNotFoundError:
-                commit = api.dataset_info(repository, revision=revision).sha
+                state = api.repo_info(**source, repo_type="dataset")
                 repo_type = "dataset"
-            # The commit, not the branch: all files are of the same state.
-            where = {
-                "repo_id": repository,
-                "repo_type": repo_type,
-                "revision": commit,
-                "local_dir": folder,
-            }
-
-            def size_of(name: str) -> int:
-                return int(api.hf_hub_download(filename=name, **where, dry_run=True).file_size)
-
-            _check_size(size_of(SUMS), _LARGEST_TEXT, SUMS, repository)
-            sums = read_sums(Path(api.hf_hub_download(filename=SUMS, **where)), repository)
-            _check_size(size_of(CARD), _LARGEST_TEXT, CARD, repository)
-            # All sizes before the first large file: a download that cannot fit never begins.
-            free = shutil.disk_usage(folder).free
-            _check_size(
-                sum(map(size_of, sums)), free, f"the folder of {len(sums)} files", repository
-            )
-            # Not the whole repository: only names that read_sums has checked.
-            for name in (*sums, CARD):
-                api.hf_hub_download(filename=name, **where)
+            files = [file for file in state.siblings or () if file.rfilename in SHARED]
+            num_bytes = sum(file.size or 0 for file in files)
+            # Before the first file: a download that cannot fit never begins.
+            free_bytes = shutil.disk_usage(folder).free
+            if num_bytes > free_bytes:
+                raise ArtefactError(
+                    f"'{repository}' has {num_bytes:,} bytes; at most {free_bytes:,} fit here, so "
+                    "nothing was downloaded. Free some space, or pull from another repository."
+                )
+            for file in files:
+                # The commit, not the branch: all files are of the same state.
+                api.hf_hub_download(
+                    repository,
+                    file.rfilename,
+                    repo_type=repo_type,
+                    revision=state.sha,
+                    local_dir=folder,
+                )
         # The client keeps records of its downloads there, which belong to no folder of ours.
         shutil.rmtree(folder / ".cache", ignore_errors=True)
-        for name, expected in sums.items():
-            if sha256_of(folder / name) != expected:
-                raise ArtefactError(
-                    f"{name} in '{repository}' differs from the hash in {SUMS}; nothing was "
-                    "written."
-                )
         try:
-            opened = open_folder(folder)
+            shared = open_folder(folder)
         except WordCraftKGError as error:
             raise ArtefactError(str(error).replace(str(folder), repository)) from None
         # A file of the other kinds of folders would come along unread, such as a policy in a graph.
-        unread = sorted(set(sums) - set(opened.files))
+        unread = sorted({file.rfilename for file in files} - {CARD, *shared.files})
         if unread:
             raise ArtefactError(
-                f"{SUMS} in '{repository}' lists '{unread[0]}', which does not belong to the "
-                "folder. Pull from another repository, or ask its owner to push the folder again."
+                f"'{repository}' has the file '{unread[0]}', which does not belong to the folder. "
+                "Pull from another repository, or ask its owner to push the folder again."
             )
-    return str(commit)
-
-
-def _check_size(size: int, most: int, what: str, repository: str) -> None:
-    """Refuse a download of more bytes than are expected or free."""
-    if size > most:
-        raise ArtefactError(
-            f"{what} in '{repository}' has {size:,} bytes; at most {most:,} fit here, so nothing "
-            "was downloaded. Free some space, or pull from another repository."
-        )
+    return str(state.sha)
 
 
 @contextmanager

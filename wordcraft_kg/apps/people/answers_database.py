@@ -190,9 +190,9 @@ class AnswersDatabase:
             cells: forms and conditions, preferred cells first.
         """
         with self._writing() as connection:
-            known = _find(connection, code)
-            if known is not None:
-                return known
+            person = _find(connection, code)
+            if person is not None:
+                return person
             rows = connection.execute(COUNTS, (self._turns,)).fetchall()
             counts = {
                 Cell(form, distractors): (begun, finished)
@@ -407,15 +407,15 @@ def _address(path: Path) -> Iterator[str]:
             copy.with_name(log.name).write_bytes(entries)
             with closing(sqlite3.connect(copy)) as connection:
                 # The pragma returns: busy, pages in the log, pages moved to the database.
-                read = connection.execute("PRAGMA wal_checkpoint").fetchone()[1]
-            written = _pages(entries, shared)
-            if read < written:
+                num_read = connection.execute("PRAGMA wal_checkpoint").fetchone()[1]
+            num_written = _pages(entries, shared)
+            if num_read < num_written:
                 _LOG.warning(
                     "%s is damaged or ends in an unfinished answer: %s of its %s pages cannot be "
                     "read, so answers may be missing. Compare with a copy.",
                     log,
-                    written - max(read, 0),
-                    written,
+                    num_written - max(num_read, 0),
+                    num_written,
                 )
             yield copy.as_uri()
 

@@ -43,10 +43,10 @@ def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Tab
         # All tables of a condition and part are played at once: they have the same size.
         keys = [key for key in tasks if (key[0], key[2]) == condition]
         variant = world.variant(num_distractors=distractors, part=part)
-        made = _greedy_successes(agent.policy, variant, [tasks[key] for key in keys])
+        successes = _greedy_successes(agent.policy, variant, [tasks[key] for key in keys])
         groups = variant.groups[[tasks[key].index for key in keys]].tolist()
         # Groups are numbered within a condition and part, over which rates are taken.
-        for key, success, group in zip(keys, made, groups, strict=True):
+        for key, success, group in zip(keys, successes, groups, strict=True):
             games[key] = AgentGame(success, group)
     return games
 
@@ -82,10 +82,10 @@ def _posed_tasks(
 
 def _check_graph(agent: OpenedAgent, session: Session) -> None:
     header = session.header
-    opened = agent.opened
+    training_graph = agent.opened
     hashes = {
-        "graph": (header.graph_hash, opened.graph.hash),
-        "split": (header.split_hash, opened.split.hash),
+        "graph": (header.graph_hash, training_graph.graph.hash),
+        "split": (header.split_hash, training_graph.split.hash),
     }
     for name, (answered, trained) in hashes.items():
         if answered != trained:

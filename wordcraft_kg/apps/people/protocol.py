@@ -170,7 +170,7 @@ class HumanProtocol:
         # Environments of both parts share the world: graph, split and tables of recipes.
         self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
         # Settings that change tasks or results; two sessions with equal values are comparable.
-        kept = (
+        setting_names = (
             "depth",
             "num_distractors",
             "attempts",
@@ -180,7 +180,7 @@ class HumanProtocol:
             "ambiguity",
         )
         settings: dict[str, int | str] = {"tasks_per_part": tasks}
-        settings |= {name: getattr(self.world.config, name) for name in kept}
+        settings |= {name: getattr(self.world.config, name) for name in setting_names}
         graph = self.world.graph
         self.header = Header(graph.name, graph.hash, self.world.split.hash, settings, seed)
 
@@ -189,10 +189,10 @@ class HumanProtocol:
 
         The copies share environments, which have the state of one episode: use one at a time.
         """
-        other = copy.copy(self)
-        other.seed = seed
-        other.header = msgspec.structs.replace(self.header, seed=seed)
-        return other
+        protocol = copy.copy(self)
+        protocol.seed = seed
+        protocol.header = msgspec.structs.replace(self.header, seed=seed)
+        return protocol
 
     def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
         """Start the episode for a task; return environment and observation."""
@@ -221,15 +221,15 @@ class HumanProtocol:
             IndexError: for a slot beyond the table.
         """
         actions = (task.table[slots[0]], task.table[slots[1]])
-        made = results_of(self._envs[task.part], *actions)
+        results = results_of(self._envs[task.part], *actions)
         return Answer(
             part=task.part,
             number=task.number,
             goal=task.goal,
             table=task.table,
             actions=actions,
-            made=made,
-            success=task.goal in made,
+            made=results,
+            success=task.goal in results,
             seconds=round(seconds, 2),
         )
 
@@ -341,12 +341,12 @@ def check_equal(
     for name in {**want, **have}:
         if name == "graph" or have.get(name) == want.get(name):
             continue
-        found = str(have.get(name))
+        value = str(have.get(name))
         expected = str(want.get(name))
         if name.endswith("_hash"):
             graph = f" (graph {have['graph']})" if name == "graph_hash" else ""
             raise GraphMismatchError(
-                f"{subject} {name} {found[:12]}{graph}, but {other} {expected[:12]}. "
+                f"{subject} {name} {value[:12]}{graph}, but {other} {expected[:12]}. "
                 "Nothing was changed."
             )
-        raise ConfigError(f"{subject} {name} {found}, but {other} {expected}. Nothing was changed.")
+        raise ConfigError(f"{subject} {name} {value}, but {other} {expected}. Nothing was changed.")

@@ -197,10 +197,10 @@ def kept_answers(folder: Path, study: HumanStudy) -> Iterator[AnswersDatabase]:
 
 def _check_tasks(folder: Path, study: HumanStudy) -> None:
     """Check that this version poses the tasks that people have answered."""
-    kept = read_study(folder)
-    for person in kept.people:
+    stored_study = read_study(folder)
+    for person in stored_study.people:
         # People stop at any task, so there are fewer answers than tasks.
-        answered = zip(kept.answers[person.number], study.tasks(person.cell), strict=False)
+        answered = zip(stored_study.answers[person.number], study.tasks(person.cell), strict=False)
         for stored, task in answered:
             if not task.is_of(stored.answer):
                 raise ArtefactError(
@@ -299,14 +299,14 @@ class ReadStudy:
         loads: more than one after a reload or a return.
         """
         for person in self.people:
-            who = {
+            assignment = {
                 "session": person.number,
                 "form": person.cell.form,
                 "distractors": person.cell.distractors,
                 "seed": self.record.seed + person.cell.form,
             }
             for stored in self.answers[person.number]:
-                yield who | as_values(stored.answer) | {"loads": stored.loads}
+                yield assignment | as_values(stored.answer) | {"loads": stored.loads}
 
 
 def read_study(folder: Path) -> ReadStudy:
@@ -322,11 +322,17 @@ def read_study(folder: Path) -> ReadStudy:
     for stored in stored_answers:
         answers.setdefault(stored.session, []).append(stored)
     turns = schedule(record.tasks)
-    for number, given in answers.items():
+    for number, person_answers in answers.items():
         # The server poses tasks in order, so answers are the start of the schedule without a gap.
-        order = tuple((one.answer.part, one.answer.number) for one in given)
+        order = tuple(
+            (stored_answer.answer.part, stored_answer.answer.number)
+            for stored_answer in person_answers
+        )
         is_in_order = order == turns[: len(order)]
-        is_sound = all(one.answer.is_sound and one.loads >= 1 for one in given)
+        is_sound = all(
+            stored_answer.answer.is_sound and stored_answer.loads >= 1
+            for stored_answer in person_answers
+        )
         if not (is_in_order and is_sound):
             raise ArtefactError(
                 f"{path} is damaged: the answers of person {number} are inconsistent."
@@ -338,5 +344,5 @@ def read_study(folder: Path) -> ReadStudy:
         raise ArtefactError(
             f"{path} is damaged: {unknown.pop()} distractors are not a condition of this study."
         )
-    by_person = {number: tuple(given) for number, given in answers.items()}
+    by_person = {number: tuple(person_answers) for number, person_answers in answers.items()}
     return ReadStudy(record, tuple(people), by_person)

@@ -170,7 +170,7 @@ def _finished(sessions: Sequence[Session]) -> int:
 def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
     """Check that sessions may be summed up, see :func:`view_people`."""
     reference: tuple[Path, Header] | None = None
-    seen: dict[tuple[tuple[Answer, ...], ...], Path] = {}
+    folders: dict[tuple[tuple[Answer, ...], ...], Path] = {}
     for path, sessions in sources.items():
         for session in sessions:
             # The first session is the reference, whichever it is: all must be alike.
@@ -182,12 +182,12 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
             like = msgspec.structs.replace(first, seed=session.header.seed, settings=settings)
             check_alike(path, session.header, f"'{first_path}'", like)
         answers = tuple(session.answers for session in sessions)
-        if answers in seen:
+        if answers in folders:
             raise ArtefactError(
-                f"{path} has the same answers as {seen[answers]}; give each study once."
+                f"{path} has the same answers as {folders[answers]}; give each study once."
             )
         if any(answers):  # studies without answers are equal without being the same
-            seen[answers] = path
+            folders[answers] = path
     if reference is None:
         raise ConfigError("no session: expected a study with participants.")
 

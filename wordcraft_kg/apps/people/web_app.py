@@ -192,11 +192,11 @@ class _Server:
         return endpoint
 
     def introduction(self, _: Request, __: Form, code: str, person: Participant) -> Response:
-        given = self.answers.answers_of(person)
+        answers = self.answers.answers_of(person)
         tasks = self.study.tasks(person.cell)
-        if len(given) == len(tasks):
+        if len(answers) == len(tasks):
             return _to(f"/s/{code}/end")
-        return self._page("introduction", code=code, given=len(given), tasks=tasks)
+        return self._page("introduction", code=code, given=len(answers), tasks=tasks)
 
     def task(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks = self.study.tasks(person.cell)
@@ -219,7 +219,7 @@ class _Server:
         )
 
     def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
-        now = (
+        time = (
             self.clock()
         )  # before anything else: waiting for the database is not the person's time
         tasks = self.study.tasks(person.cell)
@@ -243,7 +243,7 @@ class _Server:
         if first is None or second is None:
             return present_task
         # After a restart, the clock may begin before the time of showing.
-        seconds = max(now - shown, 0.0)
+        seconds = max(time - shown, 0.0)
         answer = self.study.protocol(person.cell).answer(task, (first, second), seconds)
         self.answers.add(person, answer)
         return self._after(code, tasks, number)
@@ -259,17 +259,17 @@ class _Server:
 
     def feedback(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks = self.study.tasks(person.cell)
-        given = self.answers.answers_of(person)
+        answers = self.answers.answers_of(person)
         # Train tasks come first, so their numbers are places. Only answered ones have a solution.
         number = _number(request.path_params["number"])
         place = -1 if number is None else number - 1
-        if not 0 <= place < min(len(given), self.study.record.tasks):
+        if not 0 <= place < min(len(answers), self.study.record.tasks):
             return _to(f"/s/{code}/task")
         return self._page(
             "feedback",
             code=code,
             task=tasks[place],
-            answer=given[place],
+            answer=answers[place],
             place=place + 1,
             all=len(tasks),
         )
@@ -279,12 +279,12 @@ class _Server:
         return _to("/withdrawn")
 
     def end(self, _: Request, __: Form, code: str, person: Participant) -> Response:
-        given = self.answers.answers_of(person)
-        if len(given) < len(self.study.tasks(person.cell)):
+        answers = self.answers.answers_of(person)
+        if len(answers) < len(self.study.tasks(person.cell)):
             return _to(f"/s/{code}/task")
         correct = {}
         for part in HUMAN_PARTS:
-            successes = [answer.success for answer in given if answer.part == part]
+            successes = [answer.success for answer in answers if answer.part == part]
             correct[part] = (sum(successes), len(successes))
         return self._page("end", code=code, correct=correct)
 

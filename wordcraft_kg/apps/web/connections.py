@@ -39,10 +39,10 @@ def most_web_sockets() -> int:
         return sys.maxsize
     import resource
 
-    allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if allowed == resource.RLIM_INFINITY:
+    soft_limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft_limit == resource.RLIM_INFINITY:
         return sys.maxsize
-    return max((allowed - _OTHER_FILES) // 3, 8)
+    return max((soft_limit - _OTHER_FILES) // 3, 8)
 
 
 def most_connections() -> int:
@@ -73,15 +73,17 @@ class Connection(H11Protocol):
         self._silent_since = self.loop.time()
         self._unsent = 0
         # A web socket leaves this class, but stays in the set.
-        own = [one for one in self.connections if isinstance(one, Connection)]
-        if len(own) > self.limit:
+        http = [held for held in self.connections if isinstance(held, Connection)]
+        if len(http) > self.limit:
             # The new connection waits for its client as well, so there is always one.
-            waiting = [one for one in own if one._patience() is not None]
-            min(waiting, key=lambda one: one._silent_since).end()
+            waiting = [held for held in http if held._patience() is not None]
+            min(waiting, key=lambda held: held._silent_since).end()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
         """Let a web socket leave this class, or refuse it if there are too many."""
-        web_sockets = [one for one in self.connections if not isinstance(one, Connection)]
+        web_sockets = [
+            connection for connection in self.connections if not isinstance(connection, Connection)
+        ]
         if len(web_sockets) < self.web_socket_limit:
             super().handle_websocket_upgrade(event)
             return

@@ -167,8 +167,10 @@ class _Sender:
         """Send a message; the first one of an answer carries the headers."""
         if message["type"] == "http.response.start":
             self.has_begun = True
-            own = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
-            message = {**message, "headers": [*message.get("headers", ()), *own]}
+            security_headers = [
+                (name.lower().encode(), value.encode()) for name, value in HEADERS.items()
+            ]
+            message = {**message, "headers": [*message.get("headers", ()), *security_headers]}
         await self.send(message)
 
 

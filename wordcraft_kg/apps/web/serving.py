@@ -135,15 +135,15 @@ def serve(
         server_header=False,
         timeout_graceful_shutdown=PATIENCE,
     )
-    once = _Once()
-    logging.getLogger("uvicorn.error").addFilter(once)
+    signal_once = _Once()
+    logging.getLogger("uvicorn.error").addFilter(signal_once)
     try:
         with sigterm_as_interrupt():  # the server finishes requests and raises the signal again
             Server(config).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # the normal end
     finally:
-        logging.getLogger("uvicorn.error").removeFilter(once)
+        logging.getLogger("uvicorn.error").removeFilter(signal_once)
         listening.close()
 
 

@@ -6,12 +6,8 @@ import shutil
 import pytest
 
 from tests.apps.explorer.browser.conftest import served
-from tests.apps.explorer.browser.test_pages import PHONE, TOO_WIDE
-from tests.apps.explorer.shown import HOSTILE
-from tests.apps.explorer.test_agent_pages import explored_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.server import make_app
-from wordcraft_kg.graphs import RecipeBook, SplitConfig
 
 
 def values_of(lines):
@@ -48,30 +44,6 @@ def test_a_table_is_edited_and_asked_again(open_page, site, has_script):
     for _ in range(3):
         page.go_back()
     assert page.locator("main").inner_text() == before
-
-
-def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_page, tmp_path):
-    rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
-    explored = explored_of(
-        RecipeBook.of("hostile", rows), SplitConfig("none"), tmp_path, distractors=4
-    )
-    with served(make_app(explored)) as site:
-        page = open_page(viewport=PHONE)
-        page.goto(f"{site}/tasks")
-        assert page.evaluate(TOO_WIDE) == []
-        links = page.locator("tbody a", has_text="show")
-        addresses = [links.nth(i).get_attribute("href") for i in range(links.count())]
-        assert len(addresses) == len(HOSTILE)
-        for address in addresses:
-            page.goto(site + address)
-            assert page.evaluate(TOO_WIDE) == []
-            heading = page.locator("h1").inner_text()
-            page.get_by_text("Edit the table").click()
-            page.get_by_role("button", name="Show actions").click()
-            page.wait_for_url("**table=*")
-            assert page.locator("h1").inner_text() == f"{heading}, edited table"
-            assert page.evaluate(TOO_WIDE) == []
-            assert not page.locator("main img, main script").count()
 
 
 def test_a_training_is_followed_and_agents_are_compared(

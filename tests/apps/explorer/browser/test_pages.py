@@ -42,14 +42,6 @@ def test_each_page_of_the_menu_is_reached_from_the_first_page(open_page, site, e
     assert page.url == f"{site}/home"
 
 
-def test_each_page_is_the_same_after_it_is_loaded_again(open_page, visits):
-    page = open_page()
-    for _ in visits(page):
-        before = page.url, page.locator("main").inner_text()
-        page.reload()
-        assert (page.url, page.locator("main").inner_text()) == before
-
-
 TOO_WIDE = """() => {
   const limit = document.documentElement.clientWidth;
   if (document.scrollingElement.scrollWidth <= limit) return [];
@@ -210,16 +202,6 @@ def test_long_labels_and_markup_break_no_page_of_predictions(
     assert page.locator("main img, main script").count() == 0
     for label in (choices.get("entity"), choices.get("head"), choices.get("a")):
         assert label is None or label in page.locator("h1").inner_text()
-
-
-def test_a_form_that_is_sent_keeps_a_hostile_entity(open_page, predicted_site):
-    page, entity = open_page(), PAGES["entity"]
-    for label in ("a/b", MARKUP):
-        page.goto(predicted_site + entity.address(entity.state(entity=label)))
-        page.get_by_label("Training links").select_option("true")
-        page.wait_for_url("**learned=true**")
-        assert page.locator("h1").inner_text() == label
-        assert page.get_by_label("Training links").input_value() == "true"
 
 
 def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page, site):

@@ -159,24 +159,6 @@ def test_early_keys_are_not_another_first_pick(page):
     page.wait_for_url("**first=1")
 
 
-def test_the_back_button_and_reloads_change_no_answer(page, study):
-    task = page.url
-    pick(page, 0, 1)
-    page.wait_for_url("**/feedback/1")
-    (kept,) = study.lines()
-    page.reload()
-    page.go_back()
-    page.wait_for_load_state()
-    assert "Practice task 2 of 2" in page.locator("main").inner_text()
-    page.goto(task)
-    assert study.lines() == [kept]
-    page.reload()
-    pick(page, 0, 1)
-    page.wait_for_url("**/feedback/2")
-    assert [line.number for line in study.lines()] == [1, 2]
-    assert study.lines()[1].loads >= 2
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page, study, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()

@@ -45,7 +45,7 @@ def elicit(
 
     if random_weights is not None:
         whole("random_weights", random_weights, 0)
-    read = read_prompts(prompts or DEFAULT)
+    prompt_texts = read_prompts(prompts or DEFAULT)
     recipes = open_graph(graph).graph
     check_output(out, force=force)
     check_extra("text")
@@ -58,7 +58,9 @@ def elicit(
 
     language_model = open_language_model(locate_model("model", model), random_weights)
     progress = output.progress("reading texts", unit="text")
-    knowledge = elicit_knowledge(out, recipes, language_model, read, report=progress, force=force)
+    knowledge = elicit_knowledge(
+        out, recipes, language_model, prompt_texts, report=progress, force=force
+    )
     shown = strongest(knowledge)
     text = aligned((name, "; ".join(phrases)) for name, phrases in shown.items())
     values = {

@@ -37,37 +37,37 @@ def encode(
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.graphs.recipes import check_label
 
-    graphs = [open_graph(each).graph for each in (graph, *others)]
+    graphs = [open_graph(source).graph for source in (graph, *others)]
     folder = out or Path("vectors") / graphs[0].name
     check_output(folder, force=force)
     check_extra("text")
     # Each label once, in order: books share entities, and a vector belongs to a label.
     every: dict[str, None] = {}
-    for each in graphs:
-        every |= dict.fromkeys(each.entities)
+    for source in graphs:
+        every |= dict.fromkeys(source.entities)
     for label in split_labels(labels or []):
         every[check_label(label, "`labels`")] = None
     names = list(every)
     from wordcraft_kg.apps.elicitation.encoder import encode_folder
     from wordcraft_kg.apps.elicitation.weights import locate_model
 
-    written, dimensions, hashes = encode_folder(
+    vectors_folder, dimensions, hashes = encode_folder(
         folder,
         names,
         locate_model("encoder", encoder),
         inputs={
             "graph": graphs[0].hash,
-            **{f"graph {each.name}": each.hash for each in graphs[1:]},
+            **{f"graph {source.name}": source.hash for source in graphs[1:]},
         },
         report=output.progress("encoding", unit="label"),
         force=force,
     )
     size = len(names)
-    following = command_line("train-recipes", graph, "--features", written)
+    following = command_line("train-recipes", graph, "--features", vectors_folder)
     output.result(
-        {"out": str(written), "labels": size, "dimensions": dimensions, "weights": hashes},
+        {"out": str(vectors_folder), "labels": size, "dimensions": dimensions, "weights": hashes},
         [
             f"encoded {size:,} labels in {dimensions} dimensions",
-            f"wrote {written}/   next: {following}",
+            f"wrote {vectors_folder}/   next: {following}",
         ],
     )

@@ -120,13 +120,13 @@ def view_compared_ranks(
         )
     # Both tables have the same rows, see above, but the filters for rank and training data may
     # choose different ones.
-    left = one.rows(chosen)
-    right = other.rows(chosen)
-    both = left.index.intersection(right.index)
-    left = left.loc[both]
-    right = right.loc[both]
+    ranks = one.rows(chosen)
+    other_ranks = other.rows(chosen)
+    queries = ranks.index.intersection(other_ranks.index)
+    ranks = ranks.loc[queries]
+    other_ranks = other_ranks.loc[queries]
     # Reciprocal ranks, as in the MRR: a difference among the first ranks counts most.
-    gain = (1 / left["rank"] - 1 / right["rank"]).to_numpy(dtype=float)
+    gain = (1 / ranks["rank"] - 1 / other_ranks["rank"]).to_numpy(dtype=float)
     is_listed = {
         "either": np.ones(len(gain), dtype=bool),
         "one": gain > 0,
@@ -135,22 +135,22 @@ def view_compared_ranks(
     by_gain = np.argsort(-np.abs(gain), kind="stable")
     # A link has a row for each side, a symmetric link also for each direction: the largest
     # difference is kept.
-    ordered = left.iloc[by_gain[is_listed[by_gain]]].drop_duplicates("link")
+    ordered = ranks.iloc[by_gain[is_listed[by_gain]]].drop_duplicates("link")
     shown = paging(len(ordered), page, ROWS_A_PAGE)
     rows = ordered.index[shown.rows]
     graph = one.split.graph
     pairs = zip(
-        ranked_queries(graph, left.loc[rows]),
-        ranked_queries(graph, right.loc[rows]),
+        ranked_queries(graph, ranks.loc[rows]),
+        ranked_queries(graph, other_ranks.loc[rows]),
         strict=True,
     )
     return ComparedRanks(
         models=(one.name, other.name),
         chosen=chosen,
         listed=better,
-        metrics=(ranking_metrics(left), ranking_metrics(right)),
+        metrics=(ranking_metrics(ranks), ranking_metrics(other_ranks)),
         better=(int((gain > 0).sum()), int((gain < 0).sum())),
-        learned=int((left["learned"] | right["learned"]).sum()),
+        learned=int((ranks["learned"] | other_ranks["learned"]).sum()),
         sample=one.sample,
         paging=shown,
         queries=tuple(pairs),
@@ -171,19 +171,19 @@ def _view(explored: Explored, state: CompareState) -> ModelsCompared:
     names = list(explored.models)
     first = state.one or next(name for name in names if name != state.other)
     second = state.other or next(name for name in names if name != first)
-    one = explored.predictor(first)
-    other = explored.predictor(second)
+    predictor = explored.predictor(first)
+    other_predictor = explored.predictor(second)
     # The comparison resamples test triples, which takes seconds.
-    key = ("compared", one.name, other.name)
-    headline, why = explored.once(key, lambda: _headline(one, other))
+    key = ("compared", predictor.name, other_predictor.name)
+    headline, reason = explored.once(key, lambda: _headline(predictor, other_predictor))
     ranks = view_compared_ranks(
-        ranked_by(explored, one.name),
-        ranked_by(explored, other.name),
+        ranked_by(explored, predictor.name),
+        ranked_by(explored, other_predictor.name),
         state.chosen,
         state.better,
         state.page,
     )
-    return ModelsCompared(headline=headline, without_headline=why, ranks=ranks)
+    return ModelsCompared(headline=headline, without_headline=reason, ranks=ranks)
 
 
 def _headline(

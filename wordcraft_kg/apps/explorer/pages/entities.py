@@ -94,22 +94,22 @@ def list_entities(
     }
     shown = paging(len(ids), page, ENTITIES_A_PAGE)
     # Ids are in the order of labels, so a stable sort breaks ties by label.
-    chosen = ids[np.argsort(keys[order], kind="stable")][shown.rows]
+    listed_ids = ids[np.argsort(keys[order], kind="stable")][shown.rows]
     rows = zip(
-        graph.labels(chosen.tolist()),
-        layer[chosen].tolist(),
-        graph.recipe_counts[chosen].tolist(),
-        graph.use_counts[chosen].tolist(),
+        graph.labels(listed_ids.tolist()),
+        layer[listed_ids].tolist(),
+        graph.recipe_counts[listed_ids].tolist(),
+        graph.use_counts[listed_ids].tolist(),
         strict=True,
     )
     entities = tuple(
         ListedEntity(
             entity=label,
             layer=at if at >= 0 else None,
-            recipes=made,
-            uses=used,
+            recipes=num_recipes,
+            uses=num_uses,
         )
-        for label, at, made, used in rows
+        for label, at, num_recipes, num_uses in rows
     )
     return EntityList(wanted=wanted, order=order, paging=shown, entities=entities)
 
@@ -131,7 +131,7 @@ def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[s
     if not text:
         return ()
     names = _folded_labels(graph)
-    used = graph.use_counts
+    use_counts = graph.use_counts
 
     def key(i: int) -> tuple[bool, bool, bool, int, int]:
         # False sorts before True: the better match first. The id at the end makes the order total.
@@ -140,7 +140,7 @@ def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[s
             name != text,
             not name.startswith(text),
             f" {text}" not in name,
-            -used[i],
+            -use_counts[i],
             i,
         )
 
@@ -149,8 +149,8 @@ def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[s
 
 def _folded(text: str) -> str:
     # NFKD separates accents from letters; the accents are then left out.
-    apart = unicodedata.normalize("NFKD", text.strip().casefold())
-    return "".join(letter for letter in apart if not unicodedata.combining(letter))
+    letters = unicodedata.normalize("NFKD", text.strip().casefold())
+    return "".join(letter for letter in letters if not unicodedata.combining(letter))
 
 
 def _matching(graph: RecipeGraph, wanted: str) -> Ids:

@@ -194,10 +194,10 @@ def _recipes(split: Split, state: RecipesState, size: int) -> EntityRecipes:
     rows = rows_of(state.entity)
     # Counts of all parts, before the filter: the page links to the other parts.
     counts = np.bincount(split.parts[rows], minlength=len(PARTS)).tolist()
-    chosen = rows
+    part_rows = rows
     if state.part:
-        chosen = rows[split.parts[rows] == PARTS.index(state.part)]
-    shown = paging(len(chosen), state.page, size)
+        part_rows = rows[split.parts[rows] == PARTS.index(state.part)]
+    shown = paging(len(part_rows), state.page, size)
     return EntityRecipes(
         entity=state.entity,
         use=state.use,
@@ -207,7 +207,7 @@ def _recipes(split: Split, state: RecipesState, size: int) -> EntityRecipes:
             if count
         },
         paging=shown,
-        recipes=placed_recipes(split, chosen[shown.rows]),
+        recipes=placed_recipes(split, part_rows[shown.rows]),
     )
 
 
@@ -228,14 +228,14 @@ def near_by_words(
     if not words.known[entity]:
         return []
     cosines: NDArray[np.float32] = words.unit_vectors @ words.unit_vectors[entity]
-    others = np.flatnonzero(words.known)
-    others = others[others != entity]
-    order = others[np.argsort(-cosines[others], kind="stable")]
-    return [(other, float(cosines[other])) for other in order[:limit].tolist()]
+    candidates = np.flatnonzero(words.known)
+    candidates = candidates[candidates != entity]
+    order = candidates[np.argsort(-cosines[candidates], kind="stable")]
+    return [(candidate, float(cosines[candidate])) for candidate in order[:limit].tolist()]
 
 
 def _alike(labels: tuple[str, ...], neighbours: list[tuple[int, float]]) -> tuple[AlikeEntity, ...]:
-    return tuple(AlikeEntity(labels[other], cosine) for other, cosine in neighbours)
+    return tuple(AlikeEntity(labels[neighbour], cosine) for neighbour, cosine in neighbours)
 
 
 def _exported_recipes(explored: Explored) -> Iterator[RecipesState]:

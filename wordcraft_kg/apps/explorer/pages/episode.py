@@ -194,16 +194,16 @@ def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
     # All agents act by the rules of one world, that of the first agent.
     world = explored.world_of(explored.settings_of(tasks, state.part, state.depth, distractors))
     # A dict, so that a run that is given twice is shown once.
-    others = dict(explored.followed(other) for other in state.other if other)
+    other_runs = dict(explored.followed(followed) for followed in state.other if followed)
     whole("task", state.task, 0, len(world.tasks) - 1)
     task = world.tasks[state.task]
     explained = _explained(run, world, state)
     agents = [_agent(first, run, explained)]
-    for name, other in others.items():
+    for name, followed in other_runs.items():
         if name != first:
             # A problem of another agent does not keep the first from acting.
             try:
-                agents.append(_agent(name, other, _explained(other, world, state)))
+                agents.append(_agent(name, followed, _explained(followed, world, state)))
             except (ArtefactError, ConfigError) as error:
                 agents.append(
                     AgentAtTable(
@@ -270,9 +270,9 @@ def _pairs(episode: ExplainedEpisode) -> Iterator[tuple[str, str]]:
     """Yield the pairs of an episode: a selection at the start and the actions, two by two."""
     # Without a selection at the start, the first label is None.
     labels = [episode.steps[0].selection, *(step.action for step in episode.steps)]
-    chosen = [label for label in labels if label]
+    labels_on_table = [label for label in labels if label]
     # The last attempt may be unfinished.
-    yield from zip(chosen[::2], chosen[1::2], strict=False)
+    yield from zip(labels_on_table[::2], labels_on_table[1::2], strict=False)
 
 
 class _Replay:
@@ -296,13 +296,13 @@ class _Replay:
                 yield None
                 continue
             # Outcomes are by ids in ascending order.
-            one, other = sorted(map(graph.id_of, pair))
-            results = graph.labels(self.world.outcomes.get((one, other), ()))
-            made = tuple(label for label in results if label not in table)
+            first_id, second_id = sorted(map(graph.id_of, pair))
+            results = graph.labels(self.world.outcomes.get((first_id, second_id), ()))
+            new_labels = tuple(label for label in results if label not in table)
             first = self._pick(pair[0], table, None)
             second = self._pick(pair[1], table, pair[0])
-            yield Attempt((first, second), made)
-            table += made
+            yield Attempt((first, second), new_labels)
+            table += new_labels
 
     def _pick(self, label: str, table: tuple[str, ...], selection: str | None) -> Pick:
         # A recorded player may use entities that this table does not have, such as results by other

@@ -65,23 +65,23 @@ def list_games(explored: Explored, state: GamesState) -> GameTables:
 def _listed(explored: Explored, games: list[TableGame]) -> ListedTable:
     graph = explored.opened.graph
     # All games of a group have the same goal and table.
-    one = games[0]
+    first_game = games[0]
     settings: dict[str, Any] = {
-        "goal": one.goal,
-        "table": one.table,
-        "part": one.part,
-        "depth": one.depth,
+        "goal": first_game.goal,
+        "table": first_game.table,
+        "part": first_game.part,
+        "depth": first_game.depth,
     }
     config = explored.settings_of(explored.tasks_of(None), settings["part"], settings["depth"])
     tasks = explored.plain_world(config).tasks
     # Starting ingredients are padded with num_entities.
-    have = {graph.num_entities, *map(graph.id_of, one.table)}
-    for task in np.flatnonzero(tasks.goals == graph.id_of(one.goal)).tolist():
+    have = {graph.num_entities, *map(graph.id_of, first_game.table)}
+    for task in np.flatnonzero(tasks.goals == graph.id_of(first_game.goal)).tolist():
         # Of several tasks that the table allows, the last one: the table does not tell which was
         # played.
         if have.issuperset(tasks.starts[task].tolist()):
             settings["task"] = task
-            settings["distractors"] = len(one.table) - len(tasks[task].start)
+            settings["distractors"] = len(first_game.table) - len(tasks[task].start)
     return ListedTable(
         solved=tuple(game.player for game in games if game.success),
         not_solved=tuple(game.player for game in games if not game.success),

@@ -75,22 +75,22 @@ def _view(explored: Explored, _: HomeState) -> Overview:
     graph = explored.opened.graph
     layer = layers(graph)
     # Half-products of chains are no things of the game.
-    whole = ~graph.is_half_product
+    is_entity = ~graph.is_half_product
 
     def first(keys: np.ndarray) -> tuple[str, ...]:
         # Only positive keys: unused entities, the base (layer 0) and unreachable entities (-1) are
         # no examples.
-        keys = np.where(whole, keys, 0)
+        keys = np.where(is_entity, keys, 0)
         order = np.argsort(-keys, kind="stable")
         return graph.labels(order[keys[order] > 0][:EXAMPLES].tolist())
 
     return Overview(
         graph=graph.name,
         hash=graph.hash,
-        entities=int(whole.sum()),
+        entities=int(is_entity.sum()),
         recipes=int((~graph.makes_half_product).sum()),
         base=graph.base,
-        reachable=int(((layer >= 0) & whole).sum()),
+        reachable=int(((layer >= 0) & is_entity).sum()),
         layers=max(int(layer.max(initial=0)), 0),
         split=split_summary(explored.opened.split),
         most_used=first(graph.use_counts),

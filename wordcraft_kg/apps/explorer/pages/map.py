@@ -320,20 +320,20 @@ def view_map(graph: RecipeGraph, whole: MapView, entity: str = "") -> MapView:
     """
     if not entity:
         return whole
-    chosen = graph.id_of(entity)
-    kinds = _partners(graph, chosen)
+    entity_id = graph.id_of(entity)
+    kinds = _partners(graph, entity_id)
     spot_of = {graph.id_of(spot.entity): spot for spot in whole.spots}
-    number_of = {placed: number for number, placed in enumerate(spot_of)}
+    number_of = {placed_id: number for number, placed_id in enumerate(spot_of)}
     spots = list(whole.spots)
     # The entity itself first, so that it has a place among many partners; each of them once.
-    wanted = dict.fromkeys([chosen, *np.concatenate(kinds).tolist()])
-    without_place = [one for one in wanted if one not in number_of]
+    shown_ids = dict.fromkeys([entity_id, *np.concatenate(kinds).tolist()])
+    without_place = [shown_id for shown_id in shown_ids if shown_id not in number_of]
     for guest in without_place[:GUESTS]:
         number_of[guest] = len(spots)
         spots.append(_guest(graph, spot_of, guest))
     combines, makes, made_of = (_shown_partners(graph, kind, number_of) for kind in kinds)
     links = Links(
-        entity=number_of[chosen],
+        entity=number_of[entity_id],
         combines=combines,
         makes=makes,
         made_of=made_of,
@@ -342,24 +342,24 @@ def view_map(graph: RecipeGraph, whole: MapView, entity: str = "") -> MapView:
 
 
 def _shown_partners(graph: RecipeGraph, partners: Ids, number_of: Mapping[int, int]) -> Partners:
-    placed = [number_of[one] for one in partners.tolist() if one in number_of]
+    spots = [number_of[partner] for partner in partners.tolist() if partner in number_of]
     return Partners(
         total=len(partners),
         listed=graph.labels(partners[:LISTED].tolist()),
-        placed=tuple(placed[:DRAWN]),
+        placed=tuple(spots[:DRAWN]),
     )
 
 
 def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
     """Return an entity's partners, products and ingredients, as ids, each the most used first."""
-    used = graph.recipes[graph.uses_of(entity)]
+    recipes = graph.recipes[graph.uses_of(entity)]
     # The sum of both ingredients without the entity is the other one, also for an entity with
     # itself.
-    others = used[:, :2].sum(axis=1) - entity
+    partners = recipes[:, :2].sum(axis=1) - entity
     made_of = graph.recipes[graph.recipes_of(entity), :2]
     return (
-        _most_used(graph, others),
-        _most_used(graph, used[:, 2]),
+        _most_used(graph, partners),
+        _most_used(graph, recipes[:, 2]),
         _most_used(graph, made_of),
     )
 
@@ -400,23 +400,23 @@ def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot
 def _view(explored: Explored, state: MapState) -> MapView:
     graph = explored.opened.graph
     # The layout takes seconds, the links of an entity hardly any time.
-    whole = explored.once("map", lambda: map_of(graph))
-    return view_map(graph, whole, state.entity)
+    whole_map = explored.once("map", lambda: map_of(graph))
+    return view_map(graph, whole_map, state.entity)
 
 
 def _draw(view: MapView, state: MapState, address: Addresses) -> Mapping[str, Any]:
     has_groups = state.colour == "group"
     roles = _roles(view.chosen)
-    named = _named(view.spots, roles)
+    labels = _named(view.spots, roles)
     dots = []
     for number, spot in enumerate(view.spots):
         if has_groups:
             colour = charts.colour_of(spot.group)
         else:
             colour = _shade_of(spot, view.layers)
-        size = 1 + sum(spot.uses >= least for least in SIZES)
+        size = 1 + sum(spot.uses >= threshold for threshold in SIZES)
         style = f"{colour} r{size}{roles.get(number, '')}"
-        if number not in named:
+        if number not in labels:
             style += " far"
         # A static site has entity pages, but no map for each entity.
         href = address(PAGE, MapState(entity=spot.entity, colour=state.colour))
@@ -460,10 +460,10 @@ def _place_of_label(spot: Spot) -> tuple[float, float, int]:
 
 def _others(pairs: Sequence[tuple[int, int]], size: int) -> list[list[int]]:
     """Return the second dots of all pairs by the first dot: shorter in the page than pairs."""
-    others: list[list[int]] = [[] for _ in range(size)]
-    for one, other in pairs:
-        others[one].append(other)
-    return others
+    neighbours: list[list[int]] = [[] for _ in range(size)]
+    for first_spot, second_spot in pairs:
+        neighbours[first_spot].append(second_spot)
+    return neighbours
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:
@@ -473,9 +473,9 @@ def _groups(view: MapView) -> list[tuple[str, str, int]]:
         for number, group in enumerate(view.groups)
     ]
     legend = shown[: charts.COLOURS]
-    others = sum(size for _, _, size in shown[charts.COLOURS :])
-    if others:
-        legend.append(("series-other", "other groups", others))
+    num_rest = sum(size for _, _, size in shown[charts.COLOURS :])
+    if num_rest:
+        legend.append(("series-other", "other groups", num_rest))
     return legend
 
 

@@ -67,14 +67,14 @@ class PairProfile(Record):
 def _view(explored: Explored, state: PairState) -> PairProfile:
     graph = explored.opened.graph
     (a, b), examples = _pair(explored, state)
-    one = graph.id_of(a)
-    other = graph.id_of(b)
-    recipes = recipes_giving(graph, one, COMBINES_WITH, other)
+    a_id = graph.id_of(a)
+    b_id = graph.id_of(b)
+    recipes = recipes_giving(graph, a_id, COMBINES_WITH, b_id)
     predictor = explored.predictor(state.model) if explored.models else None
     link = None
     results = None
     if predictor is not None:
-        link = predictor.ranked(predictor.slot(one, COMBINES_WITH, "tail"), other)
+        link = predictor.ranked(predictor.slot(a_id, COMBINES_WITH, "tail"), b_id)
         if predictor.scores_recipes:
             results = _results(explored, predictor, RecipeQuery(a, b, None))
     return PairProfile(

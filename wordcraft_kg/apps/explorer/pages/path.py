@@ -153,7 +153,7 @@ def _view(explored: Explored, state: PathState) -> PathView:
         steps = _steps(split, planner.derivation(goal).steps)
         outcome = "made" if steps else "base"
     shown = paging(len(steps), state.page, STEPS_A_PAGE)
-    used = [step.part for step in steps]
+    parts = [step.part for step in steps]
     return PathView(
         entity=graph.entities[goal],
         examples=graph.labels(furthest[1:]),
@@ -162,7 +162,7 @@ def _view(explored: Explored, state: PathState) -> PathView:
         steps=len(steps),
         layers=max((step.layer for step in steps), default=0),
         cost="" if cost == math.inf else approximate(int(cost)),
-        parts={part: used.count(part) for part in PARTS if part in used},
+        parts={part: parts.count(part) for part in PARTS if part in parts},
         paging=shown,
         listed=steps[shown.rows],
         drawn=_last(steps),
@@ -198,16 +198,16 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
         return nx.DiGraph(triples[:, [0, 2]].tolist())
 
     links = explored.once("components", components)
-    for one, other in ((start, goal), (goal, start)):
+    for source, target in ((start, goal), (goal, start)):
         # networkx raises for an entity without links.
-        if one in links and other in links and nx.has_path(links, one, other):
+        if source in links and target in links and nx.has_path(links, source, target):
             rows = []
-            for head, tail in pairwise(nx.shortest_path(links, one, other)):
+            for head, tail in pairwise(nx.shortest_path(links, source, target)):
                 giving = recipes_giving(graph, head, COMPONENT_OF, tail)
                 # Part numbers ascend from train; argmin takes the first of equal ones.
                 rows.append(int(giving[split.parts[giving].argmin()]))
             steps = _steps(split, tuple(graph.recipe_labels(graph.recipes[rows])))
-            return Chain(graph.entities[one], graph.entities[other], steps)
+            return Chain(graph.entities[source], graph.entities[target], steps)
     return Chain(graph.entities[start], graph.entities[goal], ())
 
 
@@ -229,14 +229,14 @@ def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
     """Return the recipes of a derivation, in execution order, with their parts and layers."""
     # Forward: the earliest layer of each result, and with it the number of layers.
     earliest: dict[str, int] = {}
-    for one, other, result in recipes:
-        before = max(earliest.get(one, 0), earliest.get(other, 0))
+    for a, b, result in recipes:
+        before = max(earliest.get(a, 0), earliest.get(b, 0))
         earliest[result] = before + 1
     layer = dict.fromkeys(earliest, max(earliest.values(), default=0))
     # Backward: each ingredient as late as its uses allow, so that lines are short. Base entities
     # have no layer.
-    for one, other, result in reversed(recipes):
-        for ingredient in (one, other):
+    for a, b, result in reversed(recipes):
+        for ingredient in (a, b):
             if ingredient in layer:
                 layer[ingredient] = min(layer[ingredient], layer[result] - 1)
     return tuple(
@@ -252,10 +252,10 @@ def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
 
 def _part_of(split: Split, recipe: Recipe) -> Part:
     graph = split.graph
-    wanted = [graph.id_of(label) for label in recipe]
-    rows = graph.recipes_of(wanted[2])
+    ids = [graph.id_of(label) for label in recipe]
+    rows = graph.recipes_of(ids[2])
     # The graph has each recipe once, with ingredients in the order of ids, which is that of labels.
-    is_wanted = (graph.recipes[rows] == wanted).all(axis=1)
+    is_wanted = (graph.recipes[rows] == ids).all(axis=1)
     (row,) = rows[is_wanted].tolist()
     return PARTS[split.parts[row]]  # type: ignore[return-value]
 
@@ -283,7 +283,7 @@ def _sources(planner: Planner, goal: int) -> list[int]:
     """Return the missing entities without recipes that a goal depends on, ascending."""
     graph = planner.graph
     sources = []
-    seen = {goal}
+    visited = {goal}
     stack = [goal]
     while stack:
         entity = stack.pop()
@@ -292,9 +292,9 @@ def _sources(planner: Planner, goal: int) -> list[int]:
             sources.append(entity)
         ingredients = set(recipes[:, :2].ravel().tolist())
         # Recipes may form a cycle: an entity is followed once.
-        needed = {i for i in ingredients if planner.costs[i] == math.inf} - seen
-        seen |= needed
-        stack.extend(needed)
+        unreachable = {i for i in ingredients if planner.costs[i] == math.inf} - visited
+        visited |= unreachable
+        stack.extend(unreachable)
     # The order of a set is not that of ids.
     return sorted(sources)
 
@@ -314,7 +314,7 @@ def _drawn(
 ) -> Markup:
     crafts = []
     for step in steps:
-        one, other, result = step.recipe
+        a, b, result = step.recipe
         styles = []
         if result == goal:
             styles.append("goal")
@@ -325,9 +325,9 @@ def _drawn(
                 label=result,
                 href=address(PAGE, PathState(entity=result)),
                 layer=step.layer,
-                of=(one, other),
+                of=(a, b),
                 style=" ".join(styles),
-                title=f"{one} + {other} → {result} ({step.part})",
+                title=f"{a} + {b} → {result} ({step.part})",
             )
         )
     return charts.layered(crafts, given, f"Crafts that lead to {goal}, in layers")

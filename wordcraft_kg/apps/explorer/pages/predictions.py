@@ -278,16 +278,16 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
     split = predictor.split
     graph = split.graph
     unseen = split.held_out("test")
-    others = graph.triples[~is_in(graph.triples, unseen, graph.num_entities)]
+    other_triples = graph.triples[~is_in(graph.triples, unseen, graph.num_entities)]
     if max_triples is None:
         # Not more than the report ranks (a triple has two queries), and less for many entities,
         # which all get scores.
         is_by_lists = predictor.scores_recipes and not has_table(graph.num_entities)
         affordable = (BY_LISTS if is_by_lists else SCORES) // max(graph.num_entities, 1)
         max_triples = min(MAX_QUERIES // 2, max(MIN_TRIPLES, affordable))
-    taken = [sampled(triples, max_triples) for triples in (unseen, others)]
-    chosen = np.concatenate(taken)
-    ranks = rank_triples(predictor.model.scorer, chosen, graph.triples)
+    samples = [sampled(triples, max_triples) for triples in (unseen, other_triples)]
+    ranked_triples = np.concatenate(samples)
+    ranks = rank_triples(predictor.model.scorer, ranked_triples, graph.triples)
     new = _first_new(predictor, ranks)
     return RankedTriples(
         name=predictor.name,
@@ -296,10 +296,10 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
         ranks=_described(predictor, ranks),
         new=_described(predictor, new),
         sample=RankSample(
-            unseen=len(taken[0]),
+            unseen=len(samples[0]),
             unseen_of=len(unseen),
-            others=len(taken[1]),
-            others_of=len(others),
+            others=len(samples[1]),
+            others_of=len(other_triples),
         ),
     )
 

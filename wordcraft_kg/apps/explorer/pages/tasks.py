@@ -128,7 +128,9 @@ class TaskResults:
     def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
         """Count an agent's evaluated episodes for each task in a task set."""
         played = {
-            (one.goal, one.start): one.terminations for one in episodes if one.part == tasks.part
+            (episode.goal, episode.start): episode.terminations
+            for episode in episodes
+            if episode.part == tasks.part
         }
         # Starting ingredients are padded with num_entities, here the index of the empty label.
         labels = np.array([*tasks.graph.entities, ""], dtype=object)
@@ -192,8 +194,8 @@ def view_task_table(
     kinds: tuple[Won, ...] = ()
     if results.distractor_seeds[is_chosen].any():
         kinds = ("always", "sometimes", "never")
-    chosen = np.flatnonzero(is_chosen & results.where(won))
-    shown = paging(len(chosen), page, TASKS_A_PAGE)
+    numbers = np.flatnonzero(is_chosen & results.where(won))
+    shown = paging(len(numbers), page, TASKS_A_PAGE)
     return TaskTable(
         part=tasks.part,
         depth=tasks.depth,
@@ -204,7 +206,7 @@ def view_task_table(
         won=won,
         counts={kind: int((is_chosen & results.where(kind)).sum()) for kind in kinds},
         paging=shown,
-        rows=tuple(_listed(tasks, results, number) for number in chosen[shown.rows].tolist()),
+        rows=tuple(_listed(tasks, results, number) for number in numbers[shown.rows].tolist()),
     )
 
 

@@ -16,7 +16,7 @@ def hub_pull(
 ) -> None:
     """Pull a graph folder, model folder or agent from the hub into a new folder.
 
-    All hashes are checked before.
+    The folder is checked before.
 
     Args:
         repository: OWNER/NAME on the hub, pushed by `hub push`.

@@ -45,19 +45,17 @@ def hub_push(
 
     check_extra("hub")
     shared = open_folder(folder)
-    texts = shared.with_licence(licence)
-    files = [*shared.files, *texts]
-    url = None if dry_run else push(shared, texts, repository, private=private, revision=revision)
+    card = shared.with_licence(licence)
+    files = [*shared.files, CARD]
+    url = None if dry_run else push(shared, card, repository, private=private, revision=revision)
     view = {
         "repository": repository,
         "type": shared.repo_type,
         "files": files,
-        "card": texts[CARD],
+        "card": card,
         "url": url,
     }
     output.result(
         view,
-        [*files, "", *texts[CARD].splitlines()]
-        if url is None
-        else [f"pushed {len(files)} files: {url}"],
+        [*files, "", *card.splitlines()] if url is None else [f"pushed {len(files)} files: {url}"],
     )

@@ -206,11 +206,13 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
     outcome = "in_progress"
     while outcome == "in_progress":
         table = table_labels(env, observation)
-        one, other = terminal.pair(table, f"attempts left: {observation['attempts_left']} > ")
-        env.step(one)
-        observation, _, _, _, info = env.step(other)
+        first_slot, second_slot = terminal.pair(
+            table, f"attempts left: {observation['attempts_left']} > "
+        )
+        env.step(first_slot)
+        observation, _, _, _, info = env.step(second_slot)
         outcome = info["outcome"]
-        pair = (table[one], table[other])
+        pair = (table[first_slot], table[second_slot])
         terminal.say(combined(pair, results_of(env, *pair)))
     goal = env.task.goal
     plans = env.task.plans
@@ -243,16 +245,16 @@ def _play_open_world(
     is_over = False
 
     def tally() -> str:
-        known = f"{len(discovery.known)} of {discovery.reachable}"
-        return f"known items: {known} after {attempted} attempts"
+        known_labels = f"{len(discovery.known)} of {discovery.reachable}"
+        return f"known items: {known_labels} after {attempted} attempts"
 
     terminal.say(f"{HELP}\n")
     with terminal.until_quit(tally):
         while not is_over:
-            known = names.labels(discovery.known)
-            left = env.max_attempts - attempted
-            prompt = f"known items: {len(known)}   attempts left: {left} > "
-            pair = [known[place] for place in terminal.pair(known, prompt)]
+            known_labels = names.labels(discovery.known)
+            attempts_left = env.max_attempts - attempted
+            prompt = f"known items: {len(known_labels)}   attempts left: {attempts_left} > "
+            pair = [known_labels[place] for place in terminal.pair(known_labels, prompt)]
             _, _, is_over, _, info = env.step([names.id_of(label) for label in pair])
             attempted += 1
             line = combined(pair, names.labels(info["new_entities"]), PROMPTS["nothing_new"])

@@ -130,7 +130,7 @@ def test_folds_train_for_the_epochs_that_the_model_returned_to(parted_kitchen, t
 
 def test_embeddings_of_a_large_graph_have_folds_by_factors(folded, monkeypatch):
     small = load_scorer(folded)
-    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1)
     large = load_scorer(folded)
     assert isinstance(large, FactoredScorer)
     assert not isinstance(small, FactoredScorer)

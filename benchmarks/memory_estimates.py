@@ -17,7 +17,7 @@ from pathlib import Path
 from synthetic_book import write_book
 
 from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.recipes.memory import lists_bytes
+from wordcraft_kg.models.scorers.config import lists_bytes
 
 MIB = 2**20
 

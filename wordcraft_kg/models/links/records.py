@@ -164,17 +164,9 @@ class LinkProgress(Record, frozen=True, kw_only=True):
     """Training progress in a checkpoint.
 
     Attributes:
-        seconds: duration of all epochs so far.
-        best_mrr: best validation MRR; None before the first validation.
-        best_epoch: epoch with the best validation MRR; None before the first validation.
-        has_stopped: whether the training stopped early.
         trace: metrics of each epoch, in order.
     """
 
-    seconds: float
-    best_mrr: float | None
-    best_epoch: int | None
-    has_stopped: bool
     trace: tuple[TraceRow, ...]
 
 

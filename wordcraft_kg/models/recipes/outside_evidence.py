@@ -22,6 +22,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.folder import (
     FACTS,
     KNOWLEDGE,
@@ -31,8 +32,8 @@ from wordcraft_kg.models.knowledge.folder import (
     knowledge_files,
     read_knowledge,
 )
+from wordcraft_kg.models.knowledge.outside import is_book
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.outside import is_book, open_other_book
 from wordcraft_kg.models.recipes.records import RecipeMetrics
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS
 from wordcraft_kg.runs.config_file import CONFIG_FILE
@@ -250,7 +251,7 @@ class OutsideEvidenceFinder:
             evidence = []
             for row in book.recipes[best].tolist():
                 labels = [book.labels[entity] for entity in row]
-                recipe = Recipe(*labels)
+                recipe = Recipe.of(*labels)
                 evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
             return evidence
 

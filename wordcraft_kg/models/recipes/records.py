@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import TrainedOn
+from wordcraft_kg.models.knowledge.books import OutsideSource
+from wordcraft_kg.models.knowledge.outside import describe_source
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.models.recipes.outside import OutsideSource, describe_source
 from wordcraft_kg.runs.files import RunFiles
 
 

@@ -20,6 +20,7 @@ from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import cores
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
@@ -31,33 +32,32 @@ from wordcraft_kg.graphs.train_samples import (
     draw_train_sample,
     is_subsample,
 )
-from wordcraft_kg.graphs.triples import triples_hash
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, triples_hash
+from wordcraft_kg.models.knowledge.books import OtherBook, recipes_together, shared_recipes
+from wordcraft_kg.models.knowledge.outside import (
+    LinkTables,
+    describe_source,
+    is_book,
+    join_books,
+    open_outside,
+)
+from wordcraft_kg.models.knowledge.words import Words, word_features, words_of_books
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.encoder_fitting import fit_encoders
+from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder, fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
-    Words,
     encoders_of,
     fit_recipe_scorers,
     lesson_folds,
-    word_features,
-)
-from wordcraft_kg.models.recipes.memory import fitting_workers
-from wordcraft_kg.models.recipes.outside import (
-    describe_source,
-    encoder_of_books,
-    is_book,
-    open_outside,
-    shared_recipes,
-    words_of_books,
 )
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
-from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
-from wordcraft_kg.models.scorers.config import check_table
+from wordcraft_kg.models.scorers.config import check_table, fitting_workers
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
+from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
@@ -192,6 +192,84 @@ def _kept(folder: Path) -> Checkpoints[FitDone]:
 def _kept_encoders(folder: Path) -> Checkpoints[FitDone]:
     """Return the saved pair encoders of a run, which many fits use."""
     return Checkpoints(folder, _ENCODER, FitDone, kept=None)
+
+
+def encoder_of_books(
+    books: Sequence[OtherBook],
+    num_own: int,
+    features: str,
+    *,
+    allow_missing: bool = False,
+    seed: int = 0,
+    device: str = "cpu",
+    stop: Callable[[], bool] = lambda: False,
+) -> PairEncoder:
+    """Fit a pair encoder to the recipes of other books, and keep what scores the graph's entities.
+
+    Link features tell which entities other books combine, and what they are part of; the encoder
+    tells what a whole pair makes. Like them, it is the same in all folds.
+
+    Args:
+        books: other books without the recipes that they share with the graph, one or more.
+        num_own: number of the graph's entities, which come first in each book.
+        features: word vectors, through which the encoder knows entities that no book has.
+        allow_missing: use zeros for labels without a vector.
+        seed: seed of weights, batches and negatives.
+        device: where to compute.
+        stop: whether to end the fit.
+
+    Raises:
+        KeyboardInterrupt: if ``stop`` has returned True.
+        ConfigError: if most labels have no vector, and ``allow_missing`` is False.
+    """
+    # In order of appearance, so that the graph's entities keep their ids.
+    distinct: dict[str, None] = {}
+    for book in books:
+        distinct |= dict.fromkeys(book.labels)
+    labels = tuple(distinct)
+    words = words_of_books(features, labels, allow_missing=allow_missing)
+    # Rounded as a model stores them.
+    vectors = words.unit_vectors.astype(np.float16).astype(np.float32)
+    encoder = fit_encoder(
+        recipes_together(books, labels),
+        torch.from_numpy(vectors),
+        torch.Generator().manual_seed(seed),
+        device=device,
+        stop=stop,
+    )
+    return encoder.of_first(num_own)
+
+
+def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
+    """Return a scorer of mean standardised tables: ``parts[a, c] + parts[b, c] + pairs[a, b]``.
+
+    Args:
+        outside: the tables, shape (E, E) each.
+        words: word vectors; they are kept, and have weight 0.
+    """
+    size = len(words.vectors)
+
+    def mean(tables: Sequence[Tensor]) -> Tensor:
+        if not tables:
+            return torch.zeros(size, size)
+        scaled = []
+        for table in tables:
+            values = standardised(table.numpy(), None)
+            scaled.append(torch.from_numpy(values).float())
+        return torch.stack(scaled).mean(0)
+
+    pairs = mean(outside.pairs)
+    parts = mean(outside.parts)
+    no_recipes = np.empty((0, 3), dtype=np.int64)
+    knowledge = RecipeKnowledge.of_recipes(no_recipes, words.vectors, words.near)
+    tables = {COMBINES_WITH: pairs, COMPONENT_OF: parts}
+    # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
+    signs = torch.tensor([1.0, -1.0])
+    first = torch.zeros(len(FEATURES), 2)
+    for name in ("component_sum", "combines_pair"):
+        first[FEATURES.index(name)] = signs
+    ranker = Ranker(first, torch.zeros(2), signs.clone(), torch.zeros(()))
+    return knowledge.with_link_tables(tables).with_ranker(ranker)
 
 
 class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):

@@ -98,7 +98,7 @@ def test_the_record_has_each_models_rank_of_its_own_fold(folded, opened_kitchen)
     metrics = open_model(folded).metrics
     assert (metrics.folds, metrics.fold_mrr) == (3, scorer.record.mrr)
     assert metrics.fold_in_sample_mrr == scorer.record.in_sample_mrr
-    assert "cross-fitted: 3 more models" in (folded / "README.md").read_text()
+    assert "cross-fitted: 3 folds" in (folded / "README.md").read_text()
     run = json.loads((folded / "run.json").read_text())
     assert run["inputs"]["folds"] == folds.hash
     assert set(FILES) < set(run["outputs"])

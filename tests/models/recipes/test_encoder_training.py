@@ -258,19 +258,6 @@ def test_it_is_fitted_once_and_a_resumed_run_reads_it(
     assert same_files(folder, knowing, "calibration.json")
 
 
-def test_fits_without_the_encoder_that_is_asked_for_are_no_beginning(
-    book, other_book, tmp_path, monkeypatch
-):
-    """Such as those of a version that had none: models of both kinds do not go together."""
-    folder = tmp_path / "old"
-    wanted = RecipesConfig(str(book), with_other(other_book))
-    with pytest.raises(KeyboardInterrupt, match="1 of 4 fits are saved"):
-        train_recipes(wanted, folder, progress=interrupt_after(4))
-    monkeypatch.setattr(config, "ENCODER_FROM", 1)
-    with pytest.raises(ArtefactError, match="begun without the pair encoder of other books"):
-        resume(folder)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("enough", "setting"), [(1_000, "auto"), (1, "off")])
 def test_no_encoder_of_other_books_where_it_is_off_or_they_are_small(

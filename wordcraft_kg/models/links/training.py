@@ -50,6 +50,7 @@ from wordcraft_kg.models.links.records import (
     LinkProgress,
     OutsideSummary,
     TraceRow,
+    training_facts,
 )
 from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, make_scorer, write_scorer
@@ -419,31 +420,9 @@ def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetric
     else:
         sample = describe_train_sample(settings.train_fraction, settings.label_noise)
         seen = f"the triples of {sample or 'the train recipes'} only."
-    fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on training triples "
-    points = [f"{metrics.triples:,} training triples", fitted + f"{metrics.train_mrr:.3f}"]
-    if metrics.outside and isinstance(settings, ComplExConfig):
-        points.append(f"joint training with {metrics.outside}, weight {settings.outside_weight:g}")
-    if metrics.choice:
-        points.append(f"regularisation chosen: {metrics.choice}")
-    if isinstance(settings, ComplExConfig) and settings.negatives:
-        points.append(
-            f"objective: softmax over {settings.negatives:,} entities sampled for each batch, in "
-            "place of all entities"
-        )
-    if metrics.folds:
-        folds = (
-            f"cross-fitted: {metrics.folds} more models, each trained without one fold of the "
-            "train recipes"
-        )
-        if metrics.fold_mrr is not None:
-            folds += (
-                f": MRR {metrics.fold_mrr:.3f} out-of-sample, "
-                f"{metrics.fold_in_sample_mrr:.3f} in-sample"
-            )
-        points.append(folds)
-    more = ""
-    if metrics.folds:
-        more = "; `scorer.probability` returns probabilities for triples outside training"
+    facts = training_facts(settings, metrics).items()
+    points = ["", *(f"{name}: {text}" for name, text in facts)]
+    more = "; `scorer.probability` returns probabilities for triples outside training"
     return scorer_card(
         opened,
         f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
@@ -454,6 +433,6 @@ def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetric
         "on unseen triples, "
         "run\n"
         "`wordcraft-kg evaluate-links`; the MRR above shows memory. Scores are not "
-        f"probabilities{more}.",
+        f"probabilities{more if metrics.folds else ''}.",
         [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
     )

@@ -36,7 +36,6 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, triples_has
 from wordcraft_kg.models.knowledge.books import OtherBook, recipes_together, shared_recipes
 from wordcraft_kg.models.knowledge.outside import (
     LinkTables,
-    describe_source,
     is_book,
     join_books,
     open_outside,
@@ -50,7 +49,7 @@ from wordcraft_kg.models.recipes.fitting import (
     fit_recipe_scorers,
     lesson_folds,
 )
-from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
+from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics, fitting_facts
 from wordcraft_kg.models.scorers.config import check_table, fitting_workers
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
@@ -480,25 +479,55 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             wanted: folds to leave out, () for none.
             after: called after each encoder.
         """
+        needed: list[LeftOut] = []
+        numbers: dict[LeftOut, int] = {(): 0}
         if self.has_encoder_of_others:
-            return self._encoder_of_others(run, after)
-        if not self.has_encoder:
-            return {}
-        settings = self.config.settings
+            needed = [()]
+        elif self.has_encoder:
+            needed = encoders_of(self.folds, wanted)
+            every = encoders_of(self.folds, self._every())
+            numbers = {left_out: number for number, left_out in enumerate(every)}
         kept = _kept_encoders(run.path)
-        numbers = {
-            left_out: number
-            for number, left_out in enumerate(encoders_of(self.folds, self._every()))
-        }
         saved = kept.records()
-        encoders: dict[LeftOut, PairEncoder] = {}
-        missing = []
-        for left_out in encoders_of(self.folds, wanted):
-            if numbers[left_out] in saved:
-                tensors = kept.read(numbers[left_out]).tensors
-                encoders[left_out] = PairEncoder(**tensors)
-            else:
-                missing.append(left_out)
+        encoders = {
+            left_out: PairEncoder(**kept.read(numbers[left_out]).tensors)
+            for left_out in needed
+            if numbers[left_out] in saved
+        }
+        missing = [left_out for left_out in needed if left_out not in encoders]
+        for left_out, encoder, recipes in self._new_encoders(run, words, missing):
+            kept.save(numbers[left_out], encoder._asdict(), FitDone(trained_on=recipes))
+            encoders[left_out] = encoder
+            after()
+        return encoders[()] if self.has_encoder_of_others else encoders
+
+    def _new_encoders(
+        self,
+        run: RunFolder[FitDone],
+        words: Words,
+        missing: Sequence[LeftOut],
+    ) -> Iterator[tuple[LeftOut, PairEncoder, str]]:
+        """Fit pair encoders; yield what each leaves out, the encoder, and its recipes' hash."""
+        settings = self.config.settings
+        stop = run.interrupted.is_set
+        if missing and self.has_encoder_of_others:
+            books = self.outside.books
+            encoder = encoder_of_books(
+                books,
+                self.opened.graph.num_entities,
+                settings.features,
+                allow_missing=settings.allow_missing,
+                seed=settings.seed,
+                device=settings.device,
+                stop=stop,
+            )
+            dim = self.features.vectors.shape[1]
+            if len(encoder.used_words) != dim:
+                # `auto` finds better words for the graph's labels than for those of all books.
+                encoder = encoder.without_words(dim)
+            recipes = np.concatenate([book.recipes for book in books])
+            yield (), encoder, triples_hash(recipes)
+            return
         fitted = fit_encoders(
             self.folds,
             torch.from_numpy(words.vectors).float(),
@@ -506,53 +535,10 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             seed=settings.seed,
             workers=self.workers,
             device=settings.device,
-            stop=run.interrupted.is_set,
+            stop=stop,
         )
         for left_out, encoder in fitted:
-            done = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
-            kept.save(numbers[left_out], encoder._asdict(), done)
-            encoders[left_out] = encoder
-            after()
-        return encoders
-
-    def _encoder_of_others(
-        self,
-        run: RunFolder[FitDone],
-        after: Callable[[], None],
-    ) -> PairEncoder:
-        """Fit and save the pair encoder of other books, or read that of a resumed run.
-
-        Args:
-            run: the run's folder.
-            after: called after the fit.
-        """
-        settings = self.config.settings
-        kept = _kept_encoders(run.path)
-        if kept.records():
-            return PairEncoder(**kept.read(0).tensors)
-        if _kept(run.path).records():
-            raise ArtefactError(
-                f"'{run.path}' was begun without the pair encoder of other books that its settings "
-                "ask for, by another version of wordcraft-kg. Train again with `force`."
-            )
-        books = self.outside.books
-        encoder = encoder_of_books(
-            books,
-            self.opened.graph.num_entities,
-            settings.features,
-            allow_missing=settings.allow_missing,
-            seed=settings.seed,
-            device=settings.device,
-            stop=run.interrupted.is_set,
-        )
-        dim = self.features.vectors.shape[1]
-        if len(encoder.used_words) != dim:
-            # `auto` finds better words for the graph's labels than for those of all books.
-            encoder = encoder.without_words(dim)
-        recipes = np.concatenate([book.recipes for book in books])
-        kept.save(0, encoder._asdict(), FitDone(trained_on=triples_hash(recipes)))
-        after()
-        return encoder
+            yield left_out, encoder, triples_hash(self.folds.triples(left_out))
 
     def _fitted(
         self,
@@ -589,11 +575,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
 
     def _interrupted(self, run: RunFolder[FitDone], saved: int, number: int) -> KeyboardInterrupt:
         """Return the exception that ends a run: ``saved`` of ``number`` fits are saved."""
-        done = f"interrupted; {saved} of {number} fits are saved in '{run.path}'."
         encoders = len(_kept_encoders(run.path).records())
-        if encoders:
-            done = f"{done[:-1]}, and {encoders} pair encoders."
-        return KeyboardInterrupt(f"{done} Repeat the command to make the rest.")
+        more = f", and {encoders} pair encoders" if encoders else ""
+        return KeyboardInterrupt(
+            f"interrupted; {saved} of {number} fits are saved in '{run.path}'{more}. Repeat the "
+            "command to make the rest."
+        )
 
     def _finish(
         self,
@@ -666,13 +653,7 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
         seen = f"recipes that are not in {', '.join(without)}."
     if metrics.kg == "none":
         seen = "outside knowledge only: this book's recipes are unseen."
-    points = [f"{metrics.recipes:,} recipes; words: {metrics.features}"]
-    points += [f"outside knowledge: {line}" for line in map(describe_source, metrics.outside)]
-    if metrics.fold_mrr is not None:
-        points.append(
-            f"{metrics.folds} folds: MRR {metrics.fold_mrr:.3f} out-of-sample, "
-            f"{metrics.fold_in_sample_mrr:.3f} in-sample, on train triples"
-        )
+    points = ["", *(f"{name}: {text}" for name, text in fitting_facts(metrics).items())]
     # Any recipe serves as an example that runs.
     a, b, result = opened.graph.recipe_labels()[0]
     return scorer_card(

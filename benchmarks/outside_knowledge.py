@@ -41,18 +41,13 @@ from wordcraft_kg.graphs import SplitConfig, open_book, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.knowledge.books import OtherBook, open_other_book
+from wordcraft_kg.models.knowledge.outside import join_books, open_outside
+from wordcraft_kg.models.knowledge.words import Words, word_features, words_of_books
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers, word_features
-from wordcraft_kg.models.recipes.outside import (
-    OtherBook,
-    encoder_of_books,
-    open_other_book,
-    open_outside,
-    words_of_books,
-)
-from wordcraft_kg.models.recipes.training import train_recipes
-from wordcraft_kg.models.recipes.zero_shot import join_books
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
+from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder

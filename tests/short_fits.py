@@ -6,7 +6,7 @@ import pytest
 
 from wordcraft_kg.models.recipes import fitting
 from wordcraft_kg.models.recipes.committee import TABLES, fit_committee
-from wordcraft_kg.models.scorers import recipe_curve
+from wordcraft_kg.models.scorers import probabilities
 
 
 @contextmanager
@@ -19,5 +19,5 @@ def short_fits():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fitting, "fit_committee", fit)
         patch.setattr(fitting, "DRAWS", (1, 1))
-        patch.setattr(recipe_curve, "SAMPLED", 48)
+        patch.setattr(probabilities, "SAMPLED", 48)
         yield

@@ -34,7 +34,6 @@ def make_folders(home):
     from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
     from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoder
     from wordcraft_kg.models.recipes.training import train_recipes
-    from wordcraft_kg.models.scorers import folder as scorer_folders
     from wordcraft_kg.models.scorers.baselines import FrequencyScorer
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -48,7 +47,7 @@ def make_folders(home):
         recipes = RecipesConfig("kitchen", RecipeScorerConfig(folds=3))
         train_recipes(recipes, home / "recipes")
     # Embeddings, and not a table of their scores.
-    with patch.object(scorer_folders, "TABLE_LIMIT", 1):
+    with patch("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1):
         scorers = {name: load_scorer(home / name) for name in ("complex", "recipes")}
     known = scorers["recipes"].whole.knowledge
     generator = torch.Generator().manual_seed(0)
@@ -78,7 +77,7 @@ def make_folders(home):
         with ExitStack() as stack:
             if "lists" in name or "factors" in name:
                 stack.enter_context(patch.object(registry, "TABLE_LIMIT", 1))
-                stack.enter_context(patch.object(scorer_folders, "TABLE_LIMIT", 1))
+                stack.enter_context(patch("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1))
             config = PolicyConfig(**{"self_edges": "drop", **sizes, **settings})
             chosen = scorers[scorer] if scorer else None
             policy, _ = make_policy(config, opened.graph, 5, scorer=chosen, tasks=world.tasks)

@@ -31,8 +31,8 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
+from wordcraft_kg.models.scorers.probabilities import RecipeCurve, fit_recipe_curve
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
-from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
 from wordcraft_kg.planning.search import (
     AT_ONCE,
     FURTHER,

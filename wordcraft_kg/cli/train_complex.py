@@ -18,7 +18,7 @@ EXAMPLES = (
 )
 
 # Chosen once for all by studies.
-FILE_ONLY = ["--batch-size", "--checkpoint-every", "--init-scale", "--patience", "--threads"]
+FILE_ONLY = ["--batch-size", "--checkpoint-every", "--init-scale", "--threads"]
 
 
 def train_complex(

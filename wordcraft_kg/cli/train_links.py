@@ -20,7 +20,7 @@ EXAMPLES = (
 )
 
 # Chosen once for all by studies.
-FILE_ONLY = ["--batch-size", "--checkpoint-every", "--eval-every", "--patience", "--threads"]
+FILE_ONLY = ["--batch-size", "--checkpoint-every", "--eval-every", "--threads"]
 
 
 def train_links(

@@ -266,7 +266,7 @@ class RecipeTraining(TrainingCommand):
         return RecipesTraining
 
     def rows(self, trained: "TrainedRecipes") -> Rows:  # noqa: D102
-        from wordcraft_kg.models.recipes.outside import describe_source
+        from wordcraft_kg.models.knowledge.outside import describe_source
 
         metrics = trained.metrics
         rows = [

@@ -1,4 +1,8 @@
-"""Calibration of a cross-fitted scorer's triple probabilities, outside the training data."""
+"""Calibration of a cross-fitted scorer's triple probabilities, outside the training data.
+
+The page docs/evidence/probabilities.md shows its figures; docs/explanation/recipe-scorer.md has the
+formulas.
+"""
 
 from typing import Literal
 
@@ -84,35 +88,31 @@ def view_probabilities(
     if scorer.probabilities is None:
         return ()
     size = graph.num_entities
-    known = _cells(trained_on, size)
-    given = _cells(graph.triples, size)
-    everything = torch.arange(size)
-    itself = np.eye(size, dtype=bool)
-    whole = ~graph.is_half_product
+    every = torch.arange(size)
+    is_self = np.eye(size, dtype=bool)
     # Pairs of things; half-products of chains are none.
-    are_things = whole[:, None] & whole[None, :]
+    is_thing = ~graph.is_half_product
     rows = []
     for relation, name in enumerate(RELATIONS):
-        chances = (
-            scorer.probability(everything[:, None], relation, everything[None, :]).cpu().numpy()
-        )
+        chances = scorer.probability(every[:, None], relation, every[None, :]).cpu().numpy()
         # Triples in training are no test: the scorer has seen that they are true.
-        candidates = ~known[relation] & are_things
+        is_asked = ~_table(trained_on, relation, size) & is_thing[:, None] & is_thing
         if relation == COMBINES_WITH:  # both directions are the same fact
-            candidates &= np.tri(size, dtype=bool)
+            is_asked &= np.tri(size, dtype=bool)
+        is_true = _table(graph.triples, relation, size)
         curves = scorer.probabilities.relations[relation]
         # Entities with themselves have a calibration of their own: they are true at another rate.
-        for pairs, mask, curve in (
-            ("distinct", ~itself, curves.distinct),
-            ("itself", itself, curves.itself),
+        for pairs, is_kind, curve in (
+            ("distinct", ~is_self, curves.distinct),
+            ("itself", is_self, curves.itself),
         ):
-            chosen = candidates & mask
+            cells = is_asked & is_kind
             # float64, because the sum of millions of small probabilities loses digits in float32.
-            predicted = chances[chosen].astype(np.float64)
-            is_true = given[relation][chosen]
+            predicted = chances[cells].astype(np.float64)
             if not len(predicted):
                 continue
-            bins = _bins(predicted, is_true)
+            observed = is_true[cells]
+            bins = _bins(predicted, observed)
             errors = sum(row.triples * abs(row.probability - row.observed) for row in bins)
             rows.append(
                 Reliability(
@@ -120,11 +120,11 @@ def view_probabilities(
                     pairs=pairs,  # type: ignore[arg-type]
                     triples=len(predicted),
                     expected=float(predicted.sum()),
-                    observed=int(is_true.sum()),
+                    observed=int(observed.sum()),
                     base_rate=curve.rate,
                     ece=errors / len(predicted),
-                    log_loss=_log_loss(predicted, is_true),
-                    base_log_loss=_log_loss(np.full(len(predicted), curve.rate), is_true),
+                    log_loss=_log_loss(predicted, observed),
+                    base_log_loss=_log_loss(np.full(len(predicted), curve.rate), observed),
                     reason=curve.reason,
                     bins=bins,
                 )
@@ -132,11 +132,12 @@ def view_probabilities(
     return tuple(rows)
 
 
-def _cells(triples: Ids, size: int) -> NDArray[np.bool_]:
-    # A dense table (R, E, E), so that candidates are a mask; only small graphs come here.
-    cells = np.zeros((len(RELATIONS), size, size), dtype=bool)
-    cells[triples[:, 1], triples[:, 0], triples[:, 2]] = True
-    return cells
+def _table(triples: Ids, relation: int, size: int) -> NDArray[np.bool_]:
+    """Return a relation's triples as a dense table (E, E); only small graphs come here."""
+    heads, _, tails = triples[triples[:, 1] == relation].T
+    table = np.zeros((size, size), dtype=bool)
+    table[heads, tails] = True
+    return table
 
 
 def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[ReliabilityBin, ...]:

@@ -1,7 +1,7 @@
 """Search for the most probable plan: which pair should be combined first?
 
 With T the entities on the table, n attempts left, and P(c | a, b) the probability that a pair makes
-c, from :class:`~wordcraft_kg.models.scorers.recipe_curve.RecipeCurve`, the value of a pair is the
+c, from :class:`~wordcraft_kg.models.scorers.probabilities.RecipeCurve`, the value of a pair is the
 probability of the most probable plan that begins with it::
 
     Q_n(T, a, b) = max(P(goal | a, b), max_x P(x | a, b) V_{n-1}(T + x))
@@ -31,7 +31,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
-from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve
+from wordcraft_kg.models.scorers.probabilities import RecipeCurve
 
 MAX_ATTEMPTS = 4
 """Largest number of attempts that the search looks ahead."""

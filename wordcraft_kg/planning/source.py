@@ -17,8 +17,8 @@ from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.probabilities import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.recipe_curve import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.planning.search import (
     AT_ONCE,

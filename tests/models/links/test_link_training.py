@@ -40,7 +40,6 @@ SHORT = ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)
 RESUMED: dict[str, LinkSettings] = {
     "complex": SHORT,
     "complex with validation": replace(SHORT, eval_every=1),
-    "complex with validation and patience": replace(SHORT, eval_every=2, patience=1),
     "complex with a sampled softmax": replace(SHORT, negatives=16, batch_size=100),
     "complex with a checkpoint each epoch": replace(SHORT, checkpoint_every=1),
     "distmult by softmax": LinkModelConfig(
@@ -344,54 +343,15 @@ def unfinished(opened_kitchen, tmp_path):
     return train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
 
 
-# --- early stopping -------------------------------------------------------------------------------
+# --- validation -----------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def scripted_validation(monkeypatch):
-    """Validation MRR is best in epoch 2, whatever the model says."""
-    figures = [0.1, 0.4, 0.2, 0.4, 0.3, 0.3, 0.9, 0.9]
-    monkeypatch.setattr(Epochs, "_validate", lambda epochs: figures[len(epochs.so_far.trace)])
-
-
-PATIENT = replace(SHORT, epochs=8, eval_every=1, patience=2)
-SCRIPTED = pytest.mark.usefixtures("scripted_validation")
-
-
-@SCRIPTED
-@pytest.mark.parametrize(
-    ("patience", "asked", "trained", "best", "returned"),
-    [(2, 8, 4, 2, 2), (0, 5, 5, 2, 5), pytest.param(5, 8, 8, 7, 7, marks=pytest.mark.slow)],
-)
-def test_early_stopping_waits_and_returns_to_the_best_epoch(
-    parted_kitchen, tmp_path, patience, asked, trained, best, returned
-):
-    """Early stopping waits as long as the patience says and returns to the best epoch."""
-    stopped = train(
-        parted_kitchen, replace(PATIENT, patience=patience, epochs=asked), tmp_path / "stopped"
-    )
-    plain = train(parted_kitchen, replace(SHORT, epochs=returned), tmp_path / "plain")
-    assert (stopped.metrics.epochs, stopped.metrics.best_epoch) == (trained, best)
-    assert stopped.metrics.valid_mrr == (0.9 if best == 7 else 0.4)
-    assert weights(stopped) == weights(plain)
-    assert [row["epoch"] for row in trace(stopped)] == list(range(1, trained + 1))
-
-
-@SCRIPTED
-@pytest.mark.parametrize("epoch", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_resumed_run_stops_early_at_the_same_epoch(parted_kitchen, tmp_path, epoch):
-    folder, whole = halved(parted_kitchen, PATIENT, tmp_path, epoch)
-    assert same(resume(folder), whole)
-
-
-@SCRIPTED
-def test_an_interruption_in_the_epoch_of_the_early_stop_finishes_the_run(parted_kitchen, tmp_path):
-    trained = train(parted_kitchen, PATIENT, tmp_path / "model", progress=interrupt_after(3))
-    assert (trained.interrupted, trained.metrics.epochs, trained.metrics.best_epoch) == (
-        False,
-        4,
-        2,
-    )
+def test_of_equal_validations_the_first_is_the_best(parted_kitchen, tmp_path, monkeypatch):
+    figures = [0.1, 0.4, 0.2, 0.4]
+    monkeypatch.setattr(Epochs, "_validate", lambda epochs: figures[len(epochs.trace)])
+    settings = replace(SHORT, epochs=4, eval_every=1)
+    metrics = train(parted_kitchen, settings, tmp_path / "model").metrics
+    assert (metrics.epochs, metrics.best_epoch, metrics.valid_mrr) == (4, 2, 0.4)
 
 
 # --- settings that cannot be met ------------------------------------------------------------------
@@ -482,7 +442,7 @@ OUT_OF_RANGE = {
     "kg": ["half"],
     "epochs": [0, -3],
     **{name: [0] for name in ("batch_size", "checkpoint_every", "threads", "dim")},
-    **{name: [-1] for name in ("eval_every", "patience")},
+    **{name: [-1] for name in ("eval_every",)},
     "seed": [-1, 2**32],
     "learning_rate": [0.0, -1.0, NAN, INF],
 }
@@ -511,14 +471,6 @@ OUT_OF_RANGE = {
 def test_a_setting_out_of_range_is_an_error_that_names_it_and_its_value(config, setting, value):
     with pytest.raises(ConfigError, match=re.escape(f"`{setting}` {value!r}: expected")):
         config(**{setting: value})
-
-
-@pytest.mark.parametrize("config", BOTH)
-def test_patience_without_validation_is_an_error(config):
-    """Patience without validation is an error that names the missing setting."""
-    with pytest.raises(ConfigError, match="`eval_every`"):
-        config(patience=2)
-    assert config(patience=2, eval_every=1).patience == 2
 
 
 @pytest.mark.parametrize("config", BOTH)

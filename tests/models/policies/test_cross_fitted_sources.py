@@ -42,7 +42,6 @@ from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers import cross_fitting
-from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -125,7 +124,7 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
 ):
     view = ScoreView(scale, "observed", opened.split.partial)
     if kind != "tables":
-        monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
+        monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1)
         monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
     # The lists of a recipe scorer score links when they are asked for.
     scorer = load_scorer(recipes_folder if kind == "lists" else folder)

@@ -45,7 +45,6 @@ from wordcraft_kg.models.policies.sources.registry import (
 )
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.reports.glossary import find_term
@@ -268,7 +267,7 @@ def test_sources_that_do_not_fit_are_refused_before_the_tasks(
 def test_an_agent_learns_with_factors_and_its_policy_comes_back(
     folder, tmp_path, no_tables, monkeypatch
 ):
-    monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1)
     policy = PolicyConfig(scale="standardise")
     config = AgentConfig("kitchen", folder, TaskConfig(), policy, ImpalaConfig(steps=512))
     trained = train_agent(config, tmp_path / "run")

@@ -16,9 +16,10 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
+from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import Attempts, States
-from wordcraft_kg.models.recipes import config, encoder_fitting, fitting, memory, training
+from wordcraft_kg.models.recipes import config, encoder_fitting, fitting, training
 from wordcraft_kg.models.recipes.config import (
     ENCODER_FROM,
     ENCODER_UP_TO,
@@ -28,8 +29,8 @@ from wordcraft_kg.models.recipes.config import (
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import Words, encoders_of, fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import extended
-from wordcraft_kg.models.recipes.outside import encoder_of_books, open_other_book
-from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
+from wordcraft_kg.models.scorers import config as limits
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
@@ -257,19 +258,6 @@ def test_it_is_fitted_once_and_a_resumed_run_reads_it(
     assert same_files(folder, knowing, "calibration.json")
 
 
-def test_fits_without_the_encoder_that_is_asked_for_are_no_beginning(
-    book, other_book, tmp_path, monkeypatch
-):
-    """Such as those of a version that had none: models of both kinds do not go together."""
-    folder = tmp_path / "old"
-    wanted = RecipesConfig(str(book), with_other(other_book))
-    with pytest.raises(KeyboardInterrupt, match="1 of 4 fits are saved"):
-        train_recipes(wanted, folder, progress=interrupt_after(4))
-    monkeypatch.setattr(config, "ENCODER_FROM", 1)
-    with pytest.raises(ArtefactError, match="begun without the pair encoder of other books"):
-        resume(folder)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("enough", "setting"), [(1_000, "auto"), (1, "off")])
 def test_no_encoder_of_other_books_where_it_is_off_or_they_are_small(
@@ -408,14 +396,14 @@ def test_an_unknown_device_is_refused_before_anything_is_written(book, tmp_path)
 
 def test_memory_for_encoders_is_said_before_the_start(book, monkeypatch, tmp_path):
     size = (31_645, 156_000, 384)
-    without = memory.lists_bytes(*size, 1)
-    monkeypatch.setattr(memory, "memory", lambda: without)
-    assert memory.fitting_workers(*size, most=2) == 1
+    without = limits.lists_bytes(*size, 1)
+    monkeypatch.setattr(limits, "memory", lambda: without)
+    assert limits.fitting_workers(*size, most=2) == 1
     with pytest.raises(ConfigError, match=r"takes about .* GiB.*`encoder` off"):
-        memory.fitting_workers(*size, most=2, encoders=9)
-    needed = memory.encoder_bytes(size[0], size[2], 2, 9)
+        limits.fitting_workers(*size, most=2, encoders=9)
+    needed = limits.encoder_bytes(size[0], size[2], 2, 9)
     assert 0.5 * 2**30 < needed < 3 * 2**30
-    monkeypatch.setattr(memory, "memory", lambda: 2**20)
+    monkeypatch.setattr(limits, "memory", lambda: 2**20)
     with pytest.raises(ConfigError, match="GiB"):
         train_recipes(RecipesConfig(str(book), WITH), tmp_path / "model")
     assert not (tmp_path / "model").exists()

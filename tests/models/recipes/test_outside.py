@@ -12,17 +12,18 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.models.knowledge.books import open_other_book, with_words_of
 from wordcraft_kg.models.knowledge.folder import (
     KnowledgeRecord,
     KnowledgeTables,
     TableInfo,
     write_knowledge,
 )
+from wordcraft_kg.models.knowledge.outside import join_books, open_outside
+from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers
-from wordcraft_kg.models.recipes.outside import open_other_book, open_outside, with_words_of
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.recipes.training import train_recipes
-from wordcraft_kg.models.recipes.zero_shot import join_books
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMPONENTS

@@ -23,7 +23,7 @@ from wordcraft_kg.models.knowledge.folder import (
     TableInfo,
     write_knowledge,
 )
-from wordcraft_kg.models.recipes.outside import open_outside
+from wordcraft_kg.models.knowledge.outside import open_outside
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 
 NEEDS = TableInfo(name="need", role="part", phrase="{result} needs {ingredient}")

@@ -17,12 +17,13 @@ from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.states import Attempts, States
-from wordcraft_kg.models.recipes import memory, training
+from wordcraft_kg.models.recipes import training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers import config
+from wordcraft_kg.models.scorers import config as limits
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -392,13 +393,13 @@ def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path)
 def test_fewer_sets_of_lists_are_made_at_once_where_memory_is_short(monkeypatch):
     size = (30_000, 150_000, 384)
     for available in (1, 3):
-        has_room_for = memory.lists_bytes(*size, available)
-        monkeypatch.setattr(memory, "memory", lambda room=has_room_for: room)
-        assert memory.fitting_workers(*size, most=4) == available
+        has_room_for = limits.lists_bytes(*size, available)
+        monkeypatch.setattr(limits, "memory", lambda room=has_room_for: room)
+        assert limits.fitting_workers(*size, most=4) == available
 
 
 def test_too_little_memory_or_too_much_outside_is_refused_at_first(book, tmp_path, monkeypatch):
-    monkeypatch.setattr(memory, "memory", lambda: 2**20)
+    monkeypatch.setattr(limits, "memory", lambda: 2**20)
     with pytest.raises(ConfigError, match=r"12 entities and \d+ recipes takes about .* GiB"):
         train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
     monkeypatch.setattr(config, "TABLE_LIMIT", 2**8)

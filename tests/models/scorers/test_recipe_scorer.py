@@ -8,10 +8,11 @@ import torch
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.models.scorers import recipe_curve, recipes
+from wordcraft_kg.models.scorers import probabilities, recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.neighbours import link_rows
-from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
+from wordcraft_kg.models.scorers.protocol import RecipeScores
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 
 @pytest.fixture(scope="module")
@@ -103,10 +104,10 @@ def test_links_of_a_large_graph_are_scored_one_by_one_to_the_same_scores(scorer,
 def test_a_sample_of_a_fold_stands_for_all_its_recipes(cross_fitted, opened_kitchen, monkeypatch):
     folds = make_folds(opened_kitchen.split, cross_fitted.count)
     left_out = cross_fitted.left_out(0)
-    everything = recipe_curve.score_histogram(left_out, folds, 0)[:, 1]
+    everything = probabilities.recipe_histogram(left_out, folds, 0)[:, 1]
     assert everything.sum() == len(folds.recipes_of(0)) > 10
-    monkeypatch.setattr(recipe_curve, "MOST_OF_FOLD", 10)
-    sample = recipe_curve.score_histogram(left_out, folds, 0)[:, 1]
+    monkeypatch.setattr(probabilities, "MOST_OF_FOLD", 10)
+    sample = probabilities.recipe_histogram(left_out, folds, 0)[:, 1]
     assert sample.sum() == pytest.approx(everything.sum())
     assert 0 < np.count_nonzero(sample) <= 10
 

@@ -29,10 +29,8 @@ from wordcraft_kg.base.errors import (
 )
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, RecipeGraph
 from wordcraft_kg.graphs.triples import recipe_triples
-from wordcraft_kg.models.links import builders
 from wordcraft_kg.models.links.config import LinkModelConfig
 from wordcraft_kg.models.scorers import config
-from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,
     NeighbourScorer,
@@ -226,7 +224,7 @@ def test_complex_scores_are_those_of_equation_1():
     ("limit", "kind"), [(PAIRS_BYTES, TableScorer), (PAIRS_BYTES - 1, ComplExScorer)]
 )
 def test_embeddings_become_a_table_where_it_fits_the_limit(monkeypatch, limit, kind):
-    monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", limit)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", limit)
     assert type(make_scorer("complex", EMBEDDINGS, GRAPH.entities, GRAPH.hash)) is kind
 
 
@@ -421,8 +419,7 @@ def test_embeddings_serve_where_a_table_is_too_large(
     config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=0)
     distmult = train(opened_kitchen, config, tmp_path / "table").folder
     tables = [load_scorer(complex_folder), load_scorer(distmult)]
-    for module in (scorer_folder, builders):
-        monkeypatch.setattr(module, "TABLE_LIMIT", 0)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 0)
     again = train(opened_kitchen, config, tmp_path / "embeddings").folder
     for table, scorer in zip(
         tables, (load_scorer(complex_folder), load_scorer(again)), strict=True
@@ -433,7 +430,7 @@ def test_embeddings_serve_where_a_table_is_too_large(
 
 def test_a_table_too_large_is_refused_before_training(opened_kitchen, tmp_path, monkeypatch):
     """A model that needs a table too large is refused before training with models that do not."""
-    monkeypatch.setattr(builders, "TABLE_LIMIT", 0)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 0)
     with pytest.raises(ConfigError, match=r"'rotate' needs a score table.*distmult, and ComplEx"):
         train(opened_kitchen, LinkModelConfig(model="rotate"), tmp_path / "model")
     assert not (tmp_path / "model").exists()

@@ -1,4 +1,7 @@
-"""Import a general graph, such as WordNet, as a knowledge folder for a recipe graph."""
+"""Import a general graph, such as WordNet, as a knowledge folder for a recipe graph.
+
+The page docs/outside-knowledge.md describes the command and its files.
+"""
 
 import logging
 from collections import Counter
@@ -13,7 +16,6 @@ from wordcraft_kg.base.artefacts import read_small_file, sha256_of
 from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.knowledge.alignment import (
@@ -31,9 +33,9 @@ from wordcraft_kg.models.knowledge.folder import (
     write_knowledge,
 )
 from wordcraft_kg.models.knowledge.network import Network
-from wordcraft_kg.models.knowledge.paths import hops, make_tables, with_descriptions
+from wordcraft_kg.models.knowledge.paths import make_tables, with_descriptions
 from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
-from wordcraft_kg.models.knowledge.surroundings import Reach, Surroundings, reach_of
+from wordcraft_kg.models.knowledge.surroundings import Surroundings
 from wordcraft_kg.models.knowledge.triple_lines import HEADER
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 from wordcraft_kg.models.scorers.config import check_table
@@ -88,7 +90,6 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
         tables: names of the tables.
         triples: number of lines in ``triples.tsv`` without the header.
         facts: number of lines in ``facts.tsv`` without the header.
-        reach: distances of ingredients and results in train recipes, beside random triples.
     """
 
     out: str
@@ -103,7 +104,6 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
     tables: tuple[str, ...]
     triples: Count
     facts: Count
-    reach: Reach
 
 
 def import_knowledge(
@@ -159,8 +159,7 @@ def import_knowledge(
         if network.glosses:
             network = with_descriptions(network, alignment, entities)
     with stage("making tables"):
-        walks = hops(network, alignment)
-        tables = make_tables(network, alignment, walks)
+        tables = make_tables(network, alignment)
         surroundings = Surroundings(network, alignment, entities)
         triples = list(surroundings.triples())
         facts = list(surroundings.facts())
@@ -177,11 +176,9 @@ def import_knowledge(
         tables=tuple(info for info, _ in tables),
         triples=len(triples),
     )
-    halves = []
-    for _, values in tables:
-        # Half precision: the tables of all pairs are by far the largest files of a folder.
-        halves.append(torch.from_numpy(values).half())
-    knowledge = KnowledgeTables(record, tuple(halves))
+    # Half precision: the tables of all pairs are by far the largest files of a folder.
+    halves = tuple(torch.from_numpy(values).half() for _, values in tables)
+    knowledge = KnowledgeTables(record, halves)
     view = ImportedKnowledge(
         out=str(out),
         source=network.source,
@@ -195,7 +192,6 @@ def import_knowledge(
         tables=tuple(info.name for info, _ in tables),
         triples=len(triples),
         facts=len(facts),
-        reach=reach_of(walks, recipes),
     )
     files = {
         TRIPLES: _table(HEADER, triples),
@@ -306,41 +302,21 @@ def _hashes(path: Path) -> dict[str, str]:
 
 
 def describe(view: ImportedKnowledge) -> list[tuple[str, ...]]:
-    """Return the rows of a table of three columns, for the terminal and the card.
-
-    Labels by method with confidence, then recipes by number of hops beside random triples.
-    """
-    rows: list[tuple[str, ...]] = [("aligned by", "labels", "confidence")]
-    for one in view.coverage:
-        labels = f"{one.entities:,}"
-        confidence = f"{one.confidence:.2f}"
-        rows.append((one.method, labels, confidence))
-    # The title of the second half of the table.
-    rows.append(("ingredients and result within", "train recipes", "random triples"))
-    reach = zip(view.reach.recipes, view.reach.random, strict=True)
-    for hop, (of_recipes, at_random) in enumerate(reach, 1):
-        distance = counted(hop, "hop")
-        rows.append((distance, f"{of_recipes:.1%}", f"{at_random:.1%}"))
-    return rows
+    """Return the rows of a table of three columns: labels by method, with their confidence."""
+    rows = [(row.method, f"{row.entities:,}", f"{row.confidence:.2f}") for row in view.coverage]
+    return [("aligned by", "labels", "confidence"), *rows]
 
 
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
     """Return the folder's ``README.md``."""
     header, *lines = describe(view)
-    rule = ("---", "---", "---")
-    table = []
-    for row in (header, rule, *lines):
-        cells = " | ".join(row)
-        table.append(f"| {cells} |")
-    rows = "\n".join(table)
-    graph = opened.graph.hash[:12]
-    split = opened.split.hash[:12]
-    names = ", ".join(view.tables)
+    table = (header, ("---", "---", "---"), *lines)
+    rows = "\n".join(f"| {' | '.join(row)} |" for row in table)
     return (
         f"# Knowledge from {view.source}\n\n"
-        f"For graph `{graph}`, split `{split}`: "
+        f"For graph `{opened.graph.hash[:12]}`, split `{opened.split.hash[:12]}`: "
         f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. "
-        f"{view.triples:,} triples, {view.facts:,} facts, tables {names}. "
+        f"{view.triples:,} triples, {view.facts:,} facts, tables {', '.join(view.tables)}. "
         "No validation or test recipe was read.\n\n"
         f"{rows}\n\n"
         f"{_LICENCES[kind]}\n"

@@ -144,7 +144,7 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
     return one_step.toarray(), two_steps.toarray(), three_steps
 
 
-def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats]) -> list[Table]:
+def make_tables(network: Network, alignment: Alignment) -> list[Table]:
     """Return the tables that a network allows.
 
     These are ``paths`` and ``part``, and with definitions ``texts`` and ``mentions``. A network
@@ -154,13 +154,12 @@ def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats])
     Args:
         network: the network; if it has definitions, also with edges :data:`DESCRIBED_BY`.
         alignment: the node of each entity.
-        walks: shape (E, E) each, from :func:`hops`.
 
     Returns:
         Descriptions and values, shape (E, E), from 0 to 1.
     """
     own = alignment.matrix(len(network.nodes))
-    paths = _damped(walks)
+    paths = _damped(hops(network, alignment))
     tables = [_named("paths", paths, "{ingredient} is related to {result}")]
     if network.ids_of([*PART_OF, *HAS_PART]):
         parts = _parts(network, own)

@@ -1,14 +1,15 @@
-"""An aligned graph around the entities: triples for training, facts, and distances."""
+"""An aligned graph around the entities: triples for training, and facts for explanations.
+
+The page docs/outside-knowledge.md says what they are for.
+"""
 
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import KnowledgeFileError
-from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.alignment import Alignment
 from wordcraft_kg.models.knowledge.network import Network
@@ -24,18 +25,6 @@ _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])|[_-]+")
 """Places between the words of a relation's name: partOf, part_of, part-of."""
 Triple = tuple[str, str, str]
 """Names of head, relation and tail."""
-
-
-class Reach(Record):
-    """Shares of recipes with both ingredients within 1, 2 and 3 hops of the result.
-
-    Attributes:
-        recipes: shares of train recipes.
-        random: shares of random triples of entities.
-    """
-
-    recipes: tuple[Share, Share, Share]
-    random: tuple[Share, Share, Share]
 
 
 class Surroundings:
@@ -184,37 +173,3 @@ def _phrase(relation: str) -> str:
     # "makes dough" has a verb, "part of dough" none.
     has_verb = re.match(r"\w*[^s]s\b", words)
     return words if has_verb else f"is {words}"
-
-
-def reach_of(walks: Sequence[NDArray[np.floating]], recipes: Ids, seed: int = 0) -> Reach:
-    """Return how near recipes are in a graph, beside random triples of entities.
-
-    Args:
-        walks: weights of walks with 1, 2 and 3 steps, shape (E, E) each.
-        recipes: ids of shape (n, 3).
-        seed: seed of the random triples, of which there are n, and at least 10,000.
-
-    Returns:
-        Shares from 0 to 1; those of recipes are 0 if there are none.
-    """
-    # Shares of fewer triples would vary by chance.
-    number = max(len(recipes), 10_000)
-    rng = np.random.default_rng(seed)
-    num_entities = len(walks[0])
-    random = rng.integers(num_entities, size=(number, 3))
-    # Within k hops: a walk of k steps or fewer.
-    exactly = [walk > 0 for walk in walks]
-    at_most = np.logical_or.accumulate(exactly)
-
-    def shares(rows: Ids) -> tuple[float, float, float]:
-        if not len(rows):
-            return 0.0, 0.0, 0.0
-        a, b, result = rows.T
-        means = []
-        for is_reached in at_most:
-            is_near = is_reached[a, result] & is_reached[b, result]
-            means.append(float(is_near.mean()))
-        one, two, three = means
-        return one, two, three
-
-    return Reach(shares(recipes), shares(random))

@@ -24,7 +24,7 @@ from wordcraft_kg.models.links.symmetric_lcwa import (
     IndexedSymmetricLCWATrainingLoop,
     SampledSymmetricLCWATrainingLoop,
 )
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.config import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
@@ -55,8 +55,9 @@ def check_table_fits(model: str, num_entities: int) -> None:
     Raises:
         ConfigError: if PyKEEN has no such model, or its table would be too large.
     """
-    needed = table_bytes(num_entities)
-    if not issubclass(model_class(model), (ComplExN3, DistMult)) and needed > TABLE_LIMIT:
+    needs_table = not issubclass(model_class(model), (ComplExN3, DistMult))
+    if needs_table and not has_table(num_entities):
+        needed = table_bytes(num_entities)
         raise ConfigError(
             f"`model` {model!r} needs a score table, {needed / 2**30:,.1f} GiB for "
             f"{num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models "
@@ -76,7 +77,7 @@ def scorer_kind(config: LinkSettings, num_entities: int) -> str:
     if isinstance(config, ComplExConfig):
         return ComplExScorer.kind
     check_table_fits(config.model, num_entities)
-    return TableScorer.kind if table_bytes(num_entities) <= TABLE_LIMIT else ComplExScorer.kind
+    return TableScorer.kind if has_table(num_entities) else ComplExScorer.kind
 
 
 def scorer_tensors(

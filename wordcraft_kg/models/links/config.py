@@ -51,8 +51,6 @@ class TrainingConfig:
         epochs: passes over the triples.
         batch_size: triples per step.
         eval_every: epochs between validations on the validation triples; 0 never validates.
-        patience: validations without a better MRR before training stops and returns to the best
-            epoch; 0 never stops early.
         checkpoint_every: epochs between checkpoints.
         folds: number of folds for cross-fitting: for each fold, another model is trained on all
             other train recipes, so that agents learn from out-of-sample scores; 0 disables
@@ -74,7 +72,6 @@ class TrainingConfig:
     epochs: int = 50
     batch_size: int = 512
     eval_every: int = 0
-    patience: int = 0
     checkpoint_every: int = 10
     folds: int | None = None
     seed: int = 0
@@ -93,8 +90,7 @@ class TrainingConfig:
         }
         for name, high in limits.items():
             whole(name, getattr(self, name), 1, high)
-        for name in ("eval_every", "patience"):
-            whole(name, getattr(self, name), 0)
+        whole("eval_every", self.eval_every, 0)
         whole("seed", self.seed, 0, MAX_SEED)
         if self.folds is not None:
             whole("folds", self.folds, 0, MAX_SIZE)
@@ -109,8 +105,6 @@ class TrainingConfig:
             raise ConfigError(
                 "`eval_every` needs `kg` partial: the full graph contains the validation triples."
             )
-        if self.patience and not self.eval_every:
-            raise ConfigError("`patience` counts validations; give `eval_every` too, such as 5.")
 
     def for_size(self, num_entities: int) -> Self:
         """Return the settings with defaults that depend on the number of entities."""

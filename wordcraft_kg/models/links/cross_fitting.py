@@ -134,7 +134,7 @@ def train_folds(
         TrainingError: if a loss is not finite, or a process dies.
     """
     # The number of epochs is decided; validation triples belong to the main model.
-    settings = replace(settings, eval_every=0, patience=0, folds=0)
+    settings = replace(settings, eval_every=0, folds=0)
     graph = folds.split.graph
     jobs = [
         _Job(folder, fold, settings, graph, folds.triples([fold]), outside)

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from msgspec.structs import replace
 from pykeen.models import Model
 from pykeen.training import NonFiniteLossError, TrainingLoop
 from pykeen.training.callbacks import TrainingCallback
@@ -119,7 +118,7 @@ class Epochs(TrainingCallback):
     """PyKEEN callback for a training in a run folder: validates, logs, saves and stops.
 
     Attributes:
-        so_far: progress: trace (metrics per epoch), seconds and best epoch.
+        trace: metrics of each epoch so far.
     """
 
     def __init__(
@@ -150,20 +149,17 @@ class Epochs(TrainingCallback):
         self.settings = settings
         self.report = progress
         self.log = log
-        self.so_far = LinkProgress(
-            seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=()
-        )
+        self.trace: list[TraceRow] = []
         self._valid = self._known = triples[:0]
         if settings.eval_every:
             split = opened.split
             self._valid = sampled_for(opened.graph, split.held_out("valid"))
-            # Without test links: the best epoch may be chosen by these ranks.
+            # Without test links: settings may be chosen by these ranks.
             self._known = np.concatenate([split.partial, split.triples_of("valid")])
         self._batches = math.ceil(num_triples / settings.batch_size)
         self._batch = 0
         # Epochs of the main model and of each fold's model.
         self._total = settings.epochs * (1 + (settings.folds or 0))
-        self._best: dict[str, Tensor] = {}
         self._clock = time.perf_counter()
         self._reported = self._clock
 
@@ -180,7 +176,7 @@ class Epochs(TrainingCallback):
             self.report(epoch - 1, self._total, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
-        """Validate, save, log and report after an epoch, if due; stop after the last epoch."""
+        """Validate, save, log and report after an epoch, if due; stop after an interruption."""
         settings = self.settings
         is_end = epoch == settings.epochs
         valid_mrr = None
@@ -191,10 +187,11 @@ class Epochs(TrainingCallback):
         seconds = now - self._clock
         self._clock = now
         row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=valid_mrr, seconds=round(seconds, 4))
-        self._note(row, seconds)
-        is_last = self.so_far.has_stopped or self.run.interrupted.is_set() or is_end
+        self.trace.append(row)
+        is_last = self.run.interrupted.is_set() or is_end
         if is_last or epoch % settings.checkpoint_every == 0:
-            self.run.checkpoints.save(epoch, self._tensors(), self.so_far)
+            progress = LinkProgress(trace=tuple(self.trace))
+            self.run.checkpoints.save(epoch, self._tensors(), progress)
         self._batch = 0
         self._reported = now
         metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": row.seconds}
@@ -217,37 +214,17 @@ class Epochs(TrainingCallback):
             ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and its
                 epochs.
         """
-        epochs = [row.epoch for row in checkpoint.progress.trace]
+        trace = checkpoint.progress.trace
+        epochs = [row.epoch for row in trace]
         if epochs != list(range(1, checkpoint.number + 1)):
             raise ValueError("trace and epochs differ")
         loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
-        self._best = with_prefix(checkpoint.tensors, "best.")
         state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
         # The new optimiser keeps its settings; the checkpoint holds only its tensors.
         loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
         loop._epoch = checkpoint.number
-        loop.losses_per_epochs = [row.loss for row in checkpoint.progress.trace]
-        self.so_far = checkpoint.progress
-
-    def restore_best(self, loop: TrainingLoop) -> None:
-        """Load the best epoch's parameters into the loop's model, if ``patience`` is set."""
-        if self.settings.patience and self._best:
-            loop.model.load_state_dict(self._best)
-
-    def _note(self, row: TraceRow, seconds: float) -> None:
-        """Add an epoch to the progress; stop early if the best validation was too long ago."""
-        before = self.so_far
-        now = replace(before, seconds=before.seconds + seconds, trace=(*before.trace, row))
-        if row.valid_mrr is not None:
-            if before.best_mrr is None or row.valid_mrr > before.best_mrr:
-                now = replace(now, best_mrr=row.valid_mrr, best_epoch=row.epoch)
-                self._best = copied(self.model.state_dict())
-            rankings = [line.valid_mrr for line in now.trace if line.valid_mrr is not None]
-            # Of equal validations the first is the best.
-            since_best = len(rankings) - 1 - int(np.argmax(rankings))
-            patience = self.settings.patience
-            now = replace(now, has_stopped=bool(patience) and since_best >= patience)
-        self.so_far = now
+        loop.losses_per_epochs = [row.loss for row in trace]
+        self.trace = list(trace)
 
     def _validate(self) -> float:
         """Return the MRR of the validation triples, filtered by train and validation triples."""
@@ -260,9 +237,8 @@ class Epochs(TrainingCallback):
         return mean_reciprocal_rank(ranks)
 
     def _tensors(self) -> dict[str, Tensor]:
-        """Return a checkpoint's tensors: the model's, the best epoch's and the optimiser's."""
+        """Return a checkpoint's tensors: the model's and the optimiser's."""
         tensors = {f"model.{name}": value for name, value in self.model.state_dict().items()}
-        tensors |= {f"best.{name}": value for name, value in self._best.items()}
         for index, values in self.optimizer.state_dict()["state"].items():
             for key, value in values.items():
                 tensors[f"optimizer.{index}.{key}"] = torch.as_tensor(value)

@@ -3,7 +3,7 @@
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.folder import KG
-from wordcraft_kg.models.links.config import LinksConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.runs.files import RunFiles
 
@@ -164,18 +164,34 @@ class LinkProgress(Record, frozen=True, kw_only=True):
     """Training progress in a checkpoint.
 
     Attributes:
-        seconds: duration of all epochs so far.
-        best_mrr: best validation MRR; None before the first validation.
-        best_epoch: epoch with the best validation MRR; None before the first validation.
-        has_stopped: whether the training stopped early.
         trace: metrics of each epoch, in order.
     """
 
-    seconds: float
-    best_mrr: float | None
-    best_epoch: int | None
-    has_stopped: bool
     trace: tuple[TraceRow, ...]
+
+
+def training_facts(settings: LinkSettings, metrics: LinkMetrics) -> dict[str, str]:
+    """Return facts about a training by name, for reports and the model card."""
+    facts = {
+        "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.triples:,} "
+        f"triples, {metrics.parameters:,} parameters",
+        "on training triples": f"MRR {metrics.train_mrr:.3f}",
+    }
+    # Only facts that the training has: a report shows no empty rows.
+    if isinstance(settings, ComplExConfig) and settings.negatives:
+        facts["objective"] = (
+            f"softmax over {settings.negatives:,} entities sampled for each batch, in place of all "
+            "entities"
+        )
+    if metrics.outside and isinstance(settings, ComplExConfig):
+        facts["outside knowledge"] = f"{metrics.outside}, weight {settings.outside_weight:g}"
+    if metrics.folds:
+        facts["cross-fitted"] = cross_fitted_words(
+            metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr
+        )
+    if metrics.choice:
+        facts["regularisation chosen"] = str(metrics.choice)
+    return facts
 
 
 def links_history(files: RunFiles) -> History:
@@ -189,20 +205,9 @@ def links_history(files: RunFiles) -> History:
     settings = vars(config.settings).items()
     facts = {
         "trained by": " ".join(files.run.argv),
-        "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, "
-        f"{metrics.parameters:,} parameters",
-        "on training triples": f"MRR {metrics.train_mrr:.3f}",
+        **training_facts(config.settings, metrics),
         "settings": ", ".join(f"{name} {value}" for name, value in settings if value != ()),
     }
-    # Only facts that the training has: a report shows no empty rows.
-    if metrics.outside:
-        facts["outside knowledge"] = str(metrics.outside)
-    if metrics.folds:
-        facts["cross-fitted"] = cross_fitted_words(
-            metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr
-        )
-    if metrics.choice:
-        facts["regularisation chosen"] = str(metrics.choice)
     # Each seed chooses for itself, so comparisons of seeds leave these settings out.
     chosen = ("n3", "popularity") if metrics.choice else ()
     return History(config, facts, metrics, files.lines("trace.jsonl", TraceRow), chosen)

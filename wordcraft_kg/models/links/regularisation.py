@@ -105,9 +105,7 @@ def choose(
     for row, n3 in zip(sums, weights, strict=True):
         for fold in folds:
             # Without popularity: it changes scores only, so one training serves all weights.
-            short = replace(
-                settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0, patience=0
-            )
+            short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0)
             row += _reciprocal_ranks(fold, short, outside, lambda _: after_epoch(next(done), total))
     means = sums / queries
     candidates = []

@@ -5,7 +5,7 @@ run.
 """
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -44,7 +44,14 @@ from wordcraft_kg.models.links.pykeen_bridge import (
     seed_everything,
     triples_factory,
 )
-from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress, OutsideSummary
+from wordcraft_kg.models.links.records import (
+    Choice,
+    LinkMetrics,
+    LinkProgress,
+    OutsideSummary,
+    TraceRow,
+    training_facts,
+)
 from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, make_scorer, write_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
@@ -240,20 +247,19 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                     epochs.restore(loop, checkpoint)
                 run.resume(self.config)
             # A run that was killed after its last epoch has nothing left to train.
-            if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
+            if loop._epoch < settings.epochs:
                 seed_everything(settings.seed, loop._epoch + 1)
                 train_epochs(loop, factory, settings, epochs, is_resumed=checkpoint is not None)
-            # Epochs are left, and no early stop: the user has interrupted the run.
-            if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
+            # Epochs are left: the user has interrupted the run.
+            if loop._epoch < settings.epochs:
                 run.interrupt()
                 return TrainedLinks(run.path, loop._epoch, None)
-            epochs.restore_best(loop)
             scorer, metrics = _write_results(
                 run.path,
                 loop.model,
                 self.train_sample,
                 settings,
-                epochs.so_far,
+                epochs.trace,
                 choice,
                 self.outside.summary if self.outside else None,
             )
@@ -289,8 +295,6 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         assert self.folds is not None
         settings = self.config.settings
         num_folds = self.folds.count
-        # Folds are trained without validation, for as many epochs as suited the main model.
-        ended = metrics.best_epoch if settings.patience and metrics.best_epoch else metrics.epochs
         everything = settings.epochs * (1 + num_folds)
         reported = set[int]()
 
@@ -306,7 +310,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         train_folds(
             run.path,
             self.folds,
-            replace(settings, epochs=ended),
+            settings,
             self.outside,
             seconds=metrics.seconds,
             after_epoch=after_epoch,
@@ -369,7 +373,7 @@ def _write_results(
     model: Model,
     train_sample: TrainSample,
     settings: LinkSettings,
-    progress: LinkProgress,
+    trace: Sequence[TraceRow],
     choice: Choice | None,
     outside: OutsideSummary | None,
 ) -> tuple[Scorer, LinkMetrics]:
@@ -382,18 +386,22 @@ def _write_results(
     sample = sampled_for(graph, triples)
     scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
     ranks = rank_triples(scorer, sample, triples)
+    # Of equal validations the first is the best.
+    validated = [row for row in trace if row.valid_mrr is not None]
+    best = max(validated, key=lambda row: row.valid_mrr or 0.0, default=None)
+    seconds = sum(row.seconds for row in trace)
     metrics = LinkMetrics(
         kg=settings.kg,
         train_fraction=settings.train_fraction,
         label_noise=settings.label_noise,
         triples=len(triples),
-        epochs=len(progress.trace),
-        best_epoch=progress.best_epoch,
-        seconds=round(progress.seconds, 3),
-        seconds_per_epoch=round(progress.seconds / len(progress.trace), 4),
+        epochs=len(trace),
+        best_epoch=best.epoch if best else None,
+        seconds=round(seconds, 3),
+        seconds_per_epoch=round(seconds / len(trace), 4),
         parameters=sum(parameter.numel() for parameter in model.parameters()),
-        loss=progress.trace[-1].loss,
-        valid_mrr=progress.best_mrr,
+        loss=trace[-1].loss,
+        valid_mrr=best.valid_mrr if best else None,
         train_mrr=mean_reciprocal_rank(ranks),
         train_mrr_triples=len(sample),
         outside=outside,
@@ -401,7 +409,7 @@ def _write_results(
     )
     write_scorer(folder, kind, tensors, graph)
     write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
-    write_atomically(folder / "trace.jsonl", as_lines(progress.trace))
+    write_atomically(folder / "trace.jsonl", as_lines(trace))
     return scorer, metrics
 
 
@@ -412,31 +420,9 @@ def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetric
     else:
         sample = describe_train_sample(settings.train_fraction, settings.label_noise)
         seen = f"the triples of {sample or 'the train recipes'} only."
-    fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on training triples "
-    points = [f"{metrics.triples:,} training triples", fitted + f"{metrics.train_mrr:.3f}"]
-    if metrics.outside and isinstance(settings, ComplExConfig):
-        points.append(f"joint training with {metrics.outside}, weight {settings.outside_weight:g}")
-    if metrics.choice:
-        points.append(f"regularisation chosen: {metrics.choice}")
-    if isinstance(settings, ComplExConfig) and settings.negatives:
-        points.append(
-            f"objective: softmax over {settings.negatives:,} entities sampled for each batch, in "
-            "place of all entities"
-        )
-    if metrics.folds:
-        folds = (
-            f"cross-fitted: {metrics.folds} more models, each trained without one fold of the "
-            "train recipes"
-        )
-        if metrics.fold_mrr is not None:
-            folds += (
-                f": MRR {metrics.fold_mrr:.3f} out-of-sample, "
-                f"{metrics.fold_in_sample_mrr:.3f} in-sample"
-            )
-        points.append(folds)
-    more = ""
-    if metrics.folds:
-        more = "; `scorer.probability` returns probabilities for triples outside training"
+    facts = training_facts(settings, metrics).items()
+    points = ["", *(f"{name}: {text}" for name, text in facts)]
+    more = "; `scorer.probability` returns probabilities for triples outside training"
     return scorer_card(
         opened,
         f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
@@ -447,6 +433,6 @@ def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetric
         "on unseen triples, "
         "run\n"
         "`wordcraft-kg evaluate-links`; the MRR above shows memory. Scores are not "
-        f"probabilities{more}.",
+        f"probabilities{more if metrics.folds else ''}.",
         [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
     )

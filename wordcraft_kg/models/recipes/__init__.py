@@ -2,11 +2,10 @@
 
 Read ``fitting`` first: how rankers learn from held-out recipes, and how the fits without each fold
 share their work; ``committee`` fits the networks. ``encoder_fitting`` fits pair encoders, for large
-books. ``training`` makes a model folder of the fits, and ``memory`` says before the start what they
-take. ``outside`` reads knowledge from outside the
-train recipes, ``zero_shot`` learns from it alone, ``outside_evidence`` names what speaks for a
-recipe. ``inductive`` scores entities that the graph lacks. The features and their mathematics are
-in :mod:`wordcraft_kg.models.scorers.neighbours`.
+books. ``training`` makes a model folder of the fits, also of scorers that learn from outside
+knowledge alone, and ``outside_evidence`` names what outside knowledge says for a recipe; its
+sources are in :mod:`wordcraft_kg.models.knowledge`. ``inductive`` scores entities that the graph
+lacks. The features and their mathematics are in :mod:`wordcraft_kg.models.scorers.neighbours`.
 
 **The pair encoder** scores any result of a pair, where neighbour lists need known recipes with
 similar entities in all three places. With n recipes, E entities, word vectors of length D, and

@@ -19,7 +19,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
@@ -32,11 +32,12 @@ from torch import Tensor
 from wordcraft_kg.graphs.arrays import Ids, recipe_keys
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
+from wordcraft_kg.models.knowledge.outside import NOTHING, LinkTables
+from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee
-from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
-from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
+from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
@@ -84,72 +85,6 @@ _TOGETHER = 256
 """Tables whose pairs are encoded at once."""
 LeftOut = tuple[int, ...]
 """Folds that a scorer has not seen: none, or one; lists and encoders may leave out two."""
-
-
-class LinkTables(NamedTuple):
-    """Features from outside the recipes, tables of shape (E, E).
-
-    Attributes:
-        pairs: features of combinesWith links, symmetric.
-        parts: features of componentOf links, row = ingredient.
-    """
-
-    pairs: Sequence[Tensor] = ()
-    parts: Sequence[Tensor] = ()
-
-
-NOTHING = LinkTables()
-"""No features from outside the recipes."""
-
-
-@dataclass(frozen=True, eq=False)
-class Words:
-    """What all fits share: word vectors and the nearest words.
-
-    Attributes:
-        vectors: shape (E, D), half: unit vectors as stored in a model; D is 0 without words.
-        near: shape (E, K_w), from
-            :func:`~wordcraft_kg.models.scorers.neighbours.lists.nearest_words`.
-    """
-
-    vectors: NDArray[np.float16]
-    near: Numbers
-
-    @classmethod
-    def of(cls, features: EntityFeatures) -> "Words":
-        """Round unit vectors as a model stores them, and find the nearest words."""
-        rounded = features.unit_vectors.astype(np.float16)
-        return cls(rounded, nearest_words(rounded.astype(np.float32)))
-
-    def lists(self, recipes: Ids) -> Lists:
-        """Return the lists of recipes, ids (n, 3)."""
-        return make_lists(recipes, self.vectors.astype(np.float32), self.near)
-
-
-def word_features(
-    spec: str,
-    labels: Sequence[str],
-    *,
-    allow_missing: bool = False,
-) -> EntityFeatures:
-    """Return the word vectors of labels, of length 0 for one-hot.
-
-    One-hot vectors are no words: E x E numbers would say nothing, at the cost of all pairs.
-
-    Args:
-        spec: word vectors, as for :func:`~wordcraft_kg.models.scorers.features.make_features`.
-        labels: the E labels.
-        allow_missing: use zeros for labels without a vector.
-
-    Raises:
-        ConfigError: if the vectors do not fit the labels.
-        ArtefactError: for a folder of vectors that is damaged, or was not written by ``encode``.
-    """
-    if spec != "one-hot":
-        return make_features(spec, labels, allow_missing=allow_missing)
-    nothing = np.zeros((len(labels), 0), dtype=np.float32)
-    known = np.ones(len(labels), dtype=bool)
-    return EntityFeatures("one-hot", nothing, known, (), (), is_one_hot=True)
 
 
 def fit_recipe_scorers(

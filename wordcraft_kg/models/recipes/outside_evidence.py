@@ -2,12 +2,12 @@
 
 It consists of cells of tables, facts, and recipes of other books. Scores do not need this evidence,
 so a source that is missing or has changed gives a warning and no evidence. Outside knowledge is the
-same in all folds, and so is its evidence.
+same in all folds, and so is its evidence. The page docs/outside-knowledge.md shows it to users.
 """
 
 import logging
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import chain, islice, zip_longest
 from pathlib import Path
@@ -19,9 +19,10 @@ from torch import Tensor
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.folder import (
     FACTS,
     KNOWLEDGE,
@@ -31,8 +32,8 @@ from wordcraft_kg.models.knowledge.folder import (
     knowledge_files,
     read_knowledge,
 )
+from wordcraft_kg.models.knowledge.outside import is_book
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.outside import is_book, open_other_book
 from wordcraft_kg.models.recipes.records import RecipeMetrics
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS
 from wordcraft_kg.runs.config_file import CONFIG_FILE
@@ -182,172 +183,147 @@ class OutsideEvidenceFinder:
 
     @cached_property
     def _sources(self) -> list[_Source]:
-        """The sources that are as they were in the training; a warning for each other one."""
+        """The sources that are as they were in the training; a warning for each missing one."""
         sources: list[_Source] = []
         for spec in self._settings.with_:
             try:
                 if (Path(spec) / KNOWLEDGE).is_file():
-                    sources.append(self._of_folder(spec))
+                    sources += self._of_folder(spec)
                 elif is_book(spec):
                     sources.append(self._of_book(spec))
             except WordCraftKGError as error:
                 logging.getLogger(__name__).warning("no evidence from '%s': %s", spec, error)
         return sources
 
-    @cached_property
-    def _left_out_books(self) -> list[RecipeGraph]:
-        """The books of the setting `without`, read once for all sources."""
-        return [open_graph(book).graph for book in self._settings.without]
-
     def _check(self, sha256: str) -> None:
         """Raise ArtefactError for a hash that no source had in the training."""
         if sha256 not in self._hashes:
             raise ArtefactError("the source has changed since the model was trained.")
 
-    def _of_folder(self, spec: str) -> _Source:
+    def _of_folder(self, spec: str) -> list[_Source]:
+        """Return a folder's evidence as one source: its facts, then cells of its tables."""
         files = knowledge_files(spec)
-        entities = self._opened.graph.entities
         self._check(files.run.outputs[TABLES])
-        tables = _Tables(read_knowledge(spec).of_entities(entities))
-        facts = _Facts(files) if FACTS in files.run.outputs else None
-
-        def find(slots: _Slots) -> list[OutsideEvidence]:
-            evidence = []
-            if facts:
-                labels = [entities[entity] for entity in slots if entity is not None]
-                # a + a has each fact once.
-                distinct = list(dict.fromkeys(labels))
-                for text in facts.about(distinct):
-                    evidence.append(OutsideEvidence(tables.source, text, None))
-            return evidence + tables.find(slots)
-
-        return find
+        knowledge = read_knowledge(spec).of_entities(self._opened.graph.entities)
+        parts = [_table_evidence(knowledge)]
+        if FACTS in files.run.outputs:
+            parts.insert(0, _fact_evidence(files, knowledge))
+        return [lambda slots: [piece for part in parts for piece in part(slots)]]
 
     def _of_book(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.
-        keep_train = self._settings.kg == "none"
         book = open_other_book(
-            spec, self._opened, keep_train=keep_train, without=self._left_out_books
+            spec,
+            self._opened,
+            keep_train=self._settings.kg == "none",
+            without=[open_graph(further).graph for further in self._settings.without],
         )
         self._check(book.source.sha256)
+        pairs = book.recipes[:, :2]
+        made = book.recipes[:, 2]
 
         def find(slots: _Slots) -> list[OutsideEvidence]:
             a, b, result = slots
-            pairs = book.recipes[:, :2]
-            made = book.recipes[:, 2]
-            uses_a = (pairs == a).any(1)
-            uses_b = (pairs == b).any(1)
+            uses_any = (pairs == a).any(1) | (pairs == b).any(1)
             uses_both = np.zeros(len(pairs), dtype=bool)
             if a is not None and b is not None:
                 # Ingredients of a book's recipes are sorted.
                 uses_both = (pairs == sorted((a, b))).all(1)
             # An ingredient with the result says more than both ingredients with another result.
-            makes_result = (uses_a | uses_b) & (made == result)
-            strength = 2 * makes_result + uses_both
-            number = np.count_nonzero(strength)
-            order = np.argsort(-strength, kind="stable")
-            best = order[: min(LIMIT, number)]
-            evidence = []
-            for row in book.recipes[best].tolist():
+            strength = 2 * (uses_any & (made == result)) + uses_both
+            order = np.argsort(-strength, kind="stable")[: np.count_nonzero(strength)]
+            texts = []
+            for row in book.recipes[order[:LIMIT]].tolist():
                 labels = [book.labels[entity] for entity in row]
-                recipe = Recipe(*labels)
-                evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
-            return evidence
+                texts.append(str(Recipe.of(*labels)))
+            return [OutsideEvidence(book.source.name, text, None) for text in texts]
 
         return find
 
 
-class _Tables:
-    """A knowledge folder's tables with phrases.
+def _table_evidence(knowledge: KnowledgeTables) -> _Source:
+    """Return the cells that stand out in tables with phrases, by descending standardised value.
 
     Cells are compared with all cells off the table's diagonal.
     """
-
-    def __init__(self, knowledge: KnowledgeTables):
-        self.source = knowledge.record.source
-        self._entities = knowledge.record.entities
-        # A table with the mean and the deviation of its cells.
-        self._tables: list[tuple[TableInfo, Tensor, float, float]] = []
-        for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
-            if not info.phrase:
-                continue
+    source = knowledge.record.source
+    entities = knowledge.record.entities
+    # Each table with the mean and the deviation of its cells.
+    described: list[tuple[TableInfo, Tensor, float, float]] = []
+    for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
+        if info.phrase:
             # An entity's cell with itself would shift the mean.
-            is_diagonal = torch.eye(len(table), dtype=torch.bool)
-            cells = table[~is_diagonal].double()
-            mean = float(cells.mean())
-            deviation = float(cells.std(correction=0))
-            self._tables.append((info, table, mean, deviation))
+            cells = table[~torch.eye(len(table), dtype=torch.bool)].double()
+            deviation = max(float(cells.std(correction=0)), _NO_DEVIATION)
+            described.append((info, table, float(cells.mean()), deviation))
 
-    def find(self, slots: _Slots) -> list[OutsideEvidence]:
-        """Return the cells that stand out, by descending standardised value."""
+    def find(slots: _Slots) -> list[OutsideEvidence]:
         evidence: list[tuple[float, OutsideEvidence]] = []
-        for info, table, mean, deviation in self._tables:
-            for one, other in _cells(info, slots):
-                value = float(table[one, other])
-                strength = (value - mean) / max(deviation, _NO_DEVIATION)
+        for info, table, mean, deviation in described:
+            for row, column in _cells(info, slots):
+                value = float(table[row, column])
+                strength = (value - mean) / deviation
                 if value > 0 and strength >= STANDS_OUT:
-                    text = _phrase(info, self._entities[one], self._entities[other])
-                    evidence.append((strength, OutsideEvidence(self.source, text, value)))
-        evidence.sort(key=lambda one: -one[0])
+                    text = _phrase(info, entities[row], entities[column])
+                    evidence.append((strength, OutsideEvidence(source, text, value)))
+        evidence.sort(key=lambda pair: -pair[0])
         return [piece for _, piece in evidence]
 
+    return find
 
-def _cells(info: TableInfo, slots: _Slots) -> list[tuple[int, int]]:
-    """Return the rows and columns of a table's cells for a recipe or a link."""
+
+def _cells(info: TableInfo, slots: _Slots) -> Iterator[tuple[int, int]]:
+    """Yield the rows and columns of a table's cells for a recipe or a link."""
     a, b, result = slots
-    if info.role == "pair":
-        places = [(a, b)]
-    else:
-        places = [(a, result), (b, result)]
-    cells = []
+    cells = [(a, b)] if info.role == "pair" else [(a, result), (b, result)]
     # a + a has one cell for its ingredient; a link has no cell for the missing part.
-    for one, other in dict.fromkeys(places):
-        if one is not None and other is not None:
-            cells.append((one, other))
-    return cells
+    for row, column in dict.fromkeys(cells):
+        if row is not None and column is not None:
+            yield row, column
 
 
-def _phrase(info: TableInfo, one: str, other: str) -> str:
+def _phrase(info: TableInfo, row: str, column: str) -> str:
     """Return a table's phrase with two labels in it."""
-    names = ("{ingredient}", "{result}")
-    if info.role == "pair":
-        names = ("{a}", "{b}")
-    text = info.phrase.replace(names[0], one)
-    return text.replace(names[1], other)
+    names = ("{a}", "{b}") if info.role == "pair" else ("{ingredient}", "{result}")
+    return info.phrase.replace(names[0], row).replace(names[1], column)
 
 
-class _Facts:
-    """A knowledge folder's facts: entity label, relation phrase, and a label or class."""
+def _fact_evidence(files: RunFiles, knowledge: KnowledgeTables) -> _Source:
+    """Return facts that link two labels, then facts that two labels share, rarest first.
 
-    def __init__(self, files: RunFiles):
-        self._of_label = defaultdict[str, list[tuple[str, str]]](list)
-        text = files.bytes(FACTS).decode(errors="replace")
-        # Line 1 has the names of the columns. Split at newlines alone: labels may have others.
-        _, *lines = text.removesuffix("\n").split("\n")
-        for number, line in enumerate(lines, 2):
-            if line.count("\t") != 2:
-                raise ArtefactError(
-                    f"{files.folder / FACTS}, line {number}: expected 3 columns. Make the folder "
-                    "again."
-                )
-            head, phrase, tail = line.split("\t")
-            self._of_label[head].append((phrase, tail))
-        self._frequency = Counter(chain.from_iterable(self._of_label.values()))
+    A line of the file has an entity's label, a relation's phrase, and a label or class.
+    """
+    facts_of = defaultdict[str, list[tuple[str, str]]](list)
+    text = files.bytes(FACTS).decode(errors="replace")
+    # Line 1 has the names of the columns. Split at newlines alone: labels may have others.
+    _, *lines = text.removesuffix("\n").split("\n")
+    for number, line in enumerate(lines, 2):
+        if line.count("\t") != 2:
+            raise ArtefactError(
+                f"{files.folder / FACTS}, line {number}: expected 3 columns. Make the folder again."
+            )
+        head, phrase, tail = line.split("\t")
+        facts_of[head].append((phrase, tail))
+    frequency = Counter(chain.from_iterable(facts_of.values()))
 
-    def about(self, labels: Sequence[str]) -> list[str]:
-        """Return facts that link two labels, then facts that two labels share, rarest first."""
+    def find(slots: _Slots) -> list[OutsideEvidence]:
+        entities = [knowledge.record.entities[slot] for slot in slots if slot is not None]
+        # a + a has each fact once.
+        labels = list(dict.fromkeys(entities))
         links: list[str] = []
         shared: dict[tuple[str, str], str] = {}
         for position, head in enumerate(labels):
-            later = labels[position + 1 :]
-            for fact in self._of_label.get(head, ()):
+            for fact in facts_of.get(head, ()):
                 phrase, tail = fact
                 text = f"{head} {phrase} {tail}"
                 if tail in labels and tail != head:
                     links.append(text)
-                for other in later:
-                    if fact in self._of_label.get(other, ()):
-                        shared.setdefault(fact, f"{text}, like {other}")
+                for later in labels[position + 1 :]:
+                    if fact in facts_of.get(later, ()):
+                        shared.setdefault(fact, f"{text}, like {later}")
         # A fact that few labels share says more about these two.
-        rarest_first = sorted(shared, key=lambda fact: self._frequency[fact])
-        return links + [shared[fact] for fact in rarest_first]
+        rarest_first = sorted(shared, key=lambda fact: frequency[fact])
+        texts = links + [shared[fact] for fact in rarest_first]
+        return [OutsideEvidence(knowledge.record.source, text, None) for text in texts]
+
+    return find

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import TrainedOn
+from wordcraft_kg.models.knowledge.books import OutsideSource
+from wordcraft_kg.models.knowledge.outside import describe_source
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.models.recipes.outside import OutsideSource, describe_source
 from wordcraft_kg.runs.files import RunFiles
 
 
@@ -49,6 +50,24 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     outside: tuple[OutsideSource, ...] = ()
 
 
+def fitting_facts(metrics: RecipeMetrics) -> dict[str, str]:
+    """Return facts about a training by name, for reports and the model card."""
+    facts = {
+        "what it is": f"rankers fitted on {metrics.recipes:,} recipes, each held out in turn; "
+        f"words: {metrics.features}",
+        "training": f"{metrics.seconds:.1f} s",
+    }
+    if metrics.outside:
+        facts["outside knowledge"] = "; ".join(map(describe_source, metrics.outside))
+    if metrics.folds:
+        facts["cross-fitted"] = cross_fitted_words(
+            metrics.folds,
+            metrics.fold_mrr,
+            metrics.fold_in_sample_mrr,
+        )
+    return facts
+
+
 def recipes_history(files: RunFiles) -> History:
     """Return a recipe scorer's training history: settings and metrics.
 
@@ -60,18 +79,9 @@ def recipes_history(files: RunFiles) -> History:
     settings = [f"{name} {value}" for name, value in vars(config.settings).items()]
     facts = {
         "trained by": " ".join(files.run.argv),
-        "what it is": f"rankers fitted on {metrics.recipes:,} recipes, each held out in turn",
-        "training": f"{metrics.seconds:.1f} s",
+        **fitting_facts(metrics),
         "settings": ", ".join(settings),
     }
-    if metrics.outside:
-        facts["outside knowledge"] = "; ".join(map(describe_source, metrics.outside))
-    if metrics.folds:
-        facts["cross-fitted"] = cross_fitted_words(
-            metrics.folds,
-            metrics.fold_mrr,
-            metrics.fold_in_sample_mrr,
-        )
     made = made_by_other_books(metrics.outside)
     return History(config, facts, metrics, made_by_other_books=made)
 

@@ -20,6 +20,7 @@ from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import cores
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
@@ -31,33 +32,31 @@ from wordcraft_kg.graphs.train_samples import (
     draw_train_sample,
     is_subsample,
 )
-from wordcraft_kg.graphs.triples import triples_hash
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, triples_hash
+from wordcraft_kg.models.knowledge.books import OtherBook, recipes_together, shared_recipes
+from wordcraft_kg.models.knowledge.outside import (
+    LinkTables,
+    is_book,
+    join_books,
+    open_outside,
+)
+from wordcraft_kg.models.knowledge.words import Words, word_features, words_of_books
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.encoder_fitting import fit_encoders
+from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder, fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
-    Words,
     encoders_of,
     fit_recipe_scorers,
     lesson_folds,
-    word_features,
 )
-from wordcraft_kg.models.recipes.memory import fitting_workers
-from wordcraft_kg.models.recipes.outside import (
-    describe_source,
-    encoder_of_books,
-    is_book,
-    open_outside,
-    shared_recipes,
-    words_of_books,
-)
-from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
-from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
-from wordcraft_kg.models.scorers.config import check_table
+from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics, fitting_facts
+from wordcraft_kg.models.scorers.config import check_table, fitting_workers
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
+from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
@@ -192,6 +191,84 @@ def _kept(folder: Path) -> Checkpoints[FitDone]:
 def _kept_encoders(folder: Path) -> Checkpoints[FitDone]:
     """Return the saved pair encoders of a run, which many fits use."""
     return Checkpoints(folder, _ENCODER, FitDone, kept=None)
+
+
+def encoder_of_books(
+    books: Sequence[OtherBook],
+    num_own: int,
+    features: str,
+    *,
+    allow_missing: bool = False,
+    seed: int = 0,
+    device: str = "cpu",
+    stop: Callable[[], bool] = lambda: False,
+) -> PairEncoder:
+    """Fit a pair encoder to the recipes of other books, and keep what scores the graph's entities.
+
+    Link features tell which entities other books combine, and what they are part of; the encoder
+    tells what a whole pair makes. Like them, it is the same in all folds.
+
+    Args:
+        books: other books without the recipes that they share with the graph, one or more.
+        num_own: number of the graph's entities, which come first in each book.
+        features: word vectors, through which the encoder knows entities that no book has.
+        allow_missing: use zeros for labels without a vector.
+        seed: seed of weights, batches and negatives.
+        device: where to compute.
+        stop: whether to end the fit.
+
+    Raises:
+        KeyboardInterrupt: if ``stop`` has returned True.
+        ConfigError: if most labels have no vector, and ``allow_missing`` is False.
+    """
+    # In order of appearance, so that the graph's entities keep their ids.
+    distinct: dict[str, None] = {}
+    for book in books:
+        distinct |= dict.fromkeys(book.labels)
+    labels = tuple(distinct)
+    words = words_of_books(features, labels, allow_missing=allow_missing)
+    # Rounded as a model stores them.
+    vectors = words.unit_vectors.astype(np.float16).astype(np.float32)
+    encoder = fit_encoder(
+        recipes_together(books, labels),
+        torch.from_numpy(vectors),
+        torch.Generator().manual_seed(seed),
+        device=device,
+        stop=stop,
+    )
+    return encoder.of_first(num_own)
+
+
+def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
+    """Return a scorer of mean standardised tables: ``parts[a, c] + parts[b, c] + pairs[a, b]``.
+
+    Args:
+        outside: the tables, shape (E, E) each.
+        words: word vectors; they are kept, and have weight 0.
+    """
+    size = len(words.vectors)
+
+    def mean(tables: Sequence[Tensor]) -> Tensor:
+        if not tables:
+            return torch.zeros(size, size)
+        scaled = []
+        for table in tables:
+            values = standardised(table.numpy(), None)
+            scaled.append(torch.from_numpy(values).float())
+        return torch.stack(scaled).mean(0)
+
+    pairs = mean(outside.pairs)
+    parts = mean(outside.parts)
+    no_recipes = np.empty((0, 3), dtype=np.int64)
+    knowledge = RecipeKnowledge.of_recipes(no_recipes, words.vectors, words.near)
+    tables = {COMBINES_WITH: pairs, COMPONENT_OF: parts}
+    # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
+    signs = torch.tensor([1.0, -1.0])
+    first = torch.zeros(len(FEATURES), 2)
+    for name in ("component_sum", "combines_pair"):
+        first[FEATURES.index(name)] = signs
+    ranker = Ranker(first, torch.zeros(2), signs.clone(), torch.zeros(()))
+    return knowledge.with_link_tables(tables).with_ranker(ranker)
 
 
 class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
@@ -402,25 +479,55 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             wanted: folds to leave out, () for none.
             after: called after each encoder.
         """
+        needed: list[LeftOut] = []
+        numbers: dict[LeftOut, int] = {(): 0}
         if self.has_encoder_of_others:
-            return self._encoder_of_others(run, after)
-        if not self.has_encoder:
-            return {}
-        settings = self.config.settings
+            needed = [()]
+        elif self.has_encoder:
+            needed = encoders_of(self.folds, wanted)
+            every = encoders_of(self.folds, self._every())
+            numbers = {left_out: number for number, left_out in enumerate(every)}
         kept = _kept_encoders(run.path)
-        numbers = {
-            left_out: number
-            for number, left_out in enumerate(encoders_of(self.folds, self._every()))
-        }
         saved = kept.records()
-        encoders: dict[LeftOut, PairEncoder] = {}
-        missing = []
-        for left_out in encoders_of(self.folds, wanted):
-            if numbers[left_out] in saved:
-                tensors = kept.read(numbers[left_out]).tensors
-                encoders[left_out] = PairEncoder(**tensors)
-            else:
-                missing.append(left_out)
+        encoders = {
+            left_out: PairEncoder(**kept.read(numbers[left_out]).tensors)
+            for left_out in needed
+            if numbers[left_out] in saved
+        }
+        missing = [left_out for left_out in needed if left_out not in encoders]
+        for left_out, encoder, recipes in self._new_encoders(run, words, missing):
+            kept.save(numbers[left_out], encoder._asdict(), FitDone(trained_on=recipes))
+            encoders[left_out] = encoder
+            after()
+        return encoders[()] if self.has_encoder_of_others else encoders
+
+    def _new_encoders(
+        self,
+        run: RunFolder[FitDone],
+        words: Words,
+        missing: Sequence[LeftOut],
+    ) -> Iterator[tuple[LeftOut, PairEncoder, str]]:
+        """Fit pair encoders; yield what each leaves out, the encoder, and its recipes' hash."""
+        settings = self.config.settings
+        stop = run.interrupted.is_set
+        if missing and self.has_encoder_of_others:
+            books = self.outside.books
+            encoder = encoder_of_books(
+                books,
+                self.opened.graph.num_entities,
+                settings.features,
+                allow_missing=settings.allow_missing,
+                seed=settings.seed,
+                device=settings.device,
+                stop=stop,
+            )
+            dim = self.features.vectors.shape[1]
+            if len(encoder.used_words) != dim:
+                # `auto` finds better words for the graph's labels than for those of all books.
+                encoder = encoder.without_words(dim)
+            recipes = np.concatenate([book.recipes for book in books])
+            yield (), encoder, triples_hash(recipes)
+            return
         fitted = fit_encoders(
             self.folds,
             torch.from_numpy(words.vectors).float(),
@@ -428,53 +535,10 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             seed=settings.seed,
             workers=self.workers,
             device=settings.device,
-            stop=run.interrupted.is_set,
+            stop=stop,
         )
         for left_out, encoder in fitted:
-            done = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
-            kept.save(numbers[left_out], encoder._asdict(), done)
-            encoders[left_out] = encoder
-            after()
-        return encoders
-
-    def _encoder_of_others(
-        self,
-        run: RunFolder[FitDone],
-        after: Callable[[], None],
-    ) -> PairEncoder:
-        """Fit and save the pair encoder of other books, or read that of a resumed run.
-
-        Args:
-            run: the run's folder.
-            after: called after the fit.
-        """
-        settings = self.config.settings
-        kept = _kept_encoders(run.path)
-        if kept.records():
-            return PairEncoder(**kept.read(0).tensors)
-        if _kept(run.path).records():
-            raise ArtefactError(
-                f"'{run.path}' was begun without the pair encoder of other books that its settings "
-                "ask for, by another version of wordcraft-kg. Train again with `force`."
-            )
-        books = self.outside.books
-        encoder = encoder_of_books(
-            books,
-            self.opened.graph.num_entities,
-            settings.features,
-            allow_missing=settings.allow_missing,
-            seed=settings.seed,
-            device=settings.device,
-            stop=run.interrupted.is_set,
-        )
-        dim = self.features.vectors.shape[1]
-        if len(encoder.used_words) != dim:
-            # `auto` finds better words for the graph's labels than for those of all books.
-            encoder = encoder.without_words(dim)
-        recipes = np.concatenate([book.recipes for book in books])
-        kept.save(0, encoder._asdict(), FitDone(trained_on=triples_hash(recipes)))
-        after()
-        return encoder
+            yield left_out, encoder, triples_hash(self.folds.triples(left_out))
 
     def _fitted(
         self,
@@ -511,11 +575,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
 
     def _interrupted(self, run: RunFolder[FitDone], saved: int, number: int) -> KeyboardInterrupt:
         """Return the exception that ends a run: ``saved`` of ``number`` fits are saved."""
-        done = f"interrupted; {saved} of {number} fits are saved in '{run.path}'."
         encoders = len(_kept_encoders(run.path).records())
-        if encoders:
-            done = f"{done[:-1]}, and {encoders} pair encoders."
-        return KeyboardInterrupt(f"{done} Repeat the command to make the rest.")
+        more = f", and {encoders} pair encoders" if encoders else ""
+        return KeyboardInterrupt(
+            f"interrupted; {saved} of {number} fits are saved in '{run.path}'{more}. Repeat the "
+            "command to make the rest."
+        )
 
     def _finish(
         self,
@@ -588,13 +653,7 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
         seen = f"recipes that are not in {', '.join(without)}."
     if metrics.kg == "none":
         seen = "outside knowledge only: this book's recipes are unseen."
-    points = [f"{metrics.recipes:,} recipes; words: {metrics.features}"]
-    points += [f"outside knowledge: {line}" for line in map(describe_source, metrics.outside)]
-    if metrics.fold_mrr is not None:
-        points.append(
-            f"{metrics.folds} folds: MRR {metrics.fold_mrr:.3f} out-of-sample, "
-            f"{metrics.fold_in_sample_mrr:.3f} in-sample, on train triples"
-        )
+    points = ["", *(f"{name}: {text}" for name, text in fitting_facts(metrics).items())]
     # Any recipe serves as an example that runs.
     a, b, result = opened.graph.recipe_labels()[0]
     return scorer_card(

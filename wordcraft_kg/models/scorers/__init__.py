@@ -4,9 +4,9 @@ Read ``protocol`` first (the interface), then ``scorer`` (the base class: labels
 are ``factors`` (score tables, and ComplEx embeddings), ``baselines`` (facts, counts, neighbours and
 votes, nothing learned), ``kernel`` (closed form) and ``recipes`` (scores for whole recipes). The
 features of recipes come from the neighbour lists of the room ``neighbours``; a ``ranker`` makes
-scores of them, and ``recipe_curve`` probabilities. ``cross_fitting`` joins
+scores of them, and ``probabilities`` turns scores into probabilities. ``cross_fitting`` joins
 models of all folds, ``folder`` loads and writes trained scorers, ``scales`` maps scores to a common
-scale, ``calibration`` to probabilities, ``ranking`` evaluates test triples, ``roles`` and
+scale, ``ranking`` evaluates test triples, ``roles`` and
 ``link_evidence`` explain scores by similar entities and links, ``features`` provides entity
 vectors, and ``near_synonyms`` finds test recipes that reword a train recipe. ``config`` holds
 limits and settings, without torch.

@@ -29,9 +29,8 @@ from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
-from wordcraft_kg.models.scorers.calibration import Probabilities
-from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
+from wordcraft_kg.models.scorers.probabilities import Probabilities
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, RecipeScores, TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
@@ -163,7 +162,10 @@ class CrossFitted(Scorer):
             self.factors = whole.factors
         if isinstance(whole, RecipeScores):
             self.recipes = whole.recipes
+            self.proposes_results = whole.proposes_results
             self.score_recipes = whole.score_recipes
+            self.score_pairs = whole.score_pairs
+            self.candidate_results = whole.candidate_results
             self.supporting_recipes = whole.supporting_recipes
 
     @property
@@ -199,7 +201,7 @@ class CrossFitted(Scorer):
 
         Returns:
             float32, with the broadcast shape: the probability that a recipe outside train gives the
-            triple, see :mod:`~wordcraft_kg.models.scorers.calibration`.
+            triple, see :mod:`~wordcraft_kg.models.scorers.probabilities`.
 
         Raises:
             ConfigError: if the model has no calibration.
@@ -225,48 +227,23 @@ class CrossFitted(Scorer):
             ConfigError: if the model scores no recipes or has no calibration.
             UnknownEntityError: for a label or id that the scorer does not know.
         """
-        temperature = self.probabilities.temperature if self.probabilities else None
+        probabilities = self.probabilities
+        temperature = probabilities.temperature if probabilities else None
         if temperature is None or not isinstance(self.whole, RecipeScores):
             raise ConfigError(
                 f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with "
                 "folds."
             )
-        if isinstance(self.whole, RecipeScorer) and self.whole.proposes_results:
-            return self._proposed_probabilities(self.whole, ingredients, others)
-        # A last axis for the results, against which the pairs broadcast.
-        a = self.entity_ids(ingredients)[..., None]
-        b = self.entity_ids(others)[..., None]
-        everything = torch.arange(len(self.entities), device=self.device)
-        scores = self.whole.score_recipes(a, b, everything)
-        return torch.softmax(scores / temperature, dim=-1)
-
-    def _proposed_probabilities(
-        self,
-        scorer: RecipeScorer,
-        ingredients: EntityIds,
-        others: EntityIds,
-    ) -> torch.Tensor:
-        """Return distributions over the results that a scorer proposes, shape (..., E).
-
-        They sum to the share of held-out pairs with a proposed result: no other entity has a
-        probability.
-
-        Args:
-            scorer: the main scorer, which proposes results.
-            ingredients: as for :meth:`result_probabilities`.
-            others: likewise.
-        """
-        assert self.probabilities is not None
-        assert self.probabilities.temperature is not None
         pairs = self.entity_ids(ingredients), self.entity_ids(others)
         a, b = torch.broadcast_tensors(*pairs)
-        ids, scores = scorer.best_results(a.reshape(-1), b.reshape(-1))
-        of_proposed = torch.softmax(scores / self.probabilities.temperature, dim=-1)
+        ids, scores = self.whole.candidate_results(a.reshape(-1), b.reshape(-1))
+        of_candidates = torch.softmax(scores / temperature, dim=-1)
         size = len(self.entities)
-        # The id E, of missing proposals, has a column of its own, which is dropped.
+        # The id E, of missing candidates, has a column of its own, which is dropped.
         every = torch.zeros(len(ids), size + 1, device=ids.device)
-        every.scatter_(1, ids, of_proposed)
-        covered = self.probabilities.covered
+        every.scatter_(1, ids, of_candidates)
+        # Of held-out pairs, this share has its result among the candidates.
+        covered = probabilities.covered if probabilities else msgspec.UNSET
         share = 1.0 if covered is msgspec.UNSET else covered
         return (share * every[:, :size]).view(*a.shape, size)
 

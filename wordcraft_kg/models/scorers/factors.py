@@ -11,6 +11,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.tensors import check_tensors
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.config import has_table
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 
 
@@ -113,6 +114,18 @@ class ComplExScorer(StoredScorer):
         }
         self.entity = torch.complex(tensors["entity_real"], tensors["entity_imag"])
         self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
+
+    @classmethod
+    def restored(  # noqa: D102 - inherited
+        cls,
+        tensors: Mapping[str, Tensor],
+        entities: Sequence[str],
+        graph_hash: str,
+        **settings: Any,
+    ) -> Scorer:
+        scorer = cls(tensors, entities, graph_hash, **settings)
+        # Where it has room, a table: scores are looked up many times in a training.
+        return TableScorer.of(scorer) if has_table(len(entities)) else scorer
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # Grids of queries and candidates are one matrix product; the plain formula would build a

@@ -23,18 +23,18 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
-from wordcraft_kg.models.scorers.calibration import Probabilities, Seen, predictions
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.config import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
-from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.probabilities import HeldOut, Probabilities, score_fold
+from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.ranking import (
     mean_reciprocal_rank,
     rank_triples,
     sampled,
     sampled_for,
 )
-from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_finished_run
@@ -225,9 +225,6 @@ def make_scorer(
 ) -> Scorer:
     """Make a scorer from a trained model's tensors.
 
-    A scorer with factors becomes a table where the table fits :data:`TABLE_LIMIT`: scores are then
-    looked up instead of computed, many times in a training.
-
     Args:
         kind: a key in :data:`SCORERS`.
         tensors: the tensors of this kind, by name.
@@ -239,11 +236,7 @@ def make_scorer(
         KeyError: for an unknown kind, or if a tensor is missing.
         ValueError: if a tensor does not fit the entities.
     """
-    scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
-    is_alone = isinstance(scorer, FactoredScorer) and not isinstance(scorer, RecipeScores)
-    if is_alone and table_bytes(len(entities)) <= TABLE_LIMIT:
-        return TableScorer.of(scorer)
-    return scorer
+    return SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
 
 
 Tensors = Mapping[str, torch.Tensor]
@@ -264,7 +257,7 @@ def stored(scorer: TripleScorer) -> StoredScorer:
     # A table is made again, even from a table: its shape and type were never checked.
     if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer):
         result = scorer
-    elif table_bytes(size) <= TABLE_LIMIT:
+    elif has_table(size):
         tables = [
             scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))
         ]
@@ -347,11 +340,11 @@ def write_folds(
 
     queries = [asked(number) for number in range(folds.count)]
 
-    def evaluated(number: int) -> tuple[str, Tensors, float | None, Seen]:
+    def evaluated(number: int) -> tuple[str, Tensors, float | None, HeldOut]:
         trained_on, own_tensors = part(number)
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
         mrr = _mrr(left_out, queries[number], known)
-        return trained_on, own_tensors, mrr, predictions(left_out, folds, number)
+        return trained_on, own_tensors, mrr, score_fold(left_out, folds, number)
 
     def in_sample() -> list[float | None]:
         return [_mrr(whole, of_fold, known) for of_fold in queries]

@@ -1,16 +1,21 @@
-"""The interface through which environments, policies and reports use any scorer.
+"""The interfaces through which environments, policies and reports use any scorer.
 
-This module imports no torch, so commands can name the interface without the cost of that import.
+This module imports no torch, so commands can name the interfaces without the cost of that import.
+What a score is: docs/explanation/recipe-scorer.md for recipes, docs/link-prediction.md for triples.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from wordcraft_kg.base.errors import GraphMismatchError
+from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
 
 if TYPE_CHECKING:
     import torch
 
+    from wordcraft_kg.models.scorers.neighbours.knowledge import Support
     from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds
 
 
@@ -62,6 +67,122 @@ class FactoredScorer(TripleScorer, Protocol):
         """Return float32 matrices ``left`` and ``right``, (E, m).
 
         A pair scores ``left[head] · right[tail]``.
+        """
+        ...
+
+
+class Witness(Record):
+    """A known recipe that supports a scored recipe, by labels.
+
+    Attributes:
+        ingredient_a: label of the first ingredient.
+        ingredient_b: label of the second ingredient.
+        result: label of the result.
+        weight: similarity of the recipes, 1 for equality, as in ``Support``.
+        share: share of the evidence among all supporting recipes, as in ``Support``.
+        strength: evidence relative to the strongest supporting recipe, which has 1.
+    """
+
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    weight: Share
+    share: Share
+    strength: Share
+
+    @classmethod
+    def of(cls, supporting: "Support", entities: Sequence[str]) -> "Witness":
+        """Return ``supporting`` with labels in place of ids; ``entities`` are in id order."""
+        a, b, result = (entities[entity] for entity in supporting.recipe)
+        return cls(a, b, result, supporting.weight, supporting.share, supporting.strength)
+
+    @property
+    def recipe(self) -> Recipe:
+        """The supporting recipe without its weight."""
+        return Recipe.of(self.ingredient_a, self.ingredient_b, self.result)
+
+
+@runtime_checkable
+class RecipeScores(TripleScorer, Protocol):
+    """Interface of scorers that also score whole recipes.
+
+    Attributes:
+        graph_hash: the recipe graph's content hash.
+        entities: the graph's labels in id order.
+        recipes: training recipes, ids (n, 3).
+    """
+
+    recipes: "torch.Tensor"
+
+    @property
+    def proposes_results(self) -> bool:
+        """Whether :meth:`candidate_results` proposes results, in place of all entities."""
+        ...
+
+    def score_recipes(
+        self,
+        ingredients: "EntityIds",
+        others: "EntityIds",
+        results: "EntityIds",
+    ) -> "torch.Tensor":
+        """Score recipes.
+
+        Args:
+            ingredients: one entity, a sequence, or an array or tensor of ids of any shape.
+            others: the second ingredients; their order does not count.
+            results: as ``ingredients``; the three arguments broadcast against each other.
+
+        Returns:
+            the broadcast shape.
+        """
+        ...
+
+    def score_pairs(
+        self,
+        goal: "torch.Tensor",
+        table: "torch.Tensor",
+        pairs: "tuple[torch.Tensor, torch.Tensor] | None" = None,
+    ) -> "tuple[torch.Tensor, torch.Tensor]":
+        """Score pairs of slots for goals.
+
+        Args:
+            goal: ids, shape (B,).
+            table: ids in the slots, shape (B, A).
+            pairs: first and second slot of P pairs, shape (P,) each; None for all pairs.
+
+        Returns:
+            scores in nats, and whether a train recipe makes the goal (0 or 1), shape (B, P) each.
+        """
+        ...
+
+    def candidate_results(
+        self, ingredients: "torch.Tensor", others: "torch.Tensor"
+    ) -> "tuple[torch.Tensor, torch.Tensor]":
+        """Return entities that pairs may make.
+
+        Args:
+            ingredients: ids, shape (n,).
+            others: ids of the second ingredients, shape (n,); their order does not count.
+
+        Returns:
+            ids, shape (n, C), E where there are fewer; and their scores, -inf likewise.
+        """
+        ...
+
+    def supporting_recipes(
+        self,
+        ingredient: str,
+        other: str,
+        result: str,
+        limit: int = 5,
+    ) -> list[Witness]:
+        """Return training recipes that support a recipe: those for ``result`` first.
+
+        Args:
+            ingredient: label of an ingredient.
+            other: label of the other ingredient.
+            result: label of the result.
+            limit: maximum number of recipes.
         """
         ...
 

@@ -1,20 +1,20 @@
 """Scores for whole recipes, and the train recipes that support a score."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from wordcraft_kg.base.records import Record, Share
-from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.scorers.config import has_table
 from wordcraft_kg.models.scorers.factors import grids
-from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge, Support
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
 from wordcraft_kg.models.scorers.neighbours.stored import check_stored
-from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.probabilities import kinds_of
+from wordcraft_kg.models.scorers.protocol import RecipeScores as RecipeScores
+from wordcraft_kg.models.scorers.protocol import Witness as Witness
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
 _ROWS = 4_096
@@ -28,84 +28,7 @@ _MANY = 8
 """With more links than a share of 1 / 8, all links are scored, which is faster, and kept."""
 
 
-class Witness(Record):
-    """A known recipe that supports a scored recipe, by labels.
-
-    Attributes:
-        ingredient_a: label of the first ingredient.
-        ingredient_b: label of the second ingredient.
-        result: label of the result.
-        weight: similarity of the recipes, 1 for equality, as in ``Support``.
-        share: share of the evidence among all supporting recipes, as in ``Support``.
-        strength: evidence relative to the strongest supporting recipe, which has 1.
-    """
-
-    ingredient_a: str
-    ingredient_b: str
-    result: str
-    weight: Share
-    share: Share
-    strength: Share
-
-    @classmethod
-    def of(cls, supporting: Support, entities: Sequence[str]) -> "Witness":
-        """Return ``supporting`` with labels in place of ids; ``entities`` are in id order."""
-        a, b, result = (entities[entity] for entity in supporting.recipe)
-        return cls(a, b, result, supporting.weight, supporting.share, supporting.strength)
-
-    @property
-    def recipe(self) -> Recipe:
-        """The supporting recipe without its weight."""
-        return Recipe(self.ingredient_a, self.ingredient_b, self.result)
-
-
-@runtime_checkable
-class RecipeScores(TripleScorer, Protocol):
-    """Interface of scorers that also score whole recipes.
-
-    Attributes:
-        recipes: training recipes, ids (n, 3).
-    """
-
-    recipes: Tensor
-
-    def score_recipes(
-        self,
-        ingredients: EntityIds,
-        others: EntityIds,
-        results: EntityIds,
-    ) -> Tensor:
-        """Score recipes.
-
-        Args:
-            ingredients: one entity, a sequence, or an array or tensor of ids of any shape.
-            others: the second ingredients; their order does not count.
-            results: as ``ingredients``; the three arguments broadcast against each other.
-
-        Returns:
-            the broadcast shape.
-        """
-        ...
-
-    def supporting_recipes(
-        self,
-        ingredient: str,
-        other: str,
-        result: str,
-        limit: int = 5,
-    ) -> list[Witness]:
-        """Return training recipes that support a recipe: those for ``result`` first.
-
-        Args:
-            ingredient: label of an ingredient.
-            other: label of the other ingredient.
-            result: label of the result.
-            limit: maximum number of recipes.
-        """
-        ...
-
-
-class RecipeScorer(StoredScorer):
+class RecipeScorer(StoredScorer, RecipeScores):
     """A learned scorer for recipes and links: small networks (rankers) on recipe features.
 
     The networks learn from out-of-sample features. Recipe scores are in nats: the log-odds, up to a
@@ -291,6 +214,22 @@ class RecipeScorer(StoredScorer):
             scale than :meth:`score_recipes`, which compares pairs for a goal.
         """
         return results_of(self.knowledge, ingredients, others, number=number)
+
+    def candidate_results(  # noqa: D102 - inherited
+        self, ingredients: Tensor, others: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        if self.proposes_results:
+            return self.best_results(ingredients, others)
+        size = len(self.entities)
+        every = torch.arange(size, device=self.device).expand(len(ingredients), size)
+        return every, self.score_recipes(ingredients[:, None], others[:, None], every)
+
+    def score_pairs(  # noqa: D102 - inherited
+        self, goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None = None
+    ) -> tuple[Tensor, Tensor]:
+        model = torch.zeros_like(goal)
+        features = self.knowledge.features(goal, table, model, pairs)
+        return self.knowledge.scores(features, model), kinds_of(self.knowledge, features)
 
     def supporting_recipes(
         self,

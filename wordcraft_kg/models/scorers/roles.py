@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.config import check_table, has_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.recipes import RecipeScores
 
 Side = Literal["head", "tail"]
 _Rows = NDArray[np.float32]
@@ -52,12 +51,11 @@ class EntityRoles:
             ConfigError: if the scorer has no factors and the graph is too large for a score table.
         """
         size = len(scorer.entities)
-        is_of_recipes = isinstance(scorer, RecipeScores)
         units = []
         lengths = []
         for relation in range(len(RELATIONS)):
-            # A recipe scorer's factors stand for its scores only where a table has no room.
-            if isinstance(scorer, FactoredScorer) and not (has_table(size) and is_of_recipes):
+            # A recipe scorer's factors stand for its scores, so tables come first where they fit.
+            if isinstance(scorer, FactoredScorer) and not has_table(size):
                 left, right = scorer.factors(relation)
                 roles = _of_factors(left.cpu().numpy(), right.cpu().numpy())
             else:

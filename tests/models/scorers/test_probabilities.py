@@ -21,22 +21,24 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in
 from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
-from wordcraft_kg.models.scorers import calibration
-from wordcraft_kg.models.scorers.calibration import (
+from wordcraft_kg.models.scorers import probabilities
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.probabilities import (
+    LOG_ODDS,
     SEGMENTS,
     Curve,
+    HeldOut,
     Probabilities,
-    Seen,
     _covered,
     _temperature,
     fit_curve,
+    fit_sigmoid,
     known_share,
-    predictions,
     rank_log_odds,
+    score_fold,
 )
-from wordcraft_kg.models.scorers.folder import load_scorer
 
-CENTRES = np.arange(-calibration.END, calibration.END + calibration.WIDTH / 2, calibration.WIDTH)
+CENTRES = LOG_ODDS.centres
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def folds(scorer, opened_kitchen):
 
 
 def fitted(scorer, folds):
-    seen = [predictions(scorer.left_out(fold), folds, fold) for fold in range(folds.count)]
+    seen = [score_fold(scorer.left_out(fold), folds, fold) for fold in range(folds.count)]
     return Probabilities.fit(scorer.whole, folds, seen)
 
 
@@ -73,14 +75,15 @@ def counts(chances, share, folds=2, amount=4_000.0):
 )
 def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share, slopes):
     low, high = SEGMENTS
-    part = [
+    parts = [
         np.minimum(CENTRES, low),
         np.clip(CENTRES - low, 0, high - low),
         np.maximum(CENTRES - high, 0),
     ]
-    part = part if len(slopes) > 1 else [CENTRES]
-    true, others = counts(expit(-5 + sum(b * x for b, x in zip(slopes, part, strict=True))), share)
-    curve = fit_curve(true, others, share, slopes=len(slopes))
+    parts = parts if len(slopes) > 1 else [CENTRES]
+    log_odds = -5 + sum(slope * part for slope, part in zip(slopes, parts, strict=True))
+    positives, unlabelled = counts(expit(log_odds), share)
+    curve = fit_curve(positives, unlabelled, share, len(slopes))
     assert curve.slopes == pytest.approx(slopes, abs=0.02)
     # Of the triples that are true, the known ones are not among those that the whole model is asked
     # for.
@@ -88,11 +91,19 @@ def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share, slopes):
     assert curve.reason == ""
 
 
+def test_each_kind_has_an_intercept_and_all_share_the_slope():
+    centres = np.linspace(-3, 3, 25)
+    chances = expit(np.array([[-2.0], [0.5]]) + 0.8 * centres)
+    weights = np.exp(-(centres**2) / 4) * 500
+    fit = fit_sigmoid(weights * chances, weights * (1 - chances), centres[:, None], (0.0, 0.0, 1.0))
+    assert fit == pytest.approx([-2.0, 0.5, 0.8], abs=0.01)
+
+
 @pytest.mark.parametrize("slope", [-1.0, 0.0])
 def test_a_higher_score_is_never_less_probable(slope):
     true, others = counts(expit(-4 + slope * CENTRES), 0.5)
     curve = fit_curve(true, others, 0.5)
-    assert curve.slopes == ()
+    assert curve.slopes == (0,)
     assert "do not separate" in curve.reason
     assert np.ptp(curve.probability(CENTRES)) == 0
     assert curve.probability(CENTRES)[0] == pytest.approx(curve.rate)
@@ -108,7 +119,7 @@ def test_a_fold_of_one_class_has_its_base_rate_and_says_why(known):
         true[0, 700] = known
     curve = fit_curve(true, others, 0.5)
     assert "too few" in curve.reason
-    assert curve.slopes == ()
+    assert curve.slopes == (0,)
     assert 0 < curve.rate <= 0.5
     assert curve.probability(np.array([-20.0, 20.0])) == pytest.approx(curve.rate)
 
@@ -129,36 +140,36 @@ def test_places_are_log_odds_of_ranks_with_ties_halved():
 def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer, folds):
     size, known = len(scorer.entities), {tuple(row) for row in folds.triples().tolist()}
     for fold in range(folds.count):
-        seen = predictions(scorer.left_out(fold), folds, fold)
+        seen = score_fold(scorer.left_out(fold), folds, fold)
         trained_on = {tuple(row) for row in folds.triples([fold]).tolist()}
         true, others = np.zeros((2, 2, 2))
         for triple in product(range(size), (COMBINES_WITH, COMPONENT_OF), range(size)):
             head, relation, tail = triple
             true[relation, int(head == tail)] += triple in known - trained_on
             others[relation, int(head == tail)] += triple not in known
-        np.testing.assert_array_equal(seen.true.sum(axis=-1), true)
-        np.testing.assert_array_equal(seen.others.sum(axis=-1), others)
+        np.testing.assert_array_equal(seen.positives.sum(axis=-1), true)
+        np.testing.assert_array_equal(seen.unlabelled.sum(axis=-1), others)
 
 
 def test_a_sample_of_pairs_stands_for_all(scorer, folds, monkeypatch):
-    everything = predictions(scorer.left_out(0), folds, 0)
-    monkeypatch.setattr(calibration, "MAX_CELLS", 4_000)
-    sample = predictions(scorer.left_out(0), folds, 0)
-    np.testing.assert_array_equal(sample.true.sum(axis=-1), everything.true.sum(axis=-1))
+    everything = score_fold(scorer.left_out(0), folds, 0)
+    monkeypatch.setattr(probabilities, "MAX_CELLS", 4_000)
+    sample = score_fold(scorer.left_out(0), folds, 0)
+    np.testing.assert_array_equal(sample.positives.sum(axis=-1), everything.positives.sum(axis=-1))
     np.testing.assert_allclose(
-        sample.others.sum(axis=-1), everything.others.sum(axis=-1), rtol=0.03
+        sample.unlabelled.sum(axis=-1), everything.unlabelled.sum(axis=-1), rtol=0.03
     )
-    again = predictions(scorer.left_out(0), folds, 0)
-    np.testing.assert_array_equal(sample.others, again.others)
+    again = score_fold(scorer.left_out(0), folds, 0)
+    np.testing.assert_array_equal(sample.unlabelled, again.unlabelled)
 
 
 def test_a_sample_of_a_fold_stands_for_all_of_it(scorer, folds, monkeypatch):
-    everything = predictions(scorer.left_out(0), folds, 0)
-    monkeypatch.setattr(calibration, "MOST_OF_FOLD", 40)
-    sample = predictions(scorer.left_out(0), folds, 0)
-    whole = everything.true.sum(axis=(1, 2))
-    np.testing.assert_allclose(sample.true.sum(axis=(1, 2)), whole)
-    assert np.count_nonzero(sample.true) <= 80 < np.count_nonzero(everything.true)
+    everything = score_fold(scorer.left_out(0), folds, 0)
+    monkeypatch.setattr(probabilities, "MOST_OF_FOLD", 40)
+    sample = score_fold(scorer.left_out(0), folds, 0)
+    whole = everything.positives.sum(axis=(1, 2))
+    np.testing.assert_allclose(sample.positives.sum(axis=(1, 2)), whole)
+    assert np.count_nonzero(sample.positives) <= 80 < np.count_nonzero(everything.positives)
 
 
 def test_recipes_outside_train_change_nothing_but_by_their_number(scorer, folds):
@@ -205,7 +216,7 @@ def test_probabilities_rise_and_sum_to_the_unseen_triples(scorer, opened_kitchen
 
 def test_pairs_of_an_entity_with_itself_have_a_rate_of_their_own(scorer):
     first = scorer.probabilities.relations[0]
-    own = Curve(intercept=-1.0, slopes=(), rate=0.25, true=1, cells=4)
+    own = Curve(intercept=-1.0, rate=0.25, true=1, cells=4)
     changed = msgspec.structs.replace(first, itself=own)
     found = Probabilities(relations=(changed, scorer.probabilities.relations[1]))
     ids = torch.tensor([0, 1])
@@ -262,22 +273,22 @@ def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path):
     torch.testing.assert_close(found[0], torch.softmax(scores / temperature, dim=0))
     opened = open_graph("kitchen")
     folds = make_folds(opened.split, 3, scorer.record.seed)
-    seen = [predictions(scorer.left_out(fold), folds, fold) for fold in range(3)]
+    seen = [score_fold(scorer.left_out(fold), folds, fold) for fold in range(3)]
 
     def loss(value):
-        pairs = [pair for part in seen for pair in zip(part.results, part.right, strict=True)]
+        pairs = [pair for part in seen for pair in zip(part.results, part.is_right, strict=True)]
         return -sum(np.log(softmax(row / value)[right].sum()) for row, right in pairs)
 
     best = loss(temperature)
     assert best < min(loss(temperature * 0.9), loss(temperature * 1.1))
-    assert sum(part.right.sum() for part in seen) >= 3
+    assert sum(part.is_right.sum() for part in seen) >= 3
 
 
 def test_a_book_whose_results_nobody_proposes_has_shares_of_zero():
     nothing = np.zeros((2, 2, 1))
     scores = np.array([[2.0, 1.0, -np.inf], [0.5, 0.0, -1.0]])
     none_right = np.zeros((2, 3), dtype=bool)
-    seen = [Seen(nothing, nothing, scores, none_right, None, proposed=True)]
+    seen = [HeldOut(nothing, nothing, scores, none_right, None, proposes=True)]
     assert _covered(seen) == 0
     # Without a temperature the model would refuse to list results at all.
     assert _temperature(seen) == 1

@@ -1,0 +1,257 @@
+"""Other books: their recipes without those that both books share, and word vectors for all labels.
+
+Recipes that both books share are left out of the other book: a train recipe is in the train part
+already, and a test recipe must not be learned. So a held-out train recipe finds as little of itself
+in the other book as a test recipe does. The page docs/explanation/leaks.md says what this covers.
+"""
+
+from collections.abc import Iterable, Sequence
+from itertools import count
+from typing import Literal, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.base.labels import LabelIndex
+from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.models.knowledge.words import words_of_books
+from wordcraft_kg.models.scorers.config import fitting_workers
+from wordcraft_kg.models.scorers.features import EntityFeatures
+
+_DIM = 384
+"""Length of a word vector, about, to say before the start how much memory another book takes."""
+REWORDED = 0.7
+"""Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the
+three words."""
+
+
+class OutsideSource(Record, frozen=True, kw_only=True):
+    """A source of outside knowledge in a trained model.
+
+    Attributes:
+        name: the source's display name.
+        kind: ``tables`` of a knowledge folder, another ``book``, or ``words``.
+        sha256: hash of the tables, the other graph or the vectors.
+        coverage: share of the graph's entities that the source describes.
+        recipes: recipes of another book that are used.
+        left_out: recipes of another book that are also recipes of this graph, and not used.
+        left_out_test: those among them that are test or validation recipes of this split.
+        left_out_without: further recipes of another book that are left out because a book in
+            ``without`` has them.
+        reworded: used recipes that reword a test or validation recipe by near-synonyms.
+        makes: labels of the graph's entities that a used recipe of another book makes; None for
+            other sources, and in folders from before this field.
+    """
+
+    name: str
+    kind: Literal["tables", "book", "words"]
+    sha256: Hash
+    coverage: Share
+    recipes: Count = 0
+    left_out: Count = 0
+    left_out_test: Count = 0
+    left_out_without: Count = 0
+    reworded: Count = 0
+    makes: tuple[str, ...] | None = None
+
+
+class OtherBook(NamedTuple):
+    """Another book's recipes, without the recipes that both books share.
+
+    Attributes:
+        labels: the graph's E labels, then those of the book alone.
+        recipes: ids by ``labels``, shape (n, 3).
+        source: record of the book.
+    """
+
+    labels: tuple[str, ...]
+    recipes: Ids
+    source: OutsideSource
+
+
+def open_other_book(
+    spec: str,
+    opened: OpenedGraph,
+    *,
+    keep_train: bool = False,
+    without: Sequence[RecipeGraph] = (),
+) -> OtherBook:
+    """Open another book's recipes without the recipes that both books share.
+
+    Labels that differ in case, article or plural are one entity. Rewordings are not counted yet,
+    see :func:`with_words_of`.
+
+    Args:
+        spec: a book or a graph folder.
+        opened: the graph; its split says which shared recipes are test recipes.
+        keep_train: keep shared recipes of the train part.
+        without: further books whose recipes are left out.
+
+    Raises:
+        ConfigError: if the source is no book, is the graph itself, has no other recipes, or memory
+            does not suffice.
+        ArtefactError: if a graph folder is incomplete or damaged.
+    """
+    graph = opened.graph
+    try:
+        book = open_graph(spec).graph
+    except RecipeFileError as error:
+        raise ConfigError(
+            f"`with` '{spec}': expected a knowledge folder, a graph folder, a book or word "
+            f"vectors. {error}"
+        ) from None
+    if book.hash == graph.hash:
+        raise ConfigError(f"`with` '{spec}' is the graph itself. Give another book.")
+    ids = _ids_in(graph, book)
+    is_new = ids >= graph.num_entities
+    labels = (*graph.entities, *book.labels(np.flatnonzero(is_new)))
+    size = len(labels)
+    fitting_workers(size, book.num_recipes, _DIM, most=1)
+    recipes = _distinct(ids[book.recipes])
+    held_out = graph.recipes[~opened.split.is_in("train")]
+    is_shared = is_in(recipes, held_out if keep_train else graph.recipes, size)
+    left_out = int(is_shared.sum())
+    # A recipe that equals a left-out one once labels are compared is left out, too.
+    for further in without:
+        in_further = book.recipes[shared_recipes(book, further)]
+        is_shared |= is_in(recipes, _distinct(ids[in_further]), size)
+    used = recipes[~is_shared]
+    if not len(used):
+        raise ConfigError(
+            f"`with` '{spec}': all {len(recipes):,} recipes are recipes of the graph, or of a book "
+            "in `without`. Give another book."
+        )
+    made = np.unique(used[:, 2])
+    num_described = len(np.unique(ids[~is_new]))
+    source = OutsideSource(
+        name=book.name,
+        kind="book",
+        sha256=book.hash,
+        coverage=num_described / max(graph.num_entities, 1),
+        recipes=len(used),
+        left_out=left_out,
+        left_out_test=int(is_in(recipes, held_out, size).sum()),
+        left_out_without=int(is_shared.sum()) - left_out,
+        makes=tuple(graph.labels(made[made < graph.num_entities])),
+    )
+    return OtherBook(labels, used, source)
+
+
+def _ids_in(graph: RecipeGraph, book: RecipeGraph) -> Ids:
+    """Return the graph's ids of a book's entities; those that it lacks have the ids from E on."""
+    index = LabelIndex(graph.entities)
+    further = count(graph.num_entities)
+    places = [index.find(label) for label in book.entities]
+    ids = [next(further) if place is None else place for place in places]
+    return np.array(ids, dtype=np.int64)
+
+
+def shared_recipes(graph: RecipeGraph, book: RecipeGraph) -> NDArray[np.bool_]:
+    """Mark a graph's recipes that a book has, shape (num_recipes,).
+
+    Labels are compared as in :func:`open_other_book`.
+    """
+    # A graph may have half-sorted recipes, whose rows stay in the graph's order.
+    rows = graph.recipes.copy()
+    rows[:, :2].sort(axis=1)
+    of_book = _distinct(_ids_in(graph, book)[book.recipes])
+    return is_in(rows, of_book, graph.num_entities + book.num_entities)
+
+
+def _distinct(recipes: Ids) -> Ids:
+    """Return different recipes, shape (n, 3), the smaller ingredient first.
+
+    Books may share recipes, and labels of a book that are one entity in another make two recipes
+    equal.
+    """
+    rows = recipes.copy()
+    rows[:, :2].sort(axis=1)
+    return np.unique(rows, axis=0)
+
+
+def with_words_of(
+    book: OtherBook,
+    opened: OpenedGraph,
+    features: str,
+    *,
+    allow_missing: bool = False,
+) -> tuple[OtherBook, EntityFeatures]:
+    """Return the book with its rewordings counted, and word vectors for all labels.
+
+    Args:
+        book: from :func:`open_other_book`.
+        opened: the graph with its split.
+        features: word vectors.
+        allow_missing: use zeros for labels without a vector.
+
+    Raises:
+        ConfigError: if most labels have no vector, and ``allow_missing`` is False.
+    """
+    vectors = words_of_books(features, book.labels, allow_missing=allow_missing)
+    held_out = opened.graph.recipes[~opened.split.is_in("train")]
+    reworded = _reworded(book.recipes, held_out, vectors)
+    return book._replace(source=replace(book.source, reworded=reworded)), vectors
+
+
+def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
+    """Count recipes that equal a held-out recipe up to near-synonyms.
+
+    Args:
+        recipes: ids, shape (n, 3); ingredients may have either order.
+        held_out: ids, shape (m, 3).
+        features: word vectors of all entities.
+    """
+    own = np.unique(held_out)
+    # Rows of the held-out entities alone: all pairs of a large book would take gigabytes.
+    cosines = features.unit_vectors[own] @ features.unit_vectors.T
+    alike = cosines >= REWORDED
+    # An entity without a vector equals itself, too.
+    alike[np.arange(len(own)), own] = True
+    is_reworded = np.zeros(len(recipes), dtype=bool)
+    one, other, made = recipes.T
+    # Rows of `alike` for the entities of each held-out recipe.
+    rows = np.searchsorted(own, held_out)
+    for a, b, result in rows.tolist():
+        in_order = alike[a, one] & alike[b, other]
+        reversed_order = alike[a, other] & alike[b, one]
+        has_ingredients = in_order | reversed_order
+        is_reworded |= has_ingredients & alike[result, made]
+    return int(is_reworded.sum())
+
+
+def recipes_together(books: Sequence[OtherBook], labels: Iterable[str]) -> Ids:
+    """Return the different recipes of several books.
+
+    Args:
+        books: the books.
+        labels: all their labels, whose places are the ids of the result.
+
+    Returns:
+        shape (n, 3), the smaller ingredient first.
+    """
+    place = {label: row for row, label in enumerate(labels)}
+    rows = []
+    for book in books:
+        ids = np.array([place[label] for label in book.labels])
+        rows.append(ids[book.recipes])
+    return _distinct(np.concatenate(rows))
+
+
+def joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGraph, dict[str, int]]:
+    """Return a graph with the recipes of all books as train recipes, and the id of each label."""
+    distinct: set[str] = set()
+    for book in books:
+        distinct.update(book.labels)
+    labels = sorted(distinct)
+    place = {label: row for row, label in enumerate(labels)}
+    recipes = recipes_together(books, labels)
+    graph = RecipeGraph(labels, recipes, [], name=f"books for {opened.graph.name}")
+    split = make_split(graph, SplitConfig("none"))
+    return OpenedGraph(graph, split, opened.source), place

@@ -1,0 +1,330 @@
+"""Sources of knowledge from outside the train recipes, as features of links.
+
+A source is a folder of tables, another book, or further word vectors. Outside knowledge is the same
+in all folds. The page docs/outside-knowledge.md describes the sources, and
+docs/explanation/recipe-scorer.md what a link ranker does with a feature.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.feature_spec import FeatureSpec
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.train_samples import TrainSample
+from wordcraft_kg.models.knowledge.books import (
+    OtherBook,
+    OutsideSource,
+    joined,
+    open_other_book,
+    with_words_of,
+)
+from wordcraft_kg.models.knowledge.folder import (
+    KNOWLEDGE,
+    TABLES,
+    check_same_split,
+    knowledge_files,
+    read_knowledge,
+)
+from wordcraft_kg.models.knowledge.words import Words
+from wordcraft_kg.models.scorers.config import check_table
+from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
+from wordcraft_kg.models.scorers.kernel import cosines
+from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
+
+_OF_A_BOOK = ("graph", "split", "overrides")
+"""Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the
+source."""
+_Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
+"""Tables by source, name and role. A source is its name and the hashes of its own inputs."""
+_VECTOR_FILES = (".npy", ".txt", ".gz")
+"""Endings of files with word vectors."""
+
+
+class LinkTables(NamedTuple):
+    """Features from outside the recipes, tables of shape (E, E).
+
+    Attributes:
+        pairs: features of combinesWith links, symmetric.
+        parts: features of componentOf links, row = ingredient.
+    """
+
+    pairs: Sequence[Tensor] = ()
+    parts: Sequence[Tensor] = ()
+
+
+NOTHING = LinkTables()
+"""No features from outside the recipes."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutsideKnowledge:
+    """Link features from all sources of outside knowledge.
+
+    Attributes:
+        tables: the features, over the entities of a graph.
+        sources: records of the sources, in the order of the settings.
+        books: the sources that are books.
+    """
+
+    tables: LinkTables
+    sources: tuple[OutsideSource, ...]
+    books: tuple[OtherBook, ...] = ()
+
+
+def open_outside(
+    specs: Sequence[str],
+    opened: OpenedGraph,
+    features: str,
+    *,
+    allow_missing: bool = False,
+    without: Sequence[RecipeGraph] = (),
+) -> OutsideKnowledge:
+    """Open sources of outside knowledge for a graph's entities.
+
+    Args:
+        specs: knowledge folders, graphs or books, and word vectors.
+        opened: the graph; its split says which shared recipes are counted as test recipes.
+        features: word vectors by which another book's recipes are compared.
+        allow_missing: use zeros for labels without a vector.
+        without: books whose recipes are left out of the books in ``specs``.
+
+    Returns:
+        features in the order of the sources, those of knowledge folders last.
+
+    Raises:
+        ConfigError: if a source describes none of the entities, is the graph itself, or lacks word
+            vectors.
+        ArtefactError: if a folder is incomplete or damaged.
+    """
+    folders = _Tables()
+    pairs: list[Tensor] = []
+    parts: list[Tensor] = []
+    sources: list[OutsideSource] = []
+    books: list[OtherBook] = []
+    for spec in specs:
+        if (Path(spec) / KNOWLEDGE).is_file():
+            sources.append(_of_folder(spec, opened, folders))
+            continue
+        if is_book(spec):
+            other = open_other_book(spec, opened, without=without)
+            tables, book = _of_book(other, opened, features, allow_missing)
+            books.append(book)
+            source = book.source
+        else:
+            tables, source = _of_words(spec, opened, allow_missing)
+        pairs += tables.pairs
+        parts += tables.parts
+        sources.append(source)
+    # After all folders are read: tables of several folders may have become one.
+    for (_, _, role), table in folders.items():
+        if role == "pair":
+            pairs.append(table)
+        else:
+            parts.append(table)
+    return OutsideKnowledge(LinkTables(pairs, parts), tuple(sources), tuple(books))
+
+
+def is_book(spec: str) -> bool:
+    """Return whether a source is another book, not a knowledge folder or word vectors."""
+    if (Path(spec) / KNOWLEDGE).is_file():
+        return False
+    source = FeatureSpec.parse(spec)
+    path = Path(source.source)
+    if not source.is_path or path.suffix in _VECTOR_FILES:
+        return False
+    return not (path / ENCODED).is_file()
+
+
+def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource:
+    """Add a folder's tables to those of other folders, and return its record.
+
+    Tables of one name and source complete each other, as those of several books.
+
+    Args:
+        spec: a knowledge folder.
+        opened: the graph with its split.
+        tables: tables of the folders before; changed in place.
+
+    Raises:
+        ConfigError: if the folder describes none of the entities, or is of another split.
+        ArtefactError: if the folder is incomplete or damaged.
+    """
+    entities = opened.graph.entities
+    check_same_split(spec, opened)
+    knowledge = read_knowledge(spec)
+    name = knowledge.record.source
+    coverage = knowledge.coverage(entities)
+    if not coverage:
+        raise ConfigError(
+            f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as "
+            f"'{entities[0]}'. Make the folder for this graph."
+        )
+    of_entities = knowledge.of_entities(entities)
+    run = knowledge_files(spec).run
+    own_inputs = [sha256 for key, sha256 in run.inputs.items() if key not in _OF_A_BOOK]
+    origin = (name, *sorted(own_inputs))
+    for info, table in zip(of_entities.record.tables, of_entities.tables, strict=True):
+        key = (origin, info.name, info.role)
+        new = table.float()
+        before = tables.get(key)
+        # 0 is a cell that the earlier folder says nothing about.
+        tables[key] = new if before is None else before.where(before != 0, new)
+    return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
+
+
+def _of_words(
+    spec: str,
+    opened: OpenedGraph,
+    allow_missing: bool,
+) -> tuple[LinkTables, OutsideSource]:
+    """Return the cosines of further word vectors, a feature of both relations, and their record."""
+    features = make_features(spec, opened.graph.entities, allow_missing=allow_missing)
+    alike = text_of(features)
+    source = OutsideSource(
+        name=features.source,
+        kind="words",
+        sha256=features.sha256,
+        coverage=float(features.known.mean()),
+    )
+    return LinkTables([alike], [alike]), source
+
+
+def text_of(features: EntityFeatures) -> Tensor:
+    """Return the cosines of word vectors, (E, E); zeros for one-hot vectors, which are no words."""
+    if features.is_one_hot:
+        size = len(features.known)
+        return torch.zeros(size, size)
+    return cosines(torch.tensor(features.vectors))
+
+
+def describe_source(source: OutsideSource) -> str:
+    """Return a line about a source: coverage, and a book's used and left-out recipes."""
+    text = f"{source.name} ({source.kind}) describes {source.coverage:.0%} of the entities"
+    if source.kind == "book":
+        text += (
+            f"; {source.recipes:,} recipes used, {source.left_out:,} shared recipes left out "
+            f"({source.left_out_test:,} of them test or validation recipes), "
+            f"{source.reworded:,} used recipes reword a test or validation recipe"
+        )
+        if source.left_out_without:
+            text += f"; {source.left_out_without:,} recipes of books in `without` left out"
+    return text
+
+
+# --- another book ---------------------------------------------------------------------------------
+
+
+def _of_book(
+    other: OtherBook,
+    opened: OpenedGraph,
+    features: str,
+    allow_missing: bool,
+) -> tuple[LinkTables, OtherBook]:
+    """Return another book's link features for the graph's entities, and the book."""
+    size = opened.graph.num_entities
+    book, vectors = with_words_of(other, opened, features, allow_missing=allow_missing)
+    # The book's lists are made with all entities; the tables are of the graph's entities alone.
+    rows = LinkRows(Words.of(vectors).lists(book.recipes))
+    pairs: list[Tensor] = []
+    parts: list[Tensor] = []
+    # A block has the links of its entities with all entities of both books.
+    for some in torch.arange(size).split(max(1, CELLS // len(book.labels))):
+        pairs.append(rows.combines(some.numpy())[:, :size])
+        parts.append(rows.components(some.numpy())[:, :size])
+    # combinesWith is symmetric, and its features are so but for rounding.
+    both = torch.cat(pairs)
+    of_pairs = (both + both.transpose(0, 1)) / 2
+    tables = LinkTables(_by_feature(of_pairs), _by_feature(torch.cat(parts)))
+    return tables, book
+
+
+def _by_feature(features: Tensor) -> tuple[Tensor, ...]:
+    """Return features (E, E, F) as a table (E, E) for each feature."""
+    return features.permute(2, 0, 1).contiguous().unbind()
+
+
+# --- other books alone ----------------------------------------------------------------------------
+
+
+class JointBook(NamedTuple):
+    """Other books' recipes over a joint vocabulary with a graph's entities.
+
+    Attributes:
+        opened: the joint graph; all recipes are train recipes. Without a book, the graph itself.
+        own: ids of the graph's entities in the joint graph, shape (E,).
+        folds: folds of the recipes; without recipes if no source is a book.
+        outside: knowledge from sources that are not books, for the joint graph, and the books'
+            counts.
+    """
+
+    opened: OpenedGraph
+    own: Tensor
+    folds: Folds
+    outside: OutsideKnowledge
+
+
+def join_books(
+    specs: Sequence[str],
+    opened: OpenedGraph,
+    features: str,
+    *,
+    folds: int,
+    allow_missing: bool = False,
+    keep_train: bool = True,
+) -> JointBook:
+    """Join other books with a graph's entities, without the graph's own recipes.
+
+    Args:
+        specs: sources: other books, and others as for
+            :func:`open_outside`.
+        opened: the graph; its split says which shared recipes are test recipes.
+        features: word vectors by which recipes are compared.
+        folds: number of folds of the other books' recipes.
+        allow_missing: use zeros for labels without a vector.
+        keep_train: keep recipes of other books that are also train recipes of the graph; test
+            recipes are always left out.
+
+    Raises:
+        ConfigError: if there is no source, or a source does not fit the graph.
+        ArtefactError: if a folder is incomplete or damaged.
+    """
+    if not specs:
+        raise ConfigError(
+            "`kg` none learns from outside knowledge only. Name a source in `with`, such as "
+            "everyday."
+        )
+    books = []
+    for spec in filter(is_book, specs):
+        other = open_other_book(spec, opened, keep_train=keep_train)
+        counted, _ = with_words_of(other, opened, features, allow_missing=allow_missing)
+        books.append(counted)
+    # Tables and word vectors alone: there is nothing to join, and no recipe to learn from.
+    if not books:
+        own_graph = opened.graph
+        number = own_graph.num_recipes
+        no_recipe = TrainSample.of(own_graph, np.zeros(number, dtype=bool))
+        without = Folds(opened.split, folds, 0, np.full(number, OUTSIDE), no_recipe)
+        others = open_outside(specs, opened, features, allow_missing=allow_missing)
+        return JointBook(opened, torch.arange(own_graph.num_entities), without, others)
+    # Before the books are joined: the joint graph's split has no test part to compare with.
+    for spec in specs:
+        if (Path(spec) / KNOWLEDGE).is_file():
+            check_same_split(spec, opened)
+    joint, place = joined(books, opened)
+    no_books = [spec for spec in specs if not is_book(spec)]
+    if no_books:
+        check_table("outside knowledge of all books", joint.graph.num_entities)
+    others = open_outside(no_books, joint, features, allow_missing=allow_missing)
+    of_books = [book.source for book in books]
+    outside = OutsideKnowledge(others.tables, (*of_books, *others.sources))
+    own = torch.tensor([place[label] for label in opened.graph.entities])
+    return JointBook(joint, own, make_folds(joint.split, folds), outside)

@@ -26,7 +26,7 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in
 from wordcraft_kg.models.knowledge.folder import (
     KNOWLEDGE,
     TABLES,
@@ -39,7 +39,7 @@ from wordcraft_kg.models.recipes.fitting import LinkTables, Words, word_features
 from wordcraft_kg.models.recipes.memory import fitting_workers
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
-from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
+from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 
 _OF_A_BOOK = ("graph", "split", "overrides")
@@ -270,13 +270,13 @@ def _of_book(
     size = opened.graph.num_entities
     book, vectors = with_words_of(other, opened, features, allow_missing=allow_missing)
     # The book's lists are made with all entities; the tables are of the graph's entities alone.
-    rows = LinkRows(Words.of(vectors).lists(book.recipes))
+    lists = Words.of(vectors).lists(book.recipes)
     pairs: list[Tensor] = []
     parts: list[Tensor] = []
     # A block has the links of its entities with all entities of both books.
     for some in torch.arange(size).split(max(1, CELLS // len(book.labels))):
-        pairs.append(rows.combines(some.numpy())[:, :size])
-        parts.append(rows.components(some.numpy())[:, :size])
+        pairs.append(link_features(lists, COMBINES_WITH, some.numpy())[:, :size])
+        parts.append(link_features(lists, COMPONENT_OF, some.numpy())[:, :size])
     # combinesWith is symmetric, and its features are so but for rounding.
     both = torch.cat(pairs)
     of_pairs = (both + both.transpose(0, 1)) / 2

@@ -43,14 +43,12 @@ from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.recipes.committee import fit_committee
 from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.models.recipes.fitting import table_examples
+from wordcraft_kg.models.recipes.fitting import drawn_tables, table_examples
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
-    features_of_pairs,
-    pairs_of,
 )
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -79,14 +77,11 @@ def words_player(model: Model) -> Player:
     assert isinstance(scorer, RecipeScorer)
     knowledge = scorer.knowledge
     rng = np.random.default_rng(0)
-    _, slots, queries = table_examples(knowledge.lists(), recipes, recipes, rng)
-    one, other = pairs_of(slots.shape[1], slots.device)
-    no_links = torch.zeros(slots.shape[:2])
-    no_pairs = torch.zeros(queries.features.shape[:2])
-    features = features_of_pairs(slots, queries.features, no_links, no_pairs, one, other)
+    tables, goals = drawn_tables(recipes, recipes, len(scorer.entities), rng)
+    _, queries = table_examples(knowledge.lists(), None, tables, goals, recipes)
     # A constant feature gets the weight 0.
     is_word = torch.tensor([name in WORDS for name in FEATURES])
-    examples = queries._replace(features=features * is_word)
+    examples = queries._replace(features=queries.features * is_word)
     ranker = fit_committee(examples, torch.Generator().manual_seed(0))
     return knowledge_player([BestRecipe(len(scorer.entities), knowledge.with_ranker(ranker))])
 

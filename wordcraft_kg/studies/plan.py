@@ -49,12 +49,13 @@ count. A test repeats some trainings and compares their results to the bit. Runs
 train recipes alone. Runs 3: all tables have the same number of entities, and a share of the deeper
 tasks uses an entity twice.
 """
-SCORER_VERSIONS = {RecipeScorerConfig.command: 5}
+SCORER_VERSIONS = {RecipeScorerConfig.command: 6}
 """Versions of scorers by command, in place of that in :data:`VERSIONS`.
 
 2: recipe scorers compute features by neighbour lists, before by tables of all pairs. 4: gradients
 of rankers are rounded in another order, which changes the third digit of success. 5: scores are
-rounded in another order, so that an agent's seed may learn something else.
+rounded in another order, so that an agent's seed may learn something else. 6: rankers have other
+features.
 """
 NOISE_VERSION = 2
 """Version of wrong results, where a scorer learns from some: wrong by train recipes alone."""

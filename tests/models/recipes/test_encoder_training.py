@@ -169,8 +169,10 @@ def test_no_held_out_result_changes_a_feature_from_which_rankers_learn():
         every = np.array([(a, b, c) for a, b, _ in held_out.tolist() for c in range(12)])
         rng = np.random.default_rng(0)
         features.append(fitting._result_queries(lists, encoder, rows, every, rng))
-    for name in ("slots", "pairs", "encoded", "competes"):
-        assert torch.equal(getattr(features[0], name), getattr(features[1], name))
+    (links, queries), (replaced_links, replaced_queries) = features
+    assert torch.equal(links, replaced_links)
+    assert torch.equal(queries.features, replaced_queries.features)
+    assert torch.equal(queries.competes, replaced_queries.competes)
 
 
 def test_a_known_recipe_is_the_first_result_of_its_pair():
@@ -436,7 +438,7 @@ def test_one_lesson_fold_gives_as_many_examples_as_all_folds_together(monkeypatc
         len(
             fitting._lesson(
                 folds, lists, fitting.NOTHING, each, (), 0, 0, is_own_encoder=each is not None
-            ).slots
+            ).links
         )
         for each in (None, encoder)
     ]

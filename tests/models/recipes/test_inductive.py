@@ -10,11 +10,12 @@ from short_fits import short_fits
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.statistics import standardised
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.recipes import inductive
 from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.kernel import kernel_regression
-from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMPONENTS, LinkRows
+from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS, link_features
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -126,12 +127,12 @@ def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitch
     middle = 40  # the new entity is in the middle of the vocabulary instead of at its end
     order = np.insert(np.arange(size), middle, size)
     moved = vectors[order]
-    inside = LinkRows(make_lists(recipes + (recipes >= middle), moved, nearest_words(moved, size)))
-    outside = LinkRows(make_lists(recipes, vectors, nearest_words(vectors, size)))
+    inside = make_lists(recipes + (recipes >= middle), moved, nearest_words(moved, size))
+    outside = make_lists(recipes, vectors, nearest_words(vectors, size))
     every = np.arange(size + 1)
-    for links in ("combines", "components"):
-        found = getattr(inside, links)(every)
-        expected = getattr(outside, links)(every)[order][:, order]
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        found = link_features(inside, relation, every)
+        expected = link_features(outside, relation, every)[order][:, order]
         torch.testing.assert_close(found, expected, rtol=1e-2, atol=1e-2)
 
 
@@ -147,7 +148,7 @@ def test_a_new_entity_goes_where_one_with_the_same_words_goes(scorer, model):
     made = torch.unique(recipes[(recipes[:, :2] == twin).any(1), 2]).long()
     size = len(scorer.entities)
     # By kernel regression: the ranker learned from words without a meaning.
-    features = more.knowledge.link_rows().components(np.array([size]))
+    features = link_features(more.knowledge.lists(), COMPONENT_OF, np.array([size]))
     row = features[0, :size, OF_COMPONENTS.index("regression")]
     ranks = (row[None] > row[made][:, None]).sum(1)
     assert float(ranks.float().mean()) < size / 4  # half of all by chance

@@ -26,7 +26,7 @@ from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMPONENTS
+from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS
 from wordcraft_kg.runs.config_file import read_config
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")

@@ -11,6 +11,7 @@ from link_helpers import random_graph
 
 from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.kernel import (
     TEXT,
     completion,
@@ -18,17 +19,21 @@ from wordcraft_kg.models.scorers.kernel import (
     link_matrices,
     profiles,
 )
-from wordcraft_kg.models.scorers.neighbours import blocks, knowledge, link_rows
+from wordcraft_kg.models.scorers.neighbours import blocks, knowledge
 from wordcraft_kg.models.scorers.neighbours import lists as lists_module
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
-from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST, table_features
+from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
-from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS, LinkRows
+from wordcraft_kg.models.scorers.neighbours.links import (
+    OF_COMBINES,
+    link_features,
+    links_by_key,
+)
 from wordcraft_kg.models.scorers.neighbours.lists import SIGNATURE, make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
     OF_PAIRS,
-    component_inputs,
+    pair_features,
 )
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
@@ -73,14 +78,8 @@ class SlowFeatures:
     def links(self, x, c):
         return sum(result == c and x in (a, b) for a, b, result in self.recipes)
 
-    def of_slot(self, x, c):
+    def of_component(self, x, c):
         alike, words = self.alike, self.words
-        evidence = best = by_words = 0.0
-        for a, b, result in self.recipes:
-            for entity in (a, b):  # a + a counts twice
-                evidence += alike[c, result] * alike[x, entity]
-                best = max(best, alike[c, result] * alike[x, entity])
-                by_words += words[c, result] * words[x, entity]
         link = link_words = 0.0
         for other, result in product(self.used, self.made):
             weight = alike[x, other] * alike[c, result]
@@ -106,24 +105,14 @@ class SlowFeatures:
             math.log(FLOOR + sum(alike[x, partner] for partner in partners)),
             float(x in partners),
             self.regression[1][x, c],
-            math.log1p(self.links(x, c)),
-            math.log(FLOOR + evidence),
-            math.log(FLOOR + best),
-            math.log(FLOOR + by_words),
+            math.log1p(sum(c in (a, b) for a, b, _ in self.recipes)),
+            math.log1p(sum(result == c for *_, result in self.recipes)),
         ]
 
     def of_pair(self, a, b, c):
         alike, words = self.alike, self.words
-        evidence = by_words = best = 0.0
         anything = makes = nearest = anything_words = makes_words = 0.0
         for one, other, result in self.recipes:
-            straight = alike[a, one] * alike[b, other]
-            crossed = alike[a, other] * alike[b, one]
-            evidence += alike[c, result] * (straight + crossed)
-            best = max(best, alike[c, result] * max(straight, crossed))
-            by_words += words[c, result] * (
-                words[a, one] * words[b, other] + words[a, other] * words[b, one]
-            )
             # A self pair is one pair of neighbours, any other pair is two.
             for i, j in {(one, other), (other, one)}:
                 weight = alike[a, i] * alike[b, j]
@@ -135,7 +124,7 @@ class SlowFeatures:
                 anything_words += words[a, i] * words[b, j]
                 makes_words += words[a, i] * words[b, j] * words[c, result]
         results = {result for one, other, result in self.recipes if {one, other} == {a, b}}
-        sums = (evidence, by_words, best, anything, makes, nearest, anything_words, makes_words)
+        sums = (anything, makes, nearest, anything_words, makes_words)
         return [
             *(math.log(FLOOR + each) for each in sums),
             float(bool(results)),
@@ -147,6 +136,13 @@ class SlowFeatures:
             math.log1p(sum(c in (one, other) for one, other, _ in self.recipes)),
             self.regression[0][a, b],
         ]
+
+    def of_table(self, a, b, c):
+        """The features of a pair and a goal, with link scores of 0."""
+        slots = []
+        for x in (a, b):
+            slots.append([*self.of_component(x, c)[:-2], math.log1p(self.links(x, c)), 0])
+        return [*np.sum(slots, axis=0), *np.min(slots, axis=0), *self.of_pair(a, b, c), 0]
 
     def of_combines(self, a, b):
         """The features of a combinesWith link, without completion."""
@@ -199,21 +195,16 @@ def test_with_full_lists_every_feature_is_what_its_definition_says(num_recipes, 
     tables[:4, 1] = tables[:4, 0]
     goals = rng.integers(SIZE, size=25)
     one, other = np.triu_indices(3)
-    of_slots, of_pairs = table_arrays(25, 3)
-    table_features(lists, goals, tables, one, other, of_slots, of_pairs)
-    for row, slot in product(range(25), range(3)):
-        expected = slow.of_slot(tables[row, slot], goals[row])
-        np.testing.assert_allclose(of_slots[row, slot], expected, rtol=2e-3, atol=2e-3)
+    features = features_of_tables(lists, goals, tables)
     for row, pair in product(range(25), range(6)):
-        expected = slow.of_pair(tables[row, one[pair]], tables[row, other[pair]], goals[row])
-        np.testing.assert_allclose(of_pairs[row, pair], expected, rtol=2e-3, atol=2e-3)
+        expected = slow.of_table(tables[row, one[pair]], tables[row, other[pair]], goals[row])
+        np.testing.assert_allclose(features[row, pair], expected, rtol=2e-3, atol=2e-3)
 
 
-def table_arrays(rows, slots):
-    """Arrays for the features of slots and of pairs."""
-    of_slots = np.zeros((rows, slots, 16), dtype=np.float32)
-    of_pairs = np.zeros((rows, slots * (slots + 1) // 2, 16), dtype=np.float32)
-    return of_slots, of_pairs
+def features_of_tables(lists, goals, tables):
+    links = links_by_key(lists, COMPONENT_OF, goals, tables).numpy()
+    slot_pairs = np.triu_indices(tables.shape[1])
+    return pair_features(lists, slot_pairs, goals, tables, links)
 
 
 def test_rows_with_the_same_table_have_the_bits_of_rows_alone():
@@ -224,90 +215,68 @@ def test_rows_with_the_same_table_have_the_bits_of_rows_alone():
     rng = np.random.default_rng(2)
     tables = rng.integers(-1, SIZE, size=(5, 4)).repeat(6, axis=0)
     goals = rng.integers(-1, SIZE, size=len(tables))
-    one, other = np.triu_indices(4)
-    together = table_arrays(len(tables), 4)
-    table_features(lists, goals, tables, one, other, *together)
-    alone = table_arrays(len(tables), 4)
+    together = features_of_tables(lists, goals, tables)
+    assert together.any()
     for row in range(len(tables)):
         some = slice(row, row + 1)
-        of_row = (array[some] for array in alone)
-        table_features(lists, goals[some], tables[some], one, other, *of_row)
-    assert together[1].any()
-    for found, expected in zip(together, alone, strict=True):
-        np.testing.assert_array_equal(found, expected)
+        alone = features_of_tables(lists, goals[some], tables[some])
+        np.testing.assert_array_equal(together[some], alone)
 
 
-def test_links_of_whole_rows_have_the_features_of_their_definitions():
+def test_links_have_the_features_of_their_definitions():
     recipes = distinct(random_graph(0, SIZE, 70).recipes)
     vectors = unit_vectors()
-    rows = LinkRows(full_lists(recipes, vectors))
+    lists = full_lists(recipes, vectors)
     slow = SlowFeatures(recipes, vectors)
     every = np.arange(SIZE)
-    found = rows.combines(every).numpy()
+    found = link_features(lists, COMBINES_WITH, every).numpy()
     completed = np.log(FLOOR + completion(recipes, SIZE).numpy())
     place = OF_COMBINES.index("completion")
     np.testing.assert_allclose(found[..., place], completed, rtol=1e-4, atol=1e-4)
     found = np.delete(found, place, axis=2)
     for a, b in product(range(SIZE), repeat=2):
         np.testing.assert_allclose(found[a, b], slow.of_combines(a, b), rtol=2e-3, atol=2e-3)
-    found = rows.components(every).numpy()
+    found = link_features(lists, COMPONENT_OF, every).numpy()
     for x, c in product(range(SIZE), repeat=2):
-        of_pair = slow.of_pair(x, x, c)
-        of_goal = [of_pair[OF_PAIRS.index(name)] for name in OF_COMPONENTS[-2:]]
-        expected = [*slow.of_slot(x, c)[:12], *of_goal]
+        expected = slow.of_component(x, c)
         np.testing.assert_allclose(found[x, c], expected, rtol=2e-3, atol=2e-3)
 
 
 @pytest.mark.parametrize("width", [2, SIZE])
-@pytest.mark.parametrize("dense", [0, link_rows.CELLS])
-def test_rows_columns_candidates_and_tables_agree_on_the_features_of_links(
-    width, dense, monkeypatch
-):
-    # Products with the candidates alone, or with all entities.
-    monkeypatch.setattr(link_rows, "_DENSE", dense)
+def test_heads_tails_candidates_and_all_entities_have_the_same_features_of_links(width):
     recipes = distinct(random_graph(5, SIZE, 60).recipes)
     vectors = unit_vectors()
     near = nearest_words(vectors, width)
     lists = make_lists(recipes, vectors, near, nearest=width, used=width, made=width, rank=5)
-    rows = LinkRows(lists)
     every = np.arange(SIZE)
-    by_row = rows.components(every)
-    by_column = rows.components(every, heads=True)
-    torch.testing.assert_close(by_column, by_row.transpose(0, 1), rtol=1e-5, atol=1e-5)
+    tails = link_features(lists, COMPONENT_OF, every)
+    heads = link_features(lists, COMPONENT_OF, every, heads=True)
+    assert torch.equal(heads, tails.transpose(0, 1))
+    pairs = link_features(lists, COMBINES_WITH, every)
+    torch.testing.assert_close(pairs, pairs.transpose(0, 1), rtol=1e-5, atol=1e-5)
     candidates = np.random.default_rng(0).integers(SIZE, size=(SIZE, 4))
     some = torch.from_numpy(candidates)[..., None]
-    for links, found in (
-        (by_row, rows.components(every, candidates)),
-        (by_row.transpose(0, 1), rows.components(every, candidates, heads=True)),
-        (rows.combines(every), rows.combines(every, candidates)),
+    for links, relation, asks_heads in (
+        (tails, COMPONENT_OF, False),
+        (heads, COMPONENT_OF, True),
+        (pairs, COMBINES_WITH, False),
     ):
-        expected = links.gather(1, some.expand_as(found))
-        torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
-    # Every entity in a slot, once for each goal.
-    one, other = np.triu_indices(SIZE)
-    of_slots, of_pairs = (torch.from_numpy(array) for array in table_arrays(SIZE, SIZE))
-    tables = np.tile(every, (SIZE, 1))
-    table_features(lists, every, tables, one, other, of_slots.numpy(), of_pairs.numpy())
-    of_tables = component_inputs(of_slots, of_pairs).transpose(0, 1)
-    torch.testing.assert_close(of_tables, by_row, rtol=1e-4, atol=1e-4)
+        found = link_features(lists, relation, every, candidates, heads=asks_heads)
+        assert torch.equal(found, links.gather(1, some.expand_as(found)))
 
 
 def test_a_book_too_large_for_matrices_of_similarities_has_the_same_features(monkeypatch):
     recipes = distinct(random_graph(5, SIZE, 60).recipes)
     vectors = unit_vectors()
     every = np.arange(SIZE)
-    one, other = np.triu_indices(SIZE)
     tables = np.tile(every, (SIZE, 1))
     features = []
     for most in (SIZE, SIZE - 1):
         monkeypatch.setattr(lists_module, "MATRIX", most)
         lists = full_lists(recipes, vectors)
         assert len(lists.kernels) == len(lists.cosines) == (SIZE if most == SIZE else 0)
-        arrays = table_arrays(SIZE, SIZE)
-        table_features(lists, every, tables, one, other, *arrays)
-        features.append(arrays)
-    for with_matrix, without in zip(*features, strict=True):
-        np.testing.assert_array_equal(with_matrix, without)
+        features.append(features_of_tables(lists, every, tables))
+    np.testing.assert_array_equal(*features)
 
 
 def test_nearest_words_are_the_largest_positive_cosines_with_ties_by_id():
@@ -387,7 +356,7 @@ def test_a_batch_scores_like_single_tables_in_any_order_of_slots():
     features = known.features(goal, table, model)
     for row in range(len(goal)):
         one = slice(row, row + 1)
-        assert torch.equal(known.features(goal[one], table[one], model[one]), features[:, one])
+        assert torch.equal(known.features(goal[one], table[one], model[one]), features[one])
     scores = known(goal, table, model)
     assert torch.equal(scores, scores.transpose(1, 2))
     is_empty = table == SIZE
@@ -416,11 +385,12 @@ def test_two_threads_compute_the_same_features_as_one(monkeypatch):
     monkeypatch.setattr(knowledge, "ThreadPoolExecutor", pool)
     with torch_threads(2):
         assert torch.equal(known.features(goal, table, model), alone)
-    assert pools == [2]
+    # Features of links, then those of pairs.
+    assert pools == [2, 2]
     for number, part in enumerate(alike):
         rows = model == number
         of_part = part.features(goal[rows], table[rows], torch.zeros_like(goal[rows]))
-        assert torch.equal(alone[:, rows], of_part)
+        assert torch.equal(alone[rows], of_part)
     assert not torch.equal(alike[0].features(goal, table, model * 0), alone)
 
 
@@ -516,14 +486,12 @@ def test_10000_results_of_a_pair_and_a_hub_of_5000_recipes_are_cheap():
     lists = make_lists(recipes, vectors, nearest_words(vectors), rank=8)
     goals = np.array([100, 10_099, 10_150])
     tables = np.array([[0, 1]] * 3)
-    of_slots, of_pairs = table_arrays(3, 2)
-    table_features(lists, goals, tables, np.array([0]), np.array([1]), of_slots, of_pairs)
-    assert np.isfinite(of_slots).all()
-    assert np.isfinite(of_pairs).all()
-    assert of_pairs[:, 0, OF_PAIRS.index("makes")].tolist() == [1, 1, 0]
-    rows = LinkRows(lists)
-    for found in (rows.combines(np.array([0, 1])), rows.components(np.array([0, 100]))):
-        assert np.isfinite(found.numpy()).all()
+    features = features_of_tables(lists, goals, tables)
+    assert np.isfinite(features).all()
+    # The pair of both slots, between those of a slot with itself.
+    assert features[:, 1, FEATURES.index("makes")].tolist() == [1, 1, 0]
+    for relation, entities in ((COMBINES_WITH, [0, 1]), (COMPONENT_OF, [0, 100])):
+        assert link_features(lists, relation, np.array(entities)).isfinite().all()
 
 
 @pytest.mark.parametrize("recipes", [[], [[0, 0, 0]], [[0, 1, 2]]])
@@ -531,12 +499,6 @@ def test_books_with_hardly_a_recipe_have_features(recipes):
     rows = np.array(recipes, dtype=np.int64).reshape(-1, 3)
     vectors = unit_vectors(3)
     lists = make_lists(rows, vectors, nearest_words(vectors))
-    of_slots, of_pairs = table_arrays(1, 2)
-    one, other = np.triu_indices(2)
-    table_features(lists, np.array([2]), np.array([[0, 1]]), one, other, of_slots, of_pairs)
-    assert np.isfinite(of_slots).all()
-    assert np.isfinite(of_pairs).all()
-    every = np.arange(3)
-    rows = LinkRows(lists)
-    for found in (rows.combines(every), rows.components(every)):
-        assert np.isfinite(found.numpy()).all()
+    assert np.isfinite(features_of_tables(lists, np.array([2]), np.array([[0, 1]]))).all()
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        assert link_features(lists, relation, np.arange(3)).isfinite().all()

@@ -56,7 +56,7 @@ def knowledge(recipes, vectors, encoder):
             torch.zeros(()),
         )
 
-    return made.with_ranker(ranker()).with_result_ranker(ranker())
+    return made.with_ranker(ranker()).with_ranker(ranker(), "results_")
 
 
 def slow_scores(encoder, a, b, goal):
@@ -182,11 +182,11 @@ def test_knowledge_appends_the_encoders_features(knowledge, encoder, empty):
     table = torch.tensor([[0, 3, SIZE if empty else 5]])
     goal = torch.tensor([4])
     features = knowledge.features(goal, table, torch.zeros_like(goal))
-    assert len(features) == len(FEATURES) + len(OF_ENCODER)
+    assert features.shape[2] == len(FEATURES) + len(OF_ENCODER)
     (pair,) = encoder.features(torch.tensor([[0]]), torch.tensor([[3]]), goal)[0]
-    torch.testing.assert_close(features[len(FEATURES) :, 0, 1], pair)
+    torch.testing.assert_close(features[0, 1, len(FEATURES) :], pair)
     # The pair of the slots 0 and 2.
-    assert features[len(FEATURES) :, 0, 2].any() != empty
+    assert features[0, 2, len(FEATURES) :].any() != empty
 
 
 def test_stacked_models_keep_their_own_encoders(knowledge, recipes, vectors):
@@ -194,13 +194,13 @@ def test_stacked_models_keep_their_own_encoders(knowledge, recipes, vectors):
     near = nearest_words(vectors.float().numpy())
     second = RecipeKnowledge.of_recipes(recipes[::2], vectors.numpy(), near, {}, other)
     ranker = Ranker(*(getattr(knowledge, name)[0] for name in RANKER))
-    second = second.with_ranker(ranker).with_result_ranker(ranker)
+    second = second.with_ranker(ranker).with_ranker(ranker, "results_")
     stack = RecipeKnowledge.stacked([knowledge, second])
     table = torch.tensor([[0, 3], [0, 3]])
     goal = torch.tensor([4, 4])
     features = stack.features(goal, table, torch.tensor([1, 0]))
     alone = [each.features(goal[:1], table[:1], torch.tensor([0])) for each in (second, knowledge)]
-    torch.testing.assert_close(features, torch.cat(alone, dim=1))
+    torch.testing.assert_close(features, torch.cat(alone))
 
 
 def slow_proposals(lists, encoder, a, b, number):
@@ -245,7 +245,7 @@ def test_results_are_scored_by_their_own_ranker_best_first(knowledge):
         low, high = sorted((int(a[row]), int(b[row])))
         table = torch.tensor([[low, high]]).expand(len(found), 2)
         features = knowledge.features(found, table, torch.zeros_like(found), one)
-        expected = ranker(features[:, :, 0].T)
+        expected = ranker(features[:, 0])
         torch.testing.assert_close(scores[row, : len(found)], expected, rtol=1e-4, atol=1e-4)
         assert scores[row].tolist() == sorted(scores[row].tolist(), reverse=True)
         assert (scores[row, len(found) :] == -math.inf).all()

@@ -10,7 +10,6 @@ from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.scorers import probabilities, recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.neighbours import link_rows
 from wordcraft_kg.models.scorers.protocol import RecipeScores
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -81,24 +80,13 @@ def test_queries_of_both_relations_have_the_scores_of_each(scorer, has_table, mo
     torch.testing.assert_close(heads, torch.cat(reversed_), rtol=2e-3, atol=1e-3)
 
 
-def test_links_of_a_large_graph_are_scored_one_by_one_to_the_same_scores(scorer, monkeypatch):
+def test_single_links_have_the_scores_of_the_table(scorer):
     generator = torch.Generator().manual_seed(4)
     heads, tails = torch.randint(len(scorer.entities), (2, 60), generator=generator)
     for relation in (COMBINES_WITH, COMPONENT_OF):
-        by_rows = scorer.knowledge.scores_of_links(relation, heads, tails)
-        with monkeypatch.context() as large:
-            large.setattr(link_rows, "BY_ROWS", 0)
-            one_by_one = scorer.knowledge.scores_of_links(relation, heads, tails)
-        torch.testing.assert_close(one_by_one, by_rows, rtol=2e-3, atol=1e-3)
-    rows = scorer.knowledge.link_rows()
-    for relation, sides in ((COMBINES_WITH, [False]), (COMPONENT_OF, [False, True])):
-        for asks_heads in sides:
-            asked = (relation, heads[:20].numpy(), tails.view(20, 3).numpy())
-            by_rows = rows.of_relation(*asked, heads=asks_heads)
-            with monkeypatch.context() as large:
-                large.setattr(link_rows, "BY_ROWS", 0)
-                one_by_one = rows.of_relation(*asked, heads=asks_heads)
-            torch.testing.assert_close(one_by_one, by_rows, rtol=2e-3, atol=1e-3)
+        single = scorer.knowledge.scores_of_links(relation, heads, tails)
+        expected = scorer.table(relation)[heads, tails]
+        torch.testing.assert_close(single, expected, rtol=2e-3, atol=1e-3)
 
 
 def test_a_sample_of_a_fold_stands_for_all_its_recipes(cross_fitted, opened_kitchen, monkeypatch):

@@ -20,6 +20,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.train_samples import TrainSample
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.knowledge.books import (
     OtherBook,
     OutsideSource,
@@ -38,7 +39,7 @@ from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
-from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
+from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
 
 _OF_A_BOOK = ("graph", "split", "overrides")
 """Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the
@@ -233,13 +234,13 @@ def _of_book(
     size = opened.graph.num_entities
     book, vectors = with_words_of(other, opened, features, allow_missing=allow_missing)
     # The book's lists are made with all entities; the tables are of the graph's entities alone.
-    rows = LinkRows(Words.of(vectors).lists(book.recipes))
+    lists = Words.of(vectors).lists(book.recipes)
     pairs: list[Tensor] = []
     parts: list[Tensor] = []
     # A block has the links of its entities with all entities of both books.
     for some in torch.arange(size).split(max(1, CELLS // len(book.labels))):
-        pairs.append(rows.combines(some.numpy())[:, :size])
-        parts.append(rows.components(some.numpy())[:, :size])
+        pairs.append(link_features(lists, COMBINES_WITH, some.numpy())[:, :size])
+        parts.append(link_features(lists, COMPONENT_OF, some.numpy())[:, :size])
     # combinesWith is symmetric, and its features are so but for rounding.
     both = torch.cat(pairs)
     of_pairs = (both + both.transpose(0, 1)) / 2

@@ -36,14 +36,14 @@ from wordcraft_kg.models.knowledge.outside import NOTHING, LinkTables
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
-from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
+from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
-    component_inputs,
-    features_of_pairs,
+    pair_features,
     pairs_of,
+    with_link_scores,
 )
 from wordcraft_kg.models.scorers.neighbours.results import propose_results
 from wordcraft_kg.models.scorers.neighbours.stored import num_features
@@ -231,61 +231,22 @@ class _Lesson(NamedTuple):
     Attributes:
         combines: queries for combinesWith links.
         components: queries for componentOf links.
-        slots: features of the tables' slots, shape (N, A, 16), without the score by the link
-            ranker, which learns first.
-        outside: further features of their links to the goal, shape (N, A, F).
+        links: features of the links of tables' slots to the goals, shape (N, A, F).
         pair_links: features of combinesWith links between slots, shape (N, P, F), where outside
             knowledge tells of them; else (N, P, 0).
-        tables: queries for pairs on tables; their features are those of pairs alone.
-        encoded: the pair encoder's features of these pairs, shape (N, P, 3), or (N, P, 0).
-        results: queries for results of pairs; None without an encoder of the own recipes.
+        tables: queries for pairs on tables, without the scores of the link rankers, which learn
+            first.
+        results: queries for results of pairs, likewise; None without an encoder of the own recipes.
+        result_links: as ``links``, of these queries: a table of two slots for each candidate.
     """
 
     combines: Examples
     components: Examples
-    slots: Tensor
-    outside: Tensor
+    links: Tensor
     pair_links: Tensor
     tables: Examples
-    encoded: Tensor
-    results: "_ResultQueries | None"
-
-
-class _ResultQueries(NamedTuple):
-    """Queries for the results of N pairs, with C candidates.
-
-    Attributes:
-        slots: features of both ingredients and each candidate, shape (N C, 2, 16), without the
-            score by the link ranker.
-        pairs: features of the pairs and each candidate, shape (N C, 1, 16).
-        encoded: the pair encoder's features, shape (N C, 1, 3).
-        competes: shape (N, C): whether there is a candidate.
-        is_right: shape (N, C): whether the pair makes it.
-    """
-
-    slots: Tensor
-    pairs: Tensor
-    encoded: Tensor
-    competes: Tensor
-    is_right: Tensor
-
-    def examples(self, component: Ranker | None) -> Examples:
-        """Return queries with all features; ``component`` is the ranker of componentOf links."""
-        of_links = torch.zeros(self.slots.shape[:2])
-        if component:
-            of_links = component(component_inputs(self.slots, self.pairs))
-        features = features_of_pairs(
-            self.slots,
-            self.pairs,
-            of_links,
-            torch.zeros(self.pairs.shape[:2]),
-            torch.tensor([0]),
-            torch.tensor([1]),
-        )
-        every = torch.cat([features, self.encoded], dim=-1)
-        # (N C, 1, F) to (N, C, F).
-        by_pair = every.view(*self.competes.shape, -1)
-        return Examples(by_pair, self.competes, self.is_right)
+    results: Examples | None = None
+    result_links: Tensor | None = None
 
 
 def _fitted(
@@ -318,7 +279,9 @@ def _fitted(
         queries = _together(of_folds)
         if len(queries.features):
             link_rankers[relation] = fit_committee(queries, generator, LINKS)
-    examples = _together([_with_link_scores(lesson, link_rankers) for lesson in lessons])
+    for lesson in lessons:
+        _add_link_scores(lesson, link_rankers)
+    examples = _together([lesson.tables for lesson in lessons])
     ranker = fit_committee(examples, generator)
     recipes = folds.recipes(left_out)
     if outside.pairs or outside.parts:
@@ -333,39 +296,33 @@ def _fitted(
         )
     ranker = _knowing(ranker, examples, knowledge, recipes)
     if any(lesson.results for lesson in lessons):
-        of_results, learned_from = _result_ranker(lessons, link_rankers, generator)
-        if learned_from is not None:
-            of_results = _knowing(of_results, learned_from, knowledge, recipes)
-        knowledge = knowledge.with_result_ranker(of_results)
+        result_ranker = _result_ranker(lessons, generator, knowledge, recipes)
+        knowledge = knowledge.with_ranker(result_ranker, "results_")
     return knowledge.with_ranker(ranker)
 
 
 def _result_ranker(
     lessons: Sequence[_Lesson],
-    link_rankers: Mapping[int, Ranker],
     generator: torch.Generator,
-) -> tuple[Ranker, Examples | None]:
-    """Fit the ranker of results, with scores of the link rankers among its features.
+    knowledge: RecipeKnowledge,
+    recipes: Ids,
+) -> Ranker:
+    """Fit the ranker of results.
 
     Args:
-        lessons: the queries of each held-out fold.
-        link_rankers: by relation; none where there was nothing to learn from.
+        lessons: the queries of each held-out fold, with the scores of the link rankers.
         generator: draws initial weights and the order of queries.
-
-    Returns:
-        the ranker, and what it learned from; None if there was nothing to learn from.
+        knowledge: computes the features of known recipes.
+        recipes: known recipes, ids (n, 3).
     """
-    component = link_rankers.get(COMPONENT_OF)
     queries = [lesson.results for lesson in lessons if lesson.results is not None]
-    parts = [each.examples(component) for each in queries if len(each.competes)]
+    parts = [each for each in queries if len(each.competes)]
     if not parts:
         # By-goal folds of a tiny book: no candidate is ever right. As wide as other folds' rankers,
         # with which this one is stacked.
-        width = RESULTS.members * HIDDEN
-        first = torch.zeros(num_features(has_encoder=True), width)
-        return Ranker(first, torch.zeros(width), torch.zeros(width), torch.zeros(())), None
+        return Ranker.empty(num_features(has_encoder=True), RESULTS.members * HIDDEN)
     examples = _together(parts)
-    return fit_committee(examples, generator, RESULTS), examples
+    return _knowing(fit_committee(examples, generator, RESULTS), examples, knowledge, recipes)
 
 
 def _knowing(
@@ -396,7 +353,7 @@ def _knowing(
     pair = (torch.tensor([0]), torch.tensor([1]))
     of_known = knowledge.features(goal, table, torch.zeros_like(goal), pair)
     highest = ranker(examples.features[examples.competes]).amax()
-    return with_known(ranker, of_known[:, :, 0].T, makes, highest)
+    return with_known(ranker, of_known[:, 0], makes, highest)
 
 
 def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> Ranker:
@@ -426,30 +383,28 @@ def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> R
     return replace(ranker, first=first)
 
 
-def _with_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> Examples:
-    """Return queries for tables with all features of pairs.
+def _add_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> None:
+    """Write the scores of the link rankers into the features of a lesson's pairs.
 
     Args:
-        lesson: the queries of a fold.
+        lesson: the queries of a fold; is written to.
         link_rankers: by relation; none where there was nothing to learn from.
     """
-    slots = lesson.slots
-    pairs = lesson.tables.features
+    component = link_rankers.get(COMPONENT_OF)
     # Links without a ranker have the score 0.
-    component = torch.zeros(slots.shape[:2])
-    component_ranker = link_rankers.get(COMPONENT_OF)
-    if component_ranker:
-        of_recipes = component_inputs(slots, pairs)
-        links = torch.cat([of_recipes, lesson.outside], dim=-1)
-        component = component_ranker(links)
-    combines = torch.zeros(pairs.shape[:2])
+    if component is None:
+        return
+    combines = None
     combines_ranker = link_rankers.get(COMBINES_WITH)
     if combines_ranker and lesson.pair_links.shape[2]:
         combines = combines_ranker(lesson.pair_links)
-    one, other = pairs_of(slots.shape[1], torch.device("cpu"))
-    features = features_of_pairs(slots, pairs, component, combines, one, other)
-    every = torch.cat([features, lesson.encoded], dim=-1)
-    return lesson.tables._replace(features=every)
+    slots = pairs_of(lesson.links.shape[1], torch.device("cpu"))
+    with_link_scores(lesson.tables.features, component(lesson.links), combines, slots)
+    if lesson.results is not None and lesson.result_links is not None:
+        # A table for each candidate, whose only pair is slot 0 with slot 1: (N C, 1, F).
+        every = lesson.results.features.view(-1, 1, lesson.results.features.shape[2])
+        only_pair = (torch.tensor([0]), torch.tensor([1]))
+        with_link_scores(every, component(lesson.result_links), None, only_pair)
 
 
 def _with_tables(
@@ -471,7 +426,7 @@ def _with_tables(
     # Rankers that score 0: the tables take the place of the link rankers.
     knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near, encoder=encoder)
     size = knowledge.num_entities
-    rows = knowledge.link_rows()
+    lists = knowledge.lists()
     every = torch.arange(size)
     tables = {}
     for relation in (COMBINES_WITH, COMPONENT_OF):
@@ -481,7 +436,7 @@ def _with_tables(
             continue
         scores = []
         for some in every.split(max(1, CELLS // size)):
-            features = rows.of_relation(relation, some.numpy())
+            features = link_features(lists, relation, some.numpy())
             from_outside = _outside(outside, relation, some[:, None], every)
             scores.append(ranker(torch.cat([features, from_outside], dim=-1)))
         tables[relation] = torch.cat(scores)
@@ -526,49 +481,42 @@ def _lesson(
             too.
     """
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
-    rows = LinkRows(lists)
     lessons = len(lesson_folds(folds, left_out, has_encoder=is_own_encoder))
     # A single fold has as many queries as all together would have.
     queries = LINK_QUERIES * (folds.count - len(left_out)) // lessons
     combines, components = (
-        _link_examples(folds, rows, outside, left_out, held_out, relation, queries, rng)
+        _link_examples(folds, lists, outside, left_out, held_out, relation, queries, rng)
         for relation in (COMBINES_WITH, COMPONENT_OF)
     )
     recipes = folds.recipes_of(held_out)
+    known = folds.recipes(left_out)
     # An equal share of the examples for each fold, rounded up.
     most = math.ceil(EXAMPLES / lessons)
     chosen = recipes[np.sort(rng.permutation(len(recipes))[:most])]
-    ids, slots, tables = table_examples(lists, chosen, folds.recipes(left_out), rng)
+    tables, goals = drawn_tables(chosen, known, len(lists.norms), rng)
+    links, examples = table_examples(lists, encoder, tables, goals, known)
     # Empty slots have no row; their pairs do not compete.
-    heads = ids[:, :-1].clamp(min=0)
-    from_outside = _outside(outside, COMPONENT_OF, heads, ids[:, -1:])
-    one, other = pairs_of(heads.shape[1], heads.device)
-    pair_links = torch.zeros(len(heads), len(one), 0)
+    slots = _tensor(tables).clamp(min=0)
+    from_outside = _outside(outside, COMPONENT_OF, slots, _tensor(goals)[:, None])
+    one, other = pairs_of(slots.shape[1], slots.device)
+    pair_links = torch.zeros(len(slots), len(one), 0)
     if outside.pairs:
-        every = rows.combines(np.arange(len(lists.norms)))
-        a = heads[:, one]
-        b = heads[:, other]
-        pair_links = torch.cat([every[a, b], _outside(outside, COMBINES_WITH, a, b)], dim=-1)
-    encoded = torch.zeros(*tables.competes.shape, 0)
-    results = None
-    if encoder is not None:
-        blocks = zip(heads.split(_TOGETHER), ids[:, -1].split(_TOGETHER), strict=True)
-        of_blocks = [
-            encoder.features(table[:, one], table[:, other], goal) for table, goal in blocks
-        ]
-        encoded = torch.cat(of_blocks).masked_fill(~tables.competes[..., None], 0)
-        if is_own_encoder:
-            results = _result_queries(lists, encoder, recipes, folds.recipes(left_out), rng)
-    return _Lesson(
+        a = slots[:, one]
+        b = slots[:, other]
+        places = (a.numpy().ravel(), b.numpy().reshape(-1, 1))
+        known_pairs = links_by_key(lists, COMBINES_WITH, *places).view(*a.shape, -1)
+        pair_links = torch.cat([known_pairs, _outside(outside, COMBINES_WITH, a, b)], dim=-1)
+    lesson = _Lesson(
         combines,
         components,
-        slots,
-        from_outside,
+        torch.cat([links, from_outside], dim=-1),
         pair_links,
-        tables,
-        encoded,
-        results,
+        examples,
     )
+    if encoder is None or not is_own_encoder:
+        return lesson
+    result_links, results = _result_queries(lists, encoder, recipes, known, rng)
+    return lesson._replace(results=results, result_links=result_links)
 
 
 def _result_queries(
@@ -577,7 +525,7 @@ def _result_queries(
     recipes: Ids,
     known: Ids,
     rng: np.random.Generator,
-) -> _ResultQueries:
+) -> tuple[Tensor, Examples]:
     """Make queries for results of a fold's pairs, among the candidates that a scorer proposes.
 
     Args:
@@ -586,48 +534,33 @@ def _result_queries(
         recipes: the fold's recipes, ids (n, 3).
         known: all recipes that may be known, ids (m, 3): every result of a pair is right.
         rng: draws pairs.
-    """
-    from wordcraft_kg.models.scorers.neighbours import feature_loops
 
-    size = len(lists.norms)
+    Returns:
+        features of the links of both ingredients to each candidate, shape (N C, 2, F); and queries
+        for N pairs with C candidates.
+    """
     drawn = rng.permutation(len(recipes))[:RESULT_QUERIES]
-    chosen = recipes[np.sort(drawn)]
-    pairs = np.unique(chosen[:, :2], axis=0)
+    pairs = np.unique(recipes[np.sort(drawn), :2], axis=0)
     a, b = _tensor(pairs).T.contiguous()
     candidates = propose_results(lists, encoder, a, b).numpy()
     competes = candidates >= 0
-    first, second, results = known.T
-    of_known = recipe_keys(first, second, results, num_entities=size)
-    # Shape (N, 1) each, against N rows of candidates.
-    one_of_pairs = pairs[:, :1]
-    other_of_pairs = pairs[:, 1:]
-    keys = recipe_keys(one_of_pairs, other_of_pairs, candidates, num_entities=size)
-    is_right = np.isin(keys, of_known) & competes
+    keys = _keys(lists, pairs[:, :1], pairs[:, 1:], candidates)
+    is_right = np.isin(keys, _keys(lists, *known.T)) & competes
     # A pair whose result nobody proposes has nothing to teach.
     has_right = is_right.any(1)
     asked = candidates[has_right]
     tables = np.repeat(pairs[has_right], asked.shape[1], axis=0)
-    # The compiled loops write into arrays.
-    of_slots = np.zeros((asked.size, 2, feature_loops.OF_SLOTS), dtype=np.float32)
-    of_pairs = np.zeros((asked.size, 1, feature_loops.OF_PAIRS), dtype=np.float32)
-    one = np.array([0])
-    other = np.array([1])
+    only_pair = (np.array([0]), np.array([1]))
     goals = asked.ravel()
-    feature_loops.table_features(lists, goals, tables, one, other, of_slots, of_pairs)
-    ids = _tensor(tables)
-    encoded = encoder.features(ids[:, :1], ids[:, 1:], _tensor(goals).clamp(min=0))
-    return _ResultQueries(
-        _tensor(of_slots),
-        _tensor(of_pairs),
-        encoded,
-        _tensor(competes[has_right]),
-        _tensor(is_right[has_right]),
-    )
+    links, every = table_examples(lists, encoder, tables, goals, known, only_pair)
+    # (N C, 1, F) to (N, C, F).
+    features = every.features.view(*asked.shape, -1)
+    return links, Examples(features, _tensor(competes[has_right]), _tensor(is_right[has_right]))
 
 
 def _link_examples(
     folds: Folds,
-    rows: LinkRows,
+    lists: Lists,
     outside: LinkTables,
     left_out: LeftOut,
     held_out: int,
@@ -639,7 +572,7 @@ def _link_examples(
 
     Args:
         folds: folds of the train recipes.
-        rows: computes features without ``left_out`` and without ``held_out``.
+        lists: made without ``left_out`` and without ``held_out``.
         outside: features of links that are the same in all folds.
         left_out: folds that the scorer has not seen; known links of the others do not compete.
         held_out: the fold whose links are asked for.
@@ -669,7 +602,7 @@ def _link_examples(
         is_right[:, 0] = True
         links = _triples(known[:, None], relation, candidates, heads=heads)
         is_known = is_in(links.reshape(-1, 3), every, size).reshape(candidates.shape)
-        features = rows.of_relation(relation, known, candidates, heads=heads)
+        features = link_features(lists, relation, known, candidates, heads=heads)
         link_heads = _tensor(links[..., 0])
         link_tails = _tensor(links[..., 2])
         from_outside = _outside(outside, relation, link_heads, link_tails)
@@ -695,55 +628,76 @@ def _triples(known: Ids, relation: int, others: Ids, *, heads: bool) -> Ids:
     return np.stack(sides, axis=-1)
 
 
-def table_examples(
-    lists: Lists,
+def drawn_tables(
     recipes: Ids,
     known: Ids,
+    size: int,
     rng: np.random.Generator,
-) -> tuple[Tensor, Tensor, Examples]:
-    """Make queries from recipes on tables with distractors.
+) -> tuple[Ids, Ids]:
+    """Draw tables with distractors for recipes: several of each size.
 
     Args:
-        lists: compute the features.
         recipes: recipes to ask for, ids (n, 3).
-        known: all recipes that may be known, ids (m, 3): every pair that makes the goal by one of
-            them is right, and distractors are drawn by them.
+        known: all recipes that may be known, ids (m, 3): distractors are drawn by them.
+        size: E.
         rng: draws tables.
 
     Returns:
-        ids of a table's slots and of its goal, shape (N, A + 1), -1 for empty slots; features of
-        slots, shape (N, A, 16); and queries with features of pairs, (N, P, 16).
+        ids of slots, shape (N, A), -1 for empty slots; and goals, shape (N,).
     """
-    # Numba is imported for a fit alone: it takes a second.
-    from wordcraft_kg.models.scorers.neighbours import feature_loops
-
     # A small book has few recipes to learn from, so that more distractors help.
     fewest, most = DRAWS
     draws = int(np.clip(EXAMPLES // max(len(known), 1), fewest, most))
-    goals = np.tile(recipes[:, 2], draws * len(TABLES))
-    size = len(lists.norms)
-    drawn = []
-    for distractors in TABLES * draws:
-        drawn.append(_tables(recipes, known, size, distractors, rng))
-    tables = np.concatenate(drawn)
-    first_slots, second_slots = pairs_of(tables.shape[1], torch.device("cpu"))
-    one = first_slots.numpy()
-    other = second_slots.numpy()
-    # The compiled loops write into arrays.
-    of_slots = np.zeros((*tables.shape, feature_loops.OF_SLOTS), dtype=np.float32)
-    of_pairs = np.zeros((len(goals), len(one), feature_loops.OF_PAIRS), dtype=np.float32)
-    feature_loops.table_features(lists, goals, tables, one, other, of_slots, of_pairs)
+    tables = [_tables(recipes, known, size, amount, rng) for amount in TABLES * draws]
+    return np.concatenate(tables), np.tile(recipes[:, 2], len(tables))
+
+
+def table_examples(
+    lists: Lists,
+    encoder: PairEncoder | None,
+    tables: Ids,
+    goals: Ids,
+    known: Ids,
+    slot_pairs: tuple[Ids, Ids] | None = None,
+) -> tuple[Tensor, Examples]:
+    """Make queries from tables: which pairs make the goal?
+
+    Args:
+        lists: compute the features.
+        encoder: pair encoder, whose features come last; None without.
+        tables: ids of slots, shape (N, A), -1 for empty slots.
+        goals: ids, shape (N,), -1 for no goal.
+        known: all recipes that may be known, ids (m, 3): every pair that makes the goal by one of
+            them is right.
+        slot_pairs: first and second slot of P pairs, shape (P,) each; None for all pairs.
+
+    Returns:
+        features of the links of slots to goals, shape (N, A, 14); and queries with features of
+        pairs, (N, P, F), where scores of link rankers are 0.
+    """
+    if slot_pairs is None:
+        one, other = (part.numpy() for part in pairs_of(tables.shape[1], torch.device("cpu")))
+    else:
+        one, other = slot_pairs
+    links = links_by_key(lists, COMPONENT_OF, goals, tables)
+    features = _tensor(pair_features(lists, (one, other), goals, tables, links.numpy()))
     a = tables[:, one]
     b = tables[:, other]
     competes = (a >= 0) & (b >= 0)
-    first, second, results = known.T
-    of_known = recipe_keys(first, second, results, num_entities=size)
-    keys = recipe_keys(a, b, goals[:, None], num_entities=size)
+    if encoder is not None:
+        # Any entity will do in an empty place.
+        ids = [_tensor(np.maximum(each, 0)) for each in (a, b, goals)]
+        blocks = zip(*(each.split(_TOGETHER) for each in ids), strict=True)
+        encoded = torch.cat([encoder.features(*block) for block in blocks])
+        features = torch.cat([features, encoded.masked_fill(~_tensor(competes)[..., None], 0)], -1)
     # The key of a pair with an empty slot may be that of another recipe.
-    is_right = np.isin(keys, of_known) & competes
-    queries = Examples(_tensor(of_pairs), _tensor(competes), _tensor(is_right))
-    ids = np.column_stack([tables, goals])
-    return _tensor(ids), _tensor(of_slots), queries
+    is_right = np.isin(_keys(lists, a, b, goals[:, None]), _keys(lists, *known.T)) & competes
+    return links, Examples(features, _tensor(competes), _tensor(is_right))
+
+
+def _keys(lists: Lists, a: Ids, b: Ids, results: Ids) -> Ids:
+    """Return a number for each recipe, in which the order of its ingredients is lost."""
+    return recipe_keys(a, b, results, num_entities=len(lists.norms))
 
 
 def _tables(

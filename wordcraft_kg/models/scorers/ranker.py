@@ -28,9 +28,10 @@ class Ranker:
     bias: Tensor
 
     @classmethod
-    def empty(cls, num_features: int) -> "Ranker":
-        """Return a network that scores 0 whatever the features."""
-        return cls(torch.zeros(num_features, 1), torch.zeros(1), torch.zeros(1), torch.zeros(()))
+    def empty(cls, num_features: int, hidden: int = 1) -> "Ranker":
+        """Return a network with so many hidden units that scores 0 whatever the features."""
+        first = torch.zeros(num_features, hidden)
+        return cls(first, torch.zeros(hidden), torch.zeros(hidden), torch.zeros(()))
 
     def __call__(self, features: Tensor) -> Tensor:
         """Return a single network's scores, shape (...), of features, shape (..., F).
@@ -43,30 +44,29 @@ class Ranker:
         # number of rows.
         return hidden.mul_(self.second).sum(-1) + self.bias
 
+    def model(self, number: int) -> "Ranker":
+        """Return a single network of several."""
+        return Ranker(*(weights[number] for weights in self.weights().values()))
+
     def of_models(self, features: Tensor, model: Tensor) -> Tensor:
         """Return the scores of B rows by the network of each row.
 
         Args:
-            features: shape (F, B, P).
+            features: shape (B, P, F).
             model: network of each row, shape (B,), int64.
 
         Returns:
             shape (B, P).
         """
-        scores = features.new_empty(features.shape[1:])
+        numbers = model.unique().tolist()
+        if len(numbers) == 1:
+            return self.model(numbers[0])(features)
+        scores = features.new_empty(features.shape[:-1])
         # A batch has rows of few models: a product for each takes far less memory than weights for
         # each row.
-        for number in model.unique().tolist():
-            rows = (model == number).nonzero()[:, 0]
-            network = Ranker(
-                self.first[number],
-                self.first_bias[number],
-                self.second[number],
-                self.bias[number],
-            )
-            # (F, rows, P) to (rows, P, F).
-            of_rows = features[:, rows].permute(1, 2, 0)
-            scores[rows] = network(of_rows)
+        for number in numbers:
+            is_own = model == number
+            scores[is_own] = self.model(number)(features[is_own])
         return scores
 
     def weights(self) -> dict[str, Tensor]:

@@ -17,24 +17,21 @@ make.
 
 **Features** of a pair (a, b) and a goal c, with squared similarities k²::
 
-    goal side   Σ_r k²(c, c_r) [k²(a, a_r) k²(b, b_r) + k²(a, b_r) k²(b, a_r)]
-                over R recipes r that make G(c)
     pair side   Σ k²(a, a') k²(b, b') k²(c, c')
                 over a' in N(a), b' in N(b) with a known recipe a' + b' -> c'
     link side   Σ k²(x, x') k²(c, c') n(x', c')
                 over x' in N(x), c' in G(c); n counts recipes
 
 and the same as maxima, by words (w⁴ for k²), without c; known recipes; kernel regression; cosines;
-degrees. A product below .002 ends a search in both lists. Hash tables answer whether a pair has
-recipes, and how many recipes make c with x. A book of at most 2,048 entities has all k and word
-cosines in matrices: most of the time of a table went to products of word vectors. All slots of a
-table share its goal, so the links to the goal's neighbours are listed once, by their ingredient.
+degrees. A product below .002 ends a search in both lists. A hash table answers whether a pair has
+recipes. A book of at most 2,048 entities has all k and word cosines in matrices: most of the time
+of a table went to products of word vectors. All slots of a table share its goal, so the links to
+the goal's neighbours are listed once, by their ingredient.
 
 **Links** are scored by networks (rankers) of such features: for componentOf(x, c) those of the link
 side, for combinesWith(a, b) those of the pair side without c; both with kernel regression at low
-rank m, see :mod:`.regression`. The score of componentOf is a feature of pairs on tables, too. A
-table needs few links, which are looked up one by one, see :mod:`.link_loops`; link prediction needs
-all links of an entity, and follows the known ones from it, see :mod:`.link_rows`.
+rank m, see :mod:`.regression`. Each link is computed by itself, see :mod:`.links`: features of
+tables, agents and link prediction share one loop. The score of componentOf is a feature of pairs.
 
 | step | cost |
 |---|---|
@@ -43,8 +40,8 @@ all links of an entity, and follows the known ones from it, see :mod:`.link_rows
 | neighbours by words | E² D, exact, in blocks; once for all folds |
 | lists N, G and supporting recipes | E (K + K_w) D |
 | regression | E L D + L³ + n m, for L <= 1,536 landmarks |
-| features of a table with A slots | A (2 R D + N G) + A² (N² + R) + D per result, at most |
-| all links of an entity | E D + N (links of a neighbour) G |
+| features of a table with A slots | A N G + A² (N² + m) + D per result, at most |
+| a link | N G + N² + m, at most |
 | memory | E (4 K + 3 N + 3 G + 3 R + D + 3 m) + about 30 n numbers; 2 E² of a small book |
 
 A model of a large book has a pair encoder besides (:mod:`.pair_encoder`), whose scores are three
@@ -56,12 +53,10 @@ full tables.
 Compiled loops check no bounds: :mod:`.stored` says what they rely on, and checks stored tensors for
 it whenever knowledge is made.
 
-Read :mod:`.pair_features` and :mod:`.feature_loops` for the features of tables, :mod:`.link_rows`
-for those of links, :mod:`.similar` for k. Links are followed from an entity to all others, and
-above 50,000 entities links to some candidates are computed one by one. Loops that make lists and
-hash tables are in :mod:`.list_loops` and :mod:`.hash_loops`; all cores share them, see
-:mod:`.blocks`. Those that propose what a plan may make first are in :mod:`.candidate_loops`. The
-loops are compiled by numba: lists end at different places, and searches stop early, which
-vectorised operations would pad to the longest. Three of the features by torch take some 90 to 200
-times as long on a CPU as all of them by the loops, see ``benchmarks/features_in_torch.py``.
+Read :mod:`.knowledge` for scores, :mod:`.storage` for what is stored, :mod:`.pair_features` and
+:mod:`.feature_loops` for the features of tables, :mod:`.links` for those of links, :mod:`.similar`
+for k. Loops that make lists and hash tables are in :mod:`.list_loops` and :mod:`.hash_loops`; all
+cores share them, see :mod:`.blocks`. Those that propose what a plan may make first are in
+:mod:`.candidate_loops`. The loops are compiled by numba: lists end at different places, and
+searches stop early, which vectorised operations would pad to the longest.
 """

@@ -31,11 +31,13 @@ Validation prefers 2e-3 to 3e-5 and to no limit, and it looks at 44 of 1,024 pai
 """
 MOST_RESULTS = 64
 """Results of a neighbour pair that count; a pair with more, in a damaged book, costs no more."""
-OF_SLOTS = 16
-"""Features of an ingredient and a goal, without the score by the link ranker."""
-OF_PAIRS = 16
-"""Features of a pair and a goal."""
-# Their places, in the order of `pair_features.OF_SLOTS`: of links first.
+NUM_LINKS = 12
+"""Features of a link that count for a slot: all but the goal's own numbers of recipes."""
+COUNT = 12
+"""Place of ``count``, after them, in the order of ``pair_features.OF_SLOTS``."""
+OF_SLOTS = 14
+"""Features of a slot and a goal: the last one is a score of the link ranker."""
+# Places in the order of `links.OF_COMPONENTS`.
 (
     _WORDS,
     _KERNEL,
@@ -49,16 +51,9 @@ OF_PAIRS = 16
     _LINK_WITH_GOAL,
     _COMBINES,
     _REGRESSION,
-    _COUNT,
-    _EVIDENCE,
-    _BEST_EVIDENCE,
-    _WORDS_EVIDENCE,
-) = range(OF_SLOTS)
-# In the order of `pair_features.OF_PAIRS`.
+) = range(NUM_LINKS)
+# In the order of `pair_features.OF_PAIRS`, behind the sums and minima of slots.
 (
-    _PAIR_EVIDENCE,
-    _PAIR_WORDS_EVIDENCE,
-    _PAIR_BEST_EVIDENCE,
     _MAKES_ANYTHING,
     _MAKES_ALIKE,
     _MAKES_BEST,
@@ -72,7 +67,7 @@ OF_PAIRS = 16
     _GOAL_MADE,
     _GOAL_USES,
     _PAIR_REGRESSION,
-) = range(OF_PAIRS)
+) = range(2 * OF_SLOTS, 2 * OF_SLOTS + 13)
 
 
 @in_place
@@ -102,7 +97,8 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
     itself = np.int64(-1)
     for row in range(used.shape[1]):
         one = used[a, row]
-        if one < 0:
+        # Neighbours come by descending similarity: with the nearest one of b too small, all are.
+        if one < 0 or used_alike[a, row] * used_alike[b, 0] < LEAST:
             break
         for column in range(used.shape[1]):
             other = used[b, column]
@@ -124,37 +120,6 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
             words[count] = used_words[a, row] * used_words[b, column]
             count += 1
     return count, itself
-
-
-@in_place
-def needed_entities(lists, goal, count, needed, place_of, places):  # type: ignore[no-untyped-def]
-    """Add the ingredients of a goal's supporting recipes to a list of different entities.
-
-    Args:
-        lists: the lists.
-        goal: entity id.
-        count: number of entities in ``needed``.
-        needed: receives further entities; has room for twice the supporting recipes.
-        place_of: the place of each entity in ``needed``, -1 for others; is written to.
-        places: receives where each recipe's ingredients are in ``needed``, shape (R, 2).
-
-    Returns:
-        the new number of entities in ``needed``, and the number of supporting recipes.
-    """
-    recipes = 0
-    for row in range(lists.support.shape[1]):
-        recipe = lists.support[goal, row]
-        if recipe < 0:
-            break
-        recipes += 1
-        for part in range(2):
-            entity = lists.second[recipe] if part else lists.first[recipe]
-            if place_of[entity] < 0:
-                place_of[entity] = count
-                needed[count] = entity
-                count += 1
-            places[row, part] = place_of[entity]
-    return count, recipes
 
 
 @in_place
@@ -251,46 +216,6 @@ def forget_links(lists, goal, entry_of, to_goal):  # type: ignore[no-untyped-def
 
 
 @in_place
-def _evidence_of_slots(  # type: ignore[no-untyped-def]
-    lists, goal, table, alike, words, places, recipes, out
-):
-    """Write ``count`` and the features after it, of each slot and a goal: those that links lack.
-
-    Args:
-        lists: the lists.
-        goal: entity id.
-        table: shape (A,); negative for empty slots.
-        alike: k² of each needed entity and each slot, shape (needed, A).
-        words: the same by words.
-        places: from :func:`needed_entities`.
-        recipes: number of supporting recipes.
-        out: shape (A, 16).
-    """
-    for slot in range(len(table)):
-        entity = table[slot]
-        if entity < 0:
-            continue
-        total = np.float32(0)
-        best = np.float32(0)
-        by_words = np.float32(0)
-        for row in range(recipes):
-            of_goal = lists.support_alike[goal, row]
-            of_goal_words = lists.support_words[goal, row]
-            # Both ingredients of the supporting recipe.
-            for part in range(2):
-                place = places[row, part]
-                value = of_goal * alike[place, slot]
-                total += value
-                best = max(best, value)
-                by_words += of_goal_words * words[place, slot]
-        number = num_links(lists.result_bits, lists.link_keys, lists.link_counts, entity, goal)
-        out[slot, _COUNT] = log1p(number)
-        out[slot, _EVIDENCE] = log(FLOOR + total)
-        out[slot, _BEST_EVIDENCE] = log(FLOOR + best)
-        out[slot, _WORDS_EVIDENCE] = log(FLOOR + by_words)
-
-
-@in_place
 def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # type: ignore[no-untyped-def]
     """Write ``words`` to ``regression`` of componentOf links: all but the goal's numbers.
 
@@ -305,7 +230,7 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
     """
     entry_of, entries, counts, num_to_goal = to_results
     hashed = (lists.partner_bits, lists.pair_keys)
-    links = (lists.result_bits, lists.link_keys, lists.link_counts)
+    links = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
     for slot in range(len(table)):
         entity = table[slot]
         if entity < 0:
@@ -360,55 +285,8 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
 
 
 @in_place
-def _goal_sides(support, slot, low, high, alike, words, places, recipes, sums):  # type: ignore[no-untyped-def]
-    """Sum the recipes that support the goal, for the pairs of a slot and a range of slots.
-
-    The range is the inner loop, so that the processor adds for several slots at once; each pair's
-    sum keeps its order.
-
-    Args:
-        support: similarities of the recipes' results to the goal, and the same by words.
-        slot: the pairs' common slot.
-        low: first slot of the range.
-        high: end of the range.
-        alike: k² of each needed entity and each slot, shape (needed, A).
-        words: the same by words.
-        places: from :func:`needed_entities`.
-        recipes: number of supporting recipes.
-        sums: receives the evidence, the evidence by words, and the best recipe's, shape (3, A).
-    """
-    support_alike, support_words = support
-    evidence = sums[0]
-    by_words = sums[1]
-    best = sums[2]
-    for other in range(low, high):
-        evidence[other] = 0
-        by_words[other] = 0
-        best[other] = 0
-    for row in range(recipes):
-        # Entries are read by both indices: for rows of their own, numba would count references.
-        first = places[row, 0]
-        second = places[row, 1]
-        of_goal = support_alike[row]
-        of_goal_words = support_words[row]
-        own_first = alike[first, slot]
-        own_second = alike[second, slot]
-        own_words_first = words[first, slot]
-        own_words_second = words[second, slot]
-        for other in range(low, high):
-            straight = own_first * alike[second, other]
-            crossed = own_second * alike[first, other]
-            evidence[other] += of_goal * (straight + crossed)
-            better = straight if straight > crossed else crossed
-            value = of_goal * better
-            best[other] = value if value > best[other] else best[other]
-            straight_words = own_words_first * words[second, other]
-            crossed_words = own_words_second * words[first, other]
-            by_words[other] += of_goal_words * (straight_words + crossed_words)
-
-
-@in_place
-def _pair_side(  # type: ignore[no-untyped-def]
+def _of_neighbours(  # type: ignore[no-untyped-def]
+    out,
     pair_starts,
     pair_counts,
     result_of,
@@ -419,11 +297,11 @@ def _pair_side(  # type: ignore[no-untyped-def]
     last,
     known,
     known_words,
-    out,
 ):
     """Write ``makes_anything`` to ``makes_alike_words``: from known pairs of neighbours.
 
     Args:
+        out: shape (F,).
         pair_starts: ``lists.pair_starts``.
         pair_counts: ``lists.pair_counts``.
         result_of: ``lists.result``.
@@ -434,7 +312,6 @@ def _pair_side(  # type: ignore[no-untyped-def]
         last: end of the known pairs.
         known: k² of each result and the goal, shape (T,).
         known_words: the same by words.
-        out: shape (16,).
     """
     anything = np.float32(0)
     alike = np.float32(0)
@@ -544,134 +421,71 @@ def _end_of_table(goals, tables, start):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def _of_pairs(  # type: ignore[no-untyped-def]
-    lists,
-    goal,
-    table,
-    slots_of_pairs,
-    ranges,
-    needed,
-    places,
-    recipes,
-    known_pairs,
-    starts,
-    of_results,
-    own_features,
-    sums,
-    out,
-):
+def _of_slots(links, counts, i, j, out):  # type: ignore[no-untyped-def]
+    """Write the sums and minima of two slots' features, but for the score of the link ranker.
+
+    Args:
+        links: features of the slots' links to the goal, shape (A, 12) or wider.
+        counts: logarithms of the slots' recipes that make the goal, shape (A,).
+        i: first slot.
+        j: second slot.
+        out: shape (F,).
+    """
+    for place in range(NUM_LINKS):
+        out[place] = links[i, place] + links[j, place]
+        out[OF_SLOTS + place] = min(links[i, place], links[j, place])
+    out[COUNT] = counts[i] + counts[j]
+    out[OF_SLOTS + COUNT] = min(counts[i], counts[j])
+
+
+@in_place
+def _of_pairs(lists, goal, table, pairs, slots, neighbours, results, alone, out):  # type: ignore[no-untyped-def]
     """Write the features of a table's pairs and a goal.
 
     Args:
         lists: the lists.
         goal: entity id.
         table: shape (A,); negative for empty slots.
-        slots_of_pairs: first and second slot of each pair, shape (P,) each; by first slot.
-        ranges: of each first slot, the range of its second slots, shape (A, 2).
-        needed: k² of each needed entity and each slot, and the same by words, shape (needed, A).
-        places: from :func:`needed_entities`.
-        recipes: number of supporting recipes.
-        known_pairs: from :func:`_all_neighbour_pairs`.
-        starts: likewise.
-        of_results: k² of each result of these and the goal, and the same by words, shape (T,).
-        own_features: of the pairs alone: places in the hash table and regression, shape (P,); word
-            cosines and similarities of slots, shape (A, A).
-        sums: work space, shape (3, A).
-        out: shape (P, 16).
+        pairs: first and second slot of each pair, shape (P,) each.
+        slots: features of the slots' links to the goal, shape (A, 14), and logarithms of their
+            recipes that make it, shape (A,).
+        neighbours: known pairs of neighbours, from :func:`_all_neighbour_pairs`.
+        results: k² of each result of these and the goal, and the same by words, shape (T,).
+        alone: features of the pairs alone: places in the hash table and regression, shape (P,);
+            word cosines and similarities of slots, shape (A, A).
+        out: shape (P, F).
     """
-    one, other = slots_of_pairs
-    alike, words = needed
-    pair_places, pair_weights, pair_words = known_pairs
-    known, known_words = of_results
-    own_places, regression, slot_cosines, slot_kernels = own_features
-    recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
-    support = (lists.support_alike[goal], lists.support_words[goal])
+    one, other = pairs
+    links, counts = slots
+    starts, places, weights, words = neighbours
+    own_places, regression, cosines, kernels = alone
+    results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     goal_made = log1p(lists.num_makers[goal])
     goal_uses = log1p(lists.num_uses[goal])
-    # First slot of the pairs whose sums are known; pairs come by their first slot.
-    summed = -1
     for pair in range(len(one)):
         i = one[pair]
         j = other[pair]
-        a = table[i]
-        b = table[j]
-        if a < 0 or b < 0:
+        if table[i] < 0 or table[j] < 0:
             continue
-        of_pair = out[pair]
-        if i != summed:
-            summed = i
-            _goal_sides(
-                support,
-                i,
-                ranges[i, 0],
-                ranges[i, 1],
-                alike,
-                words,
-                places,
-                recipes,
-                sums,
-            )
-        of_pair[_PAIR_EVIDENCE] = log(FLOOR + sums[0, j])
-        of_pair[_PAIR_WORDS_EVIDENCE] = log(FLOOR + sums[1, j])
-        of_pair[_PAIR_BEST_EVIDENCE] = log(FLOOR + sums[2, j])
-        _pair_side(
-            *recipes_of_pairs,
-            pair_places,
-            pair_weights,
-            pair_words,
-            starts[pair],
-            starts[pair + 1],
-            known,
-            known_words,
-            of_pair,
-        )
+        features = out[pair]
+        _of_slots(links, counts, i, j, features)
+        known_pairs = (places, weights, words, starts[pair], starts[pair + 1])
+        _of_neighbours(features, *results_of_pairs, *known_pairs, *results)
         place = own_places[pair]
-        of_pair[_KNOWN] = 1 if place >= 0 else 0
-        of_pair[_MAKES] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
-        of_pair[_PAIR_WORDS] = slot_cosines[i, j]
-        of_pair[_PAIR_KERNEL] = slot_kernels[i, j]
-        of_pair[_ITSELF] = 1 if a == b else 0
-        of_pair[_GOAL_MADE] = goal_made
-        of_pair[_GOAL_USES] = goal_uses
-        of_pair[_PAIR_REGRESSION] = regression[pair]
-
-
-@in_place
-def _alike_of_slots(  # type: ignore[no-untyped-def]
-    lists, table, needed, structure, likeness, alike, words, slot_kernels, slot_cosines
-):
-    """Write the likeness of all slots and needed entities, and of all slots.
-
-    Args:
-        lists: the lists.
-        table: shape (A,); negative for empty slots.
-        needed: entity ids, shape (n,).
-        structure: work space, shape (T,): zeros before and after.
-        likeness: work space, shape (2, n).
-        alike: receives k² of each needed entity and each slot, shape (n, A); zeros before.
-        words: receives the same by words, likewise.
-        slot_kernels: receives the similarities k of slots, shape (A, A).
-        slot_cosines: receives their word cosines, shape (A, A).
-    """
-    similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
-    kernels = likeness[0]
-    cosines = likeness[1]
-    for slot in range(len(table)):
-        entity = table[slot]
-        if entity < 0:
-            continue
-        spread(lists, entity, structure)
-        alike_of(*similar, entity, needed, structure, kernels, cosines)
-        for number in range(len(needed)):
-            alike[number, slot] = kernels[number] * kernels[number]
-            words[number, slot] = fourth(cosines[number])
-        alike_of(*similar, entity, table, structure, slot_kernels[slot], slot_cosines[slot])
-        clear(lists, entity, structure)
+        is_made = place >= 0 and makes(*results_of_pairs, place, goal)
+        features[_KNOWN] = 1 if place >= 0 else 0
+        features[_MAKES] = 1 if is_made else 0
+        features[_PAIR_WORDS] = cosines[i, j]
+        features[_PAIR_KERNEL] = kernels[i, j]
+        features[_ITSELF] = 1 if table[i] == table[j] else 0
+        features[_GOAL_MADE] = goal_made
+        features[_GOAL_USES] = goal_uses
+        features[_PAIR_REGRESSION] = regression[pair]
 
 
 @compiled
-def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # type: ignore[no-untyped-def]
-    """Write the features of slots, and of pairs of slots.
+def table_features(lists, goals, tables, one, other, links, out):  # type: ignore[no-untyped-def]
+    """Write the features of pairs of slots, but for scores of link rankers.
 
     What depends on the table alone is computed once for rows with the same table that follow each
     other: a planner asks for many results of one table.
@@ -682,27 +496,22 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
         tables: shape (B, A); negative for empty slots.
         one: first slot of each pair, shape (P,).
         other: second slot of each pair, shape (P,).
-        of_slots: zeros, shape (B, A, 16); an empty slot, or one without goal, keeps its zeros.
-        of_pairs: zeros, shape (B, P, 16), likewise.
+        links: features of the slots' links to the goals, shape (B, A, 14).
+        out: zeros, shape (B, P, F); a pair with an empty slot, or without goal, keeps its zeros.
     """
     size = len(lists.norms)
     slots = tables.shape[1]
-    width = lists.support.shape[1]
     # Work space, made once for the batch.
-    place_of = np.full(size, -1, dtype=np.int32)
     structure = np.zeros(size, dtype=np.float32)
-    of_goal = np.zeros(size, dtype=np.float32)
     is_listed = np.zeros(size, dtype=np.bool_)
-    known = np.empty(size, dtype=np.float32)
-    known_words = np.empty(size, dtype=np.float32)
-    slot_cosines = np.empty((slots, slots), dtype=np.float32)
-    slot_kernels = np.empty((slots, slots), dtype=np.float32)
-    goal_cosines = np.empty(slots, dtype=np.float32)
-    goal_kernels = np.empty(slots, dtype=np.float32)
+    alike = np.empty(size, dtype=np.float32)
+    words = np.empty(size, dtype=np.float32)
+    cosines = np.empty((slots, slots), dtype=np.float32)
+    kernels = np.empty((slots, slots), dtype=np.float32)
+    counts = np.empty(slots, dtype=np.float32)
     starts = np.empty(len(one) + 1, dtype=np.int64)
     own_places = np.empty(len(one), dtype=np.int64)
     regression = np.empty(len(one), dtype=np.float32)
-    sums = np.empty((3, slots), dtype=np.float32)
     # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
     most = len(one) * lists.used.shape[1] ** 2
     known_pairs = (
@@ -711,20 +520,9 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
         np.empty(most, dtype=np.float32),
     )
     similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
-    entry_of = np.full(size, -1, dtype=np.int32)
-    entries = np.empty((len(lists.parts), 2), dtype=np.int32)
-    counts = np.empty(len(lists.parts), dtype=np.int32)
-    to_goal = np.zeros(size, dtype=np.int32)
-    to_results = (entry_of, entries, counts, to_goal)
     hashed = (lists.partner_bits, lists.pair_keys)
-    recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
-    # Of each first slot, the range of its second slots.
-    ranges = np.zeros((slots, 2), dtype=np.int64)
-    ranges[:, 0] = slots
-    for pair in range(len(one)):
-        slot = one[pair]
-        ranges[slot, 0] = min(ranges[slot, 0], other[pair])
-        ranges[slot, 1] = max(ranges[slot, 1], other[pair] + 1)
+    makers = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
+    results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     end = np.int64(0)
     while end < len(goals):
         begin = end
@@ -733,40 +531,13 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
             continue
         end = _end_of_table(goals, tables, begin)
         table = tables[begin]
-        # Ingredients that any of the goals needs, each once.
-        needed = np.empty((end - begin) * 2 * width, dtype=np.int32)
-        places = np.empty((end - begin, width, 2), dtype=np.int32)
-        recipes = np.empty(end - begin, dtype=np.int64)
-        # Not a plain 0, which numba takes for a type of its own: functions compile twice for it.
-        count = np.int64(0)
-        for row in range(begin, end):
-            count, recipes[row - begin] = needed_entities(
-                lists,
-                goals[row],
-                count,
-                needed,
-                place_of,
-                places[row - begin],
-            )
-        for number in range(count):
-            place_of[needed[number]] = -1
-        # By needed entity, then by slot: loops over slots read and write what lies together.
-        alike = np.zeros((count, slots), dtype=np.float32)
-        words = np.zeros((count, slots), dtype=np.float32)
-        likeness = np.empty((2, count), dtype=np.float32)
-        _alike_of_slots(
-            lists,
-            table,
-            needed[:count],
-            structure,
-            likeness,
-            alike,
-            words,
-            slot_kernels,
-            slot_cosines,
-        )
+        for slot in range(slots):
+            if table[slot] >= 0:
+                spread(lists, table[slot], structure)
+                alike_of(*similar, table[slot], table, structure, kernels[slot], cosines[slot])
+                clear(lists, table[slot], structure)
         _all_neighbour_pairs(lists, table, one, other, starts, *known_pairs)
-        results = _different_results(*recipes_of_pairs, known_pairs[0][: starts[-1]], is_listed)
+        results = _different_results(*results_of_pairs, known_pairs[0][: starts[-1]], is_listed)
         result_kernels = np.empty(len(results), dtype=np.float32)
         result_cosines = np.empty(len(results), dtype=np.float32)
         for pair in range(len(one)):
@@ -777,46 +548,28 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 regression[pair] = product(lists.pair_left, lists.right, a, b)
         for row in range(begin, end):
             goal = goals[row]
-            spread(lists, goal, of_goal)
-            links_to_results(lists, goal, *to_results)
-            alike_of(*similar, goal, results, of_goal, result_kernels, result_cosines)
+            spread(lists, goal, structure)
+            alike_of(*similar, goal, results, structure, result_kernels, result_cosines)
+            clear(lists, goal, structure)
             for number in range(len(results)):
                 result = results[number]
-                known[result] = result_kernels[number] * result_kernels[number]
-                known_words[result] = fourth(result_cosines[number])
-            alike_of(*similar, goal, table, of_goal, goal_kernels, goal_cosines)
-            links_of_slots(
-                lists, to_results, goal, table, goal_cosines, goal_kernels, of_slots[row]
-            )
-            _evidence_of_slots(
-                lists,
-                goal,
-                table,
-                alike,
-                words,
-                places[row - begin],
-                recipes[row - begin],
-                of_slots[row],
-            )
-            forget_links(lists, goal, entry_of, to_goal)
-            own_features = (own_places, regression, slot_cosines, slot_kernels)
+                alike[result] = result_kernels[number] * result_kernels[number]
+                words[result] = fourth(result_cosines[number])
+            for slot in range(slots):
+                counts[slot] = 0
+                if table[slot] >= 0:
+                    counts[slot] = log1p(num_links(*makers, table[slot], goal))
             _of_pairs(
                 lists,
                 goal,
                 table,
                 (one, other),
-                ranges,
+                (links[row], counts),
+                (starts, *known_pairs),
                 (alike, words),
-                places[row - begin],
-                recipes[row - begin],
-                known_pairs,
-                starts,
-                (known, known_words),
-                own_features,
-                sums,
-                of_pairs[row],
+                (own_places, regression, cosines, kernels),
+                out[row],
             )
-            clear(lists, goal, of_goal)
 
 
 @compiled

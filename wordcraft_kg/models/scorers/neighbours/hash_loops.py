@@ -49,23 +49,6 @@ def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
     return keys, starts, counts
 
 
-@compiled
-def count_table(links: Array, size: int):  # type: ignore[no-untyped-def]
-    """Return a hash table of keys, -1 for empty places, and how often each key occurs.
-
-    Args:
-        links: keys, shape (n,).
-        size: number of places, a power of 2.
-    """
-    keys = np.full(size, -1, dtype=np.int64)
-    counts = np.zeros(size, dtype=np.int32)
-    for row in range(len(links)):
-        place = _place(keys, links[row])
-        keys[place] = links[row]
-        counts[place] += 1
-    return keys, counts
-
-
 @in_place
 def signatures(one: Array, other: Array, out: Array) -> None:
     """Set the bit of each pair of ids in the signature of its first id.
@@ -120,27 +103,47 @@ def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def num_links(result_bits, link_keys, link_counts, ingredient, result):  # type: ignore[no-untyped-def]
+def num_links(result_bits, part_starts, parts, part_counts, ingredient, result):  # type: ignore[no-untyped-def]
     """Return the number of recipes that use an ingredient and make a result.
 
     Args:
         result_bits: ``lists.result_bits``.
-        link_keys: ``lists.link_keys``.
-        link_counts: ``lists.link_counts``.
+        part_starts: ``lists.part_starts``.
+        parts: ``lists.parts``.
+        part_counts: ``lists.part_counts``.
         ingredient: entity id.
         result: entity id.
     """
     if not _may_hold(result_bits, ingredient, result):
         return np.int32(0)
-    # An empty place has the count 0, so the key need not be compared again.
-    size = len(result_bits)
-    place = _place(link_keys, np.int64(ingredient) * size + result)
-    return link_counts[place]
+    low = part_starts[result]
+    end = part_starts[result + 1]
+    place = _first_place(parts, low, end, ingredient)
+    return part_counts[place] if place < end and parts[place] == ingredient else np.int32(0)
+
+
+@in_place
+def _first_place(ids, low, high, wanted):  # type: ignore[no-untyped-def]
+    """Return the first place of ascending ids with an id of ``wanted`` or more: a binary search.
+
+    Args:
+        ids: ascending from ``low`` to ``high``.
+        low: first place.
+        high: end of the places, which is returned if all ids are smaller.
+        wanted: entity id.
+    """
+    while low < high:
+        middle = (low + high) >> 1
+        if ids[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @in_place
 def makes(pair_starts, pair_counts, result, place, goal):  # type: ignore[no-untyped-def]
-    """Return whether a pair makes the goal: a binary search, because its results are ascending.
+    """Return whether a pair makes the goal, by its results, which are ascending.
 
     Args:
         pair_starts: ``lists.pair_starts``.
@@ -149,13 +152,7 @@ def makes(pair_starts, pair_counts, result, place, goal):  # type: ignore[no-unt
         place: place of the pair in the hash table, from :func:`pair_place`, 0 or more.
         goal: entity id.
     """
-    low = pair_starts[place]
+    low = np.int64(pair_starts[place])
     end = low + pair_counts[place]
-    high = end
-    while low < high:
-        middle = (low + high) >> 1
-        if result[middle] < goal:
-            low = middle + 1
-        else:
-            high = middle
-    return low < end and result[low] == goal
+    first = _first_place(result, low, end, goal)
+    return first < end and result[first] == goal

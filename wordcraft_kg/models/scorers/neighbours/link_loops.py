@@ -1,8 +1,4 @@
-"""Loops that compute the features of links between slots and one entity, for agents.
-
-An agent asks for ten links of an entity at a time. :mod:`.link_rows` follows an entity's known
-links to all others, which is faster for more than some hundred.
-"""
+"""Loops that compute the features of links between one entity and others, see :mod:`.links`."""
 
 from math import log, log1p
 
@@ -20,10 +16,10 @@ from wordcraft_kg.models.scorers.neighbours.feature_loops import (
 from wordcraft_kg.models.scorers.neighbours.hash_loops import pair_place
 from wordcraft_kg.models.scorers.neighbours.similar import clear, product, spread
 
-# Places of the goal's numbers, at the end of `link_rows.OF_COMPONENTS`.
+# Places of the goal's numbers, at the end of `links.OF_COMPONENTS`.
 _GOAL_USES = 12
 _GOAL_MADE = 13
-# Places in the order of `link_rows.OF_COMBINES`.
+# Places in the order of `links.OF_COMBINES`.
 (
     _WORDS,
     _KERNEL,
@@ -46,7 +42,7 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
         lists: the lists.
         goals: shape (B,); negative for no goal.
         tables: shape (B, A); negative for empty slots.
-        out: zeros, shape (B, A, 14), in the order of ``link_rows.OF_COMPONENTS``; an empty slot,
+        out: zeros, shape (B, A, 14), in the order of ``links.OF_COMPONENTS``; an empty slot,
             or one without goal, keeps its zeros.
     """
     structure = np.zeros(len(lists.norms), dtype=np.float32)
@@ -78,21 +74,24 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
 
 
 @compiled
-def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[no-untyped-def]
+def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
     """Write the features of combinesWith links between each slot and one entity.
+
+    Completion is the product ``H R Hᵀ`` of sparse matrices, see ``Lists.half_starts``.
 
     Args:
         lists: the lists.
-        halves: sparse rows of the matrix H, shape (T, nodes), of ``LinkRows.halves``: where each
-            row begins and ends, columns, values.
-        pairs: sparse rows of R, shape (nodes, nodes), likewise; completion is ``H R Hᵀ``.
         keys: shape (B,); negative for no entity.
         tables: shape (B, A); negative for empty slots.
-        out: zeros, shape (B, A, 10), in the order of ``link_rows.OF_COMBINES``; an empty slot, or
-            one without key, keeps its zeros.
+        out: zeros, shape (B, A, 10), in the order of ``links.OF_COMBINES``; an empty slot, or one
+            without key, keeps its zeros.
     """
-    half_starts, half_nodes, half_values = halves
-    pair_starts, pair_nodes, pair_values = pairs
+    half_starts = lists.half_starts
+    half_nodes = lists.half_nodes
+    half_values = lists.half_values
+    pair_starts = lists.node_starts
+    pair_nodes = lists.node_partners
+    pair_values = lists.node_values
     neighbours = (lists.used, lists.used_alike, lists.used_words)
     hashed = (lists.partner_bits, lists.pair_keys)
     width = lists.used.shape[1]

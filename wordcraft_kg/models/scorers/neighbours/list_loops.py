@@ -145,13 +145,13 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
     near_cosines,
     norms,
     near_words,
-    is_allowed,
+    num_uses,
+    num_makers,
     first,
-    ids,
-    alike,
-    words_alike,
+    used,
+    made,
 ):
-    """Write entities' most similar allowed entities by structure and words together.
+    """Write entities' most similar ingredients and results by structure and words together.
 
     Candidates are the entity itself and both kinds of neighbours. N entities are served, so that
     threads can share all.
@@ -164,23 +164,25 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
         near_cosines: their profile cosines.
         norms: each entity's similarity with itself, shape (T,).
         near_words: neighbours by words, shape (T, K_w), -1 at the end.
-        is_allowed: shape (T,), bool: entities that may be listed.
+        num_uses: recipes that use an entity, shape (T,): ingredients have some.
+        num_makers: recipes that make an entity, shape (T,): results have some.
         first: the first of the N entities.
-        ids: receives the lists, the most similar first, shape (N, width); -1 everywhere before, and
-            then at the end of lists.
-        alike: receives squared similarities, shape (N, width); zeros before.
-        words_alike: receives word cosines to the power 4, shape (N, width); zeros before.
+        used: receives the ingredients: ids, -1 everywhere before, and then at the end of lists;
+            squared similarities and word cosines to the power 4, zeros before; shape (N, width)
+            each, the most similar first.
+        made: receives the results, likewise.
     """
     size = len(norms)
-    width = ids.shape[1]
+    used_ids, used_alike, used_words = used
+    made_ids, made_alike, made_words = made
     is_listed = np.zeros(size, dtype=np.bool_)
     structure = np.zeros(size, dtype=np.float32)
-    values = np.empty(width, dtype=np.float32)
+    cosines = np.empty(size, dtype=np.float32)
     longest = 0
-    for entity in range(first, first + len(ids)):
+    for entity in range(first, first + len(used_ids)):
         longest = max(longest, near_starts[entity + 1] - near_starts[entity])
     listed = np.empty(1 + longest + near_words.shape[1], dtype=np.int32)
-    for row in range(len(ids)):
+    for row in range(len(used_ids)):
         entity = first + row
         number = 1
         listed[0] = entity
@@ -193,50 +195,54 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
                 break
             listed[number] = near_words[entity, place]
             number += 1
-        count = 0
+        num_used = np.int64(0)
+        num_made = np.int64(0)
         for place in range(number):
             other = listed[place]
+            is_unknown = num_uses[other] == 0 and num_makers[other] == 0
             # An entity may be a neighbour of both kinds, and counts once.
-            if is_listed[other] or not is_allowed[other]:
+            if is_listed[other] or is_unknown:
                 continue
             is_listed[other] = True
             value = np.float32(1)
+            cosines[other] = 1
             if other != entity:
-                words = dot(vectors, entity, other)
-                value = similarity(structure[other], words, norms[entity], norms[other])
-            if value > 0:
-                count = insert(ids[row], values, count, other, value)
+                cosines[other] = dot(vectors, entity, other)
+                value = similarity(structure[other], cosines[other], norms[entity], norms[other])
+            if value > 0 and num_uses[other] > 0:
+                num_used = insert(used_ids[row], used_alike[row], num_used, other, value)
+            if value > 0 and num_makers[other] > 0:
+                num_made = insert(made_ids[row], made_alike[row], num_made, other, value)
         # Work space is cleared where it was written.
         for place in range(number):
             is_listed[listed[place]] = False
             structure[listed[place]] = 0
-        for place in range(count):
-            other = ids[row, place]
-            alike[row, place] = values[place] * values[place]
-            is_same = other == entity
-            words_alike[row, place] = 1 if is_same else fourth(dot(vectors, entity, other))
+        for place in range(num_used):
+            used_alike[row, place] *= used_alike[row, place]
+            used_words[row, place] = fourth(cosines[used_ids[row, place]])
+        for place in range(num_made):
+            made_alike[row, place] *= made_alike[row, place]
+            made_words[row, place] = fourth(cosines[made_ids[row, place]])
 
 
 @compiled
-def supporting(made, alike, words_alike, starts, by_result, width):  # type: ignore[no-untyped-def]
+def supporting(made, alike, starts, by_result, width):  # type: ignore[no-untyped-def]
     """Return the recipes that make a goal's neighbours, with the neighbours' similarities.
 
     Args:
         made: neighbours that are results, shape (T, G), the most similar first, -1 at the end.
         alike: their squared similarities, shape (T, G).
-        words_alike: their word cosines to the power 4, shape (T, G).
         starts: where each result's recipes begin in ``by_result``, and the last one's end.
         by_result: recipe numbers, by result.
         width: R, the length of the lists.
 
     Returns:
-        recipe numbers, -1 at the end, and both similarities of their results to the goal: shape
-        (T, R) each.
+        recipe numbers, -1 at the end, and similarities of their results to the goal: shape (T, R)
+        each.
     """
     size = len(made)
     numbers = np.full((size, width), -1, dtype=np.int32)
-    of_alike = np.zeros((size, width), dtype=np.float32)
-    of_words = np.zeros((size, width), dtype=np.float32)
+    goal_alike = np.zeros((size, width), dtype=np.float32)
     for goal in range(size):
         count = 0
         for place in range(made.shape[1]):
@@ -248,10 +254,9 @@ def supporting(made, alike, words_alike, starts, by_result, width):  # type: ign
             end = min(starts[result + 1], start + width - count)
             for row in range(start, end):
                 numbers[goal, count] = by_result[row]
-                of_alike[goal, count] = alike[goal, place]
-                of_words[goal, count] = words_alike[goal, place]
+                goal_alike[goal, count] = alike[goal, place]
                 count += 1
-    return numbers, of_alike, of_words
+    return numbers, goal_alike
 
 
 @in_place

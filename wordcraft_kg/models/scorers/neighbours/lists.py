@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.scorers.kernel import TEXT, profiles
+from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts, profiles
 from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, write_blocks
 from wordcraft_kg.models.scorers.neighbours.regression import RANK, link_factors
 
@@ -74,11 +74,9 @@ class Lists(NamedTuple):
         made_words: shape (T, G), as ``used_words``.
         support: shape (T, R), recipe numbers.
         support_alike: shape (T, R), similarities of the recipes' results to the goal.
-        support_words: shape (T, R), the same by words.
         first, second, result: shape (n,), recipes in ascending order.
         pair_keys, pair_starts, pair_counts: hash table of ingredient pairs: their recipes' numbers
             are consecutive.
-        link_keys, link_counts: hash table of (ingredient, result): number of recipes.
         partner_bits, result_bits: shape (T, bits / 8), signatures of an ingredient's partners and
             results: they tell most unknown pairs and links without a look-up.
         part_starts: shape (T + 1,), where the ingredients of a result begin and end.
@@ -86,6 +84,10 @@ class Lists(NamedTuple):
         num_uses, num_makers: shape (T,), recipes that use, and that make, an entity.
         left, right: shape (T, m), componentOf by kernel regression is ``left[x] · right[c]``.
         pair_left: shape (T, m), combinesWith is ``pair_left[a] · right[b]``.
+        half_starts, half_nodes, half_values: sparse rows of the matrix H, shape (T, nodes):
+            completion is ``H R Hᵀ``, and H is ``nodesᵀ R``, with the matrices of
+            :func:`~wordcraft_kg.models.scorers.kernel.completion_parts`.
+        node_starts, node_partners, node_values: sparse rows of R, shape (nodes, nodes).
     """
 
     vectors: Floats
@@ -103,15 +105,12 @@ class Lists(NamedTuple):
     made_words: Floats
     support: Numbers
     support_alike: Floats
-    support_words: Floats
     first: Numbers
     second: Numbers
     result: Numbers
     pair_keys: Ids
     pair_starts: Numbers
     pair_counts: Numbers
-    link_keys: Ids
-    link_counts: Numbers
     partner_bits: Bits
     result_bits: Bits
     part_starts: Ids
@@ -122,6 +121,12 @@ class Lists(NamedTuple):
     left: Floats
     right: Floats
     pair_left: Floats
+    half_starts: Ids
+    half_nodes: Numbers
+    half_values: Floats
+    node_starts: Ids
+    node_partners: Numbers
+    node_values: Floats
 
 
 def nearest_words(
@@ -198,15 +203,21 @@ def make_lists(
     cosines = _cosines(vectors)
     kernels = np.zeros_like(cosines)
     list_loops.all_kernels(near_starts, near, near_cosines, norms[: len(kernels)], cosines, kernels)
-    both_kinds = (vectors, near_starts, near, near_cosines, norms, near_words)
-    of_used, used_alike, used_words = _merged(both_kinds, num_uses > 0, min(used, size))
-    of_made, made_alike, made_words = _merged(both_kinds, num_makers > 0, min(made, size))
+    neighbours = (near_starts, near, near_cosines, norms, near_words)
+    ingredient_lists, result_lists = _merged(
+        vectors,
+        neighbours,
+        num_uses,
+        num_makers,
+        widths=(min(used, size), min(made, size)),
+    )
+    used_ids, used_alike, used_words = ingredient_lists
+    made_ids, made_alike, made_words = result_lists
     starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
     most = min(support, max(len(ordered), 1))
-    supporting, support_alike, support_words = list_loops.supporting(
-        of_made,
+    supporting, support_alike = list_loops.supporting(
+        made_ids,
         made_alike,
-        made_words,
         starts,
         _by_result(ordered),
         most,
@@ -218,8 +229,6 @@ def make_lists(
     of_first = first.astype(np.int64) * size + result
     of_second = second[is_other].astype(np.int64) * size + result[is_other]
     links = np.concatenate([of_first, of_second])
-    link_keys, link_counts = hash_loops.count_table(links, _table_size(len(links)))
-    # By result, where hash tables know them by ingredient.
     by_result, part_counts = np.unique(links % size * size + links // size, return_counts=True)
     results, parts = np.divmod(by_result, size)
     part_starts = np.searchsorted(results, np.arange(size + 1))
@@ -230,6 +239,9 @@ def make_lists(
     hash_loops.signatures(first, result, result_bits)
     hash_loops.signatures(second, result, result_bits)
     left, right, pair_left = link_factors(ordered, rows, vectors, rank)
+    nodes, node_pairs = completion_parts(ordered, size)
+    half_starts, half_nodes, half_values = _sparse_rows((nodes.T @ node_pairs).tocsr())
+    node_starts, node_partners, node_values = _sparse_rows(node_pairs)
     return Lists(
         vectors=vectors,
         near_starts=near_starts,
@@ -238,23 +250,20 @@ def make_lists(
         norms=norms,
         cosines=cosines,
         kernels=kernels,
-        used=of_used,
+        used=used_ids,
         used_alike=used_alike,
         used_words=used_words,
-        made=of_made,
+        made=made_ids,
         made_alike=made_alike,
         made_words=made_words,
         support=supporting,
         support_alike=support_alike,
-        support_words=support_words,
         first=first,
         second=second,
         result=result,
         pair_keys=pair_keys,
         pair_starts=pair_starts,
         pair_counts=pair_counts,
-        link_keys=link_keys,
-        link_counts=link_counts,
         partner_bits=partner_bits,
         result_bits=result_bits,
         part_starts=part_starts,
@@ -265,7 +274,23 @@ def make_lists(
         left=left,
         right=right,
         pair_left=pair_left,
+        half_starts=half_starts,
+        half_nodes=half_nodes,
+        half_values=half_values,
+        node_starts=node_starts,
+        node_partners=node_partners,
+        node_values=node_values,
     )
+
+
+def _sparse_rows(matrix: Any) -> tuple[Ids, Numbers, Floats]:
+    """Return a SciPy matrix by rows as arrays in the types that loops are compiled for.
+
+    Returns:
+        where each row begins and the last one ends, shape (rows + 1,); columns; and values.
+    """
+    starts = matrix.indptr.astype(np.int64)
+    return starts, matrix.indices.astype(np.int32), matrix.data.astype(np.float32)
 
 
 def _cosines(vectors: Floats) -> Floats:
@@ -310,39 +335,48 @@ def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Float
 
 
 def _merged(
-    both_kinds: tuple[Floats, Ids, Numbers, Floats, Floats, Numbers],
-    is_allowed: NDArray[np.bool_],
-    width: int,
-) -> tuple[Numbers, Floats, Floats]:
+    vectors: Floats,
+    neighbours: tuple[Ids, Numbers, Floats, Floats, Numbers],
+    num_uses: Numbers,
+    num_makers: Numbers,
+    widths: tuple[int, int],
+) -> list[tuple[Numbers, Floats, Floats]]:
     """Return the lists of :func:`~.list_loops.merged_neighbours` of all entities.
 
     Args:
-        both_kinds: word vectors, and neighbours by structure and by words: its first arguments.
-        is_allowed: shape (T,): entities that may be listed.
-        width: length of the lists.
+        vectors: word vectors, shape (T, D).
+        neighbours: by structure and by words, the loop's next arguments.
+        num_uses: recipes that use an entity, shape (T,).
+        num_makers: recipes that make an entity, shape (T,).
+        widths: lengths of the lists of ingredients, and of results.
 
     Returns:
-        ids, squared similarities, and word cosines to the power 4: shape (T, width) each.
+        of ingredients, and of results: ids, squared similarities, and word cosines to the power 4,
+        shape (T, width) each.
     """
     from wordcraft_kg.models.scorers.neighbours import list_loops
 
-    size = len(is_allowed)
-    ids = np.full((size, width), -1, dtype=np.int32)
-    alike = np.zeros((size, width), dtype=np.float32)
-    words = np.zeros((size, width), dtype=np.float32)
+    size = len(vectors)
+    lists = []
+    for width in widths:
+        ids = np.full((size, width), -1, dtype=np.int32)
+        alike = np.zeros((size, width), dtype=np.float32)
+        lists.append((ids, alike, np.zeros_like(alike)))
 
     def write(block: slice) -> None:
+        ingredients, results = (tuple(array[block] for array in each) for each in lists)
         list_loops.merged_neighbours(
-            *both_kinds,
-            is_allowed,
+            vectors,
+            *neighbours,
+            num_uses,
+            num_makers,
             block.start,
-            ids[block],
-            alike[block],
-            words[block],
+            ingredients,
+            results,
         )
 
     write_blocks(write, blocks_of(size))
-    return ids, alike, words
+    return lists
 
 
 def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:

@@ -2,17 +2,17 @@
 
 from functools import lru_cache
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMPONENTS
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS
+from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists
 
 OF_SLOTS = (
     *OF_COMPONENTS[:-2],
     "count",
-    "evidence",
-    "best_evidence",
-    "words_evidence",
     "component",
 )
 """Features of an ingredient x and a goal c; the sum and the minimum over both ingredients count.
@@ -22,14 +22,9 @@ Those of componentOf links, without ``goal_uses`` and ``goal_made``, come first.
 | feature | meaning |
 |---|---|
 | count | log(1 + recipes that make c with x) |
-| evidence | log of a sum over recipes that make c's neighbours, by likeness of c and of x |
-| best_evidence, words_evidence | the largest term; the sum by words |
 | component | score of componentOf(x, c) by the link ranker |
 """
 OF_PAIRS = (
-    "pair_evidence",
-    "pair_words_evidence",
-    "pair_best_evidence",
     "makes_anything",
     "makes_alike",
     "makes_best",
@@ -49,8 +44,6 @@ OF_PAIRS = (
 
 | feature | meaning |
 |---|---|
-| pair_evidence | log of the recipe-to-recipe kernel over recipes that make c's neighbours |
-| pair_words_evidence, pair_best_evidence | the same by words; its largest term |
 | makes_anything | log of known pairs (a', b') of neighbours, by likeness |
 | makes_alike, makes_best | the same times the likeness of their results and c: sum, largest term |
 | makes_anything_words, makes_alike_words | both sums by words |
@@ -77,56 +70,57 @@ OF_ENCODER = ("encoder", "encoder_result", "encoder_pair")
 """
 
 
-def component_inputs(slots: Tensor, pairs: Tensor) -> Tensor:
-    """Return the features of componentOf links between slots and goals, for the link ranker.
+def pair_features(
+    lists: Lists,
+    slot_pairs: tuple[Ids, Ids],
+    goals: Ids,
+    tables: Ids,
+    links: Floats,
+) -> Floats:
+    """Return the features of slot pairs, without those that need link scores: these are 0.
 
     Args:
-        slots: features of slots, as loops write them, shape (B, A, 16).
-        pairs: features of pairs, shape (B, P, 16): they tell the goals' numbers of recipes.
+        lists: the lists.
+        slot_pairs: first and second slot of each pair, shape (P,) each.
+        goals: shape (B,); -1 for no goal.
+        tables: shape (B, A); -1 for empty slots.
+        links: features of the componentOf links of slots and goals, shape (B, A, 14).
 
     Returns:
-        shape (B, A, 14), in the order of :data:`~.link_rows.OF_COMPONENTS`.
+        shape (B, P, F), in the order of :data:`FEATURES`; zeros for a pair with an empty slot.
     """
-    # The last two features are of the goal alone, and stand among the features of pairs.
-    num_of_slots = len(OF_COMPONENTS) - 2
-    goal_columns = [OF_PAIRS.index(name) for name in OF_COMPONENTS[num_of_slots:]]
-    # Pairs with an empty slot are zeros, others have the goal's numbers. (B, P, 2) to (B, 2).
-    of_goal = pairs[..., goal_columns].amax(1)
-    num_slots = slots.shape[1]
-    # (B, 2) to (B, A, 2).
-    of_goals = of_goal[:, None].expand(-1, num_slots, -1)
-    of_slots = slots[..., :num_of_slots]
-    return torch.cat([of_slots, of_goals], dim=-1)
+    # Compiled loops are imported late: numba takes as long to import as all the rest.
+    from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
+
+    one, other = slot_pairs
+    features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+    # Arrays without gaps, for which the loop is compiled.
+    table = np.ascontiguousarray(tables)
+    table_features(lists, np.ascontiguousarray(goals), table, one, other, links, features)
+    return features
 
 
-def features_of_pairs(
-    slots: Tensor,
-    pairs: Tensor,
+def with_link_scores(
+    features: Tensor,
     component: Tensor,
-    combines: Tensor,
-    one: Tensor,
-    other: Tensor,
-) -> Tensor:
-    """Return the features of pairs, in the order of :data:`FEATURES`.
+    combines: Tensor | None,
+    slot_pairs: tuple[Tensor, Tensor],
+) -> None:
+    """Write the features that are scores of links.
 
     Args:
-        slots: features of slots, as loops write them, shape (B, A, 16).
-        pairs: features of pairs, shape (B, P, 16).
-        component: link scores of slots and goals, shape (B, A).
-        combines: link scores of pairs, shape (B, P).
-        one: first slot of each pair, shape (P,).
-        other: second slot of each pair, shape (P,).
-
-    Returns:
-        shape (B, P, F).
+        features: of pairs, shape (B, P, F); is written to.
+        component: componentOf scores of slots and goals, shape (B, A).
+        combines: combinesWith scores of pairs, shape (B, P); None if only recipes tell of them.
+        slot_pairs: first and second slot of each pair, shape (P,) each.
     """
-    of_slots = torch.cat([slots, component[..., None]], dim=-1)
-    of_one = of_slots.index_select(1, one)
-    of_other = of_slots.index_select(1, other)
-    # The order of a pair does not count: both parts are symmetric.
-    total = of_one + of_other
-    least = torch.minimum(of_one, of_other)
-    return torch.cat([total, least, pairs, combines[..., None]], dim=-1)
+    one, other = slot_pairs
+    first = component.index_select(1, one)
+    second = component.index_select(1, other)
+    features[..., FEATURES.index("component_sum")] = first + second
+    features[..., FEATURES.index("component_min")] = torch.minimum(first, second)
+    if combines is not None:
+        features[..., FEATURES.index("combines_pair")] = combines
 
 
 @lru_cache

@@ -17,8 +17,6 @@ from torch import Tensor
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
-from wordcraft_kg.models.scorers.neighbours.stored import RESULT_RANKER
-from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 CANDIDATES = 64
 """Results that each side proposes: on a validation part of Infinite Craft, 32, 48 and 64 hold the
@@ -103,9 +101,7 @@ def results_of(
     proposed = propose_results(lists, encoder, a, b, number).to(a.device)
     # Entities of other books, which come last, cannot be made.
     ids = proposed.masked_fill((proposed < 0) | (proposed > nothing), nothing)
-    names = RESULT_RANKER if has_ranker else RANKER
-    stacks = [getattr(knowledge, name) for name in names]
-    ranker = Ranker(*(stack[model] for stack in stacks))
+    ranker = knowledge.ranker("results_" if has_ranker else "").model(model)
     # A recipe is a table of two slots, whose only pair is slot 0 with slot 1. In one order:
     # rounding would differ between a + b and b + a.
     low = torch.minimum(a, b)
@@ -121,9 +117,8 @@ def results_of(
         tables = table[block].repeat_interleave(width, 0)
         models = torch.full_like(goals, model)
         features = knowledge.features(goals, tables, models, only_pair)
-        # (F, pairs · C, 1) to (pairs · C, F).
-        of_goals = features[:, :, 0].T
-        scores[block] = ranker(of_goals).view(-1, width)
+        # (pairs · C, 1) to (pairs, C).
+        scores[block] = ranker(features).view(-1, width)
     scores = scores.masked_fill(ids == nothing, -torch.inf)
     # Stable: equal scores keep the order of ids on every device.
     order = torch.sort(scores, dim=1, descending=True, stable=True).indices

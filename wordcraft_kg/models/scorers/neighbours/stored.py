@@ -12,7 +12,7 @@ write arrays that follow from the stored ones (:mod:`.lists`), and rely on these
 Everything else that loops rely on, :func:`~.lists.make_lists` makes of these: recipes in ascending
 order with the smaller ingredient first, lists by similarity with -1 at their end, starts that
 ascend, hash tables of which a quarter is filled at most, and signatures as long as the book.
-:meth:`~.knowledge.RecipeKnowledge.ids` checks the ids of tables, goals and keys.
+:meth:`~.storage.StoredKnowledge.ids` checks the ids of tables, goals and keys.
 """
 
 from collections.abc import Collection, Mapping
@@ -20,14 +20,12 @@ from collections.abc import Collection, Mapping
 from torch import Tensor
 
 from wordcraft_kg.base.tensors import check_tensors, largest
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.neighbours.links import OF_COMBINES, OF_COMPONENTS
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import ENCODER
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES, OF_ENCODER
 from wordcraft_kg.models.scorers.ranker import RANKER
 
-LINK_FEATURES = {COMBINES_WITH: OF_COMBINES, COMPONENT_OF: OF_COMPONENTS}
-"""Features of links by relation."""
 LINK_RANKERS = tuple(f"{relation}_{name}" for relation in RELATIONS for name in RANKER)
 """Names of the link rankers' weights."""
 LINK_TABLES = tuple(f"{relation}_table" for relation in RELATIONS)

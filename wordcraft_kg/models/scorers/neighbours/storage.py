@@ -1,0 +1,292 @@
+"""Stored recipe knowledge: its tensors, copies with other parts, and the lists that follow."""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+from torch import Tensor, nn
+
+from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.graphs.arrays import Ids, recipe_keys
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.neighbours.links import LINK_FEATURES
+from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import ENCODER, PairEncoder
+from wordcraft_kg.models.scorers.neighbours.stored import (
+    LINK_RANKERS,
+    LINK_TABLES,
+    RESULT_RANKER,
+    WITH_ENCODER,
+    check_stored,
+    num_features,
+    stored_names,
+)
+from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
+
+
+class StoredKnowledge(nn.Module):
+    """Recipes, words and rankers, from which neighbour lists follow, for M models.
+
+    The lists of a model are made when they are first needed, on the CPU, and are not stored: see
+    the package for their mathematics and cost.
+
+    Attributes:
+        num_own: shape (1,), int32: E, so that a file tells which entities are its own.
+        vectors: shape (T, D), half: unit word vectors; D is 0 without words. Entities from E on are
+            those of other books, which are neither on tables nor goals.
+        near_words: shape (T, K_w), int32: neighbours by words, -1 at the end.
+        recipes: shape (n, 3), int32: training recipes of all models together.
+        seen: shape (M, n), bool: training recipes of each model.
+        num_entities: E, also the id of an empty slot.
+        has_encoder: whether there is a pair encoder.
+        bias: shape (M,), of the recipe rankers, whose other weights have the names in
+            :data:`~wordcraft_kg.models.scorers.ranker.RANKER`.
+
+    The link rankers' weights are buffers with the names in :data:`~.stored.LINK_RANKERS`, shaped as
+    those of the recipe rankers. Where links have features from outside the recipes, tables of their
+    scores stand for the rankers: buffers with the names in :data:`~.stored.LINK_TABLES`, shape (M,
+    E, E), half, row = head; (M, 0, 0) elsewhere.
+    """
+
+    num_entities: int
+    bias: Tensor
+    num_own: Tensor
+    vectors: Tensor
+    near_words: Tensor
+    recipes: Tensor
+    seen: Tensor
+    results_second: Tensor
+
+    def __init__(
+        self,
+        constants: Mapping[str, Tensor],
+        num_entities: int | None = None,
+        num_models: int | None = None,
+    ):
+        """Take the tensors in :data:`~.stored.BUFFERS` by name, on which all loops rely.
+
+        Args:
+            constants: the tensors, perhaps from a damaged file.
+            num_entities: E, which the tensors must agree with; None for the stored number.
+            num_models: M likewise.
+
+        Raises:
+            KeyError: if a tensor is missing.
+            ValueError: if a tensor does not fit, see :func:`~.stored.check_stored`.
+        """
+        super().__init__()
+        if num_entities is None:
+            num_entities = int(constants["num_own"].sum())
+        check_stored(constants, num_entities, num_models)
+        self.num_entities = num_entities
+        self._names = stored_names(constants)
+        for name in self._names:
+            self.register_buffer(name, constants[name])
+        self.has_encoder = self._names == WITH_ENCODER
+        self._lists: dict[int, Lists] = {}
+        self.register_load_state_dict_post_hook(_renew)
+
+    @classmethod
+    def of_recipes(
+        cls,
+        recipes: Ids,
+        vectors: NDArray[np.float16],
+        near_words: Any,
+        link_rankers: Mapping[int, Ranker] = MappingProxyType({}),
+        encoder: PairEncoder | None = None,
+    ) -> Self:
+        """Return the knowledge of recipes for a single model without ranker.
+
+        Args:
+            recipes: training recipes, ids (n, 3).
+            vectors: unit word vectors, shape (E, D), zeros for entities without words.
+            near_words: neighbours by words, shape (E, K_w), int32, -1 at the end.
+            link_rankers: by relation; scores are 0 without one.
+            encoder: pair encoder of the same words; None without.
+        """
+        pair_ranker = Ranker.empty(num_features(has_encoder=encoder is not None))
+        rows = torch.from_numpy(recipes.astype(np.int32))
+        constants = {
+            "num_own": torch.tensor([len(vectors)], dtype=torch.int32),
+            "vectors": torch.from_numpy(vectors),
+            "near_words": torch.from_numpy(near_words),
+            "recipes": rows,
+            "seen": torch.ones(1, len(rows), dtype=torch.bool),
+            **_named(pair_ranker),
+        }
+        for number, relation in enumerate(RELATIONS):
+            ranker = link_rankers.get(number) or Ranker.empty(len(LINK_FEATURES[number]))
+            constants |= _named(ranker, f"{relation}_")
+            constants[f"{relation}_table"] = torch.zeros(1, 0, 0, dtype=torch.half)
+        if encoder is not None:
+            constants |= {name: tensor[None] for name, tensor in encoder.named().items()}
+            constants |= _named(pair_ranker, "results_")
+        return cls(constants)
+
+    @classmethod
+    def stacked(cls, models: Sequence[Self]) -> Self:
+        """Combine several models' knowledge, with the same entities, along axis M."""
+        # Models of folds share most recipes: each is stored once, with a mask for each model.
+        recipes = torch.cat([model.recipes for model in models])
+        distinct, place = recipes.unique(dim=0, return_inverse=True)
+        masks = []
+        places = place.split([len(model.recipes) for model in models])
+        for model, rows in zip(models, places, strict=True):
+            mask = torch.zeros(model.num_models, len(distinct), dtype=torch.bool)
+            mask[:, rows] = model.seen
+            masks.append(mask)
+        names = [*RANKER, *LINK_RANKERS, *LINK_TABLES]
+        if models[0].has_encoder:
+            names += [*ENCODER, *RESULT_RANKER]
+        constants = {
+            "num_own": models[0].num_own,
+            "vectors": models[0].vectors,
+            "near_words": models[0].near_words,
+            "recipes": distinct,
+            "seen": torch.cat(masks),
+        }
+        for name in names:
+            constants[name] = torch.cat([getattr(model, name) for model in models])
+        stack = cls(constants)
+        # Lists that are made already serve the stack, too.
+        first = 0
+        for model in models:
+            for number, lists in model._lists.items():
+                stack._lists[first + number] = lists
+            first += model.num_models
+        return stack
+
+    def with_tensors(self, tensors: dict[str, Tensor]) -> Self:
+        """Return a copy with some stored tensors replaced, by name."""
+        return type(self)(self.constants() | tensors)
+
+    def with_ranker(self, ranker: Ranker, prefix: str = "") -> Self:
+        """Return a copy with a single ranker; only for a single model, M = 1.
+
+        Args:
+            ranker: the ranker.
+            prefix: empty for the ranker of recipes, ``results_`` for that of results.
+        """
+        return self.with_tensors(_named(ranker, prefix))
+
+    def with_link_tables(self, tables: Mapping[int, Tensor]) -> Self:
+        """Return a copy whose links are scored by tables; only for a single model, M = 1.
+
+        Args:
+            tables: scores by relation, shape (E, E) each, row = head.
+        """
+        # With a first axis for the single model.
+        named = {f"{RELATIONS[key]}_table": table.half()[None] for key, table in tables.items()}
+        return self.with_tensors(named)
+
+    def of_entities(self, own: Tensor) -> Self:
+        """Return the knowledge about the entities ``own``, ids (n,), which get the ids from 0.
+
+        All other entities come last, and are no more than a source of knowledge.
+        """
+        is_other = torch.ones(self.num_entities, dtype=torch.bool)
+        is_other[own] = False
+        # The old id of each new one, and the new id of each old one.
+        order = torch.cat([own, is_other.nonzero()[:, 0]])
+        place = torch.argsort(order)
+        near = self.near_words[order].long()
+        # -1, the end of a list, stays.
+        renumbered = torch.where(near < 0, near, place[near.clamp(min=0)])
+        recipes = place[self.recipes.long()]
+        # As in a graph, the smaller ingredient comes first.
+        recipes[:, :2] = recipes[:, :2].sort(1).values
+        tensors = {
+            "num_own": torch.tensor([len(own)], dtype=torch.int32),
+            "vectors": self.vectors[order],
+            "near_words": renumbered.int(),
+            "recipes": recipes.int(),
+        }
+        for name in LINK_TABLES:
+            table = getattr(self, name)
+            if table.numel():
+                tensors[name] = table[:, own][:, :, own]
+        return self.with_tensors(tensors)
+
+    def constants(self) -> dict[str, Tensor]:
+        """Return the stored tensors by name."""
+        return {name: getattr(self, name) for name in self._names}
+
+    @property
+    def num_models(self) -> int:
+        """Number of models M."""
+        return len(self.bias)
+
+    @property
+    def has_result_ranker(self) -> bool:
+        """Whether there is an encoder with a ranker of results; that of other books has none."""
+        return self.has_encoder and bool(self.results_second.any())
+
+    def ranker(self, prefix: str = "") -> Ranker:
+        """Return the rankers of all models: of recipes, or those whose names have a prefix."""
+        return Ranker(*(getattr(self, f"{prefix}{name}") for name in RANKER))
+
+    def encoder(self, model: int = 0) -> PairEncoder:
+        """Return a model's pair encoder; only if there is one."""
+        return PairEncoder(*(getattr(self, name)[model] for name in ENCODER))
+
+    def lists(self, model: int = 0) -> Lists:
+        """Return a model's lists; made at the first call by one thread, so that none differ."""
+        if model not in self._lists:
+            recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
+            near_words = self.near_words.cpu().numpy()
+            made = list(self._lists.values())
+            # All models have the same words: their lists share one copy.
+            vectors = made[0].vectors if made else self.vectors.float().cpu().numpy()
+            with torch_threads(1), threadpool_limits(1):
+                lists = make_lists(recipes, vectors, near_words)
+            if made:
+                lists = lists._replace(cosines=made[0].cosines)
+            self._lists[model] = lists
+        return self._lists[model]
+
+    def share_lists(self, other: "StoredKnowledge") -> None:
+        """Take lists from ``other``, now and later, if it has the same recipes and words.
+
+        Sources of a restored policy would make and keep the same lists otherwise.
+        """
+        names = ("vectors", "near_words", "recipes", "seen")
+        if all(torch.equal(getattr(self, name), getattr(other, name)) for name in names):
+            self._lists = other._lists
+
+    def knows(self, recipes: Tensor, model: int) -> Tensor:
+        """Return a mask of the recipes, ids (n, 3), in a model's training data, shape (n,)."""
+        trained_on = self.recipes[self.seen[model]]
+        is_known = np.isin(self._recipe_keys(recipes), self._recipe_keys(trained_on))
+        return torch.from_numpy(is_known).to(recipes.device)
+
+    def _recipe_keys(self, recipes: Tensor) -> Ids:
+        """Return a number for each recipe, ids (n, 3), in which the ingredients' order is lost."""
+        a, b, result = recipes.long().cpu().numpy().T
+        return recipe_keys(a, b, result, num_entities=len(self.vectors))
+
+    def ids(self, entities: Tensor) -> Ids:
+        """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot.
+
+        Raises:
+            IndexError: for an id that is not 0 .. E.
+        """
+        ids = entities.cpu().numpy()
+        if ids.size and not 0 <= ids.min() <= ids.max() <= self.num_entities:
+            raise IndexError(f"entity ids must be 0 .. {self.num_entities}")
+        return np.where(ids == self.num_entities, -1, ids)
+
+
+def _named(ranker: Ranker, prefix: str = "") -> dict[str, Tensor]:
+    """Return a ranker's weights by prefixed name, with a first axis for a single model."""
+    return {f"{prefix}{name}": weights[None] for name, weights in ranker.weights().items()}
+
+
+def _renew(knowledge: nn.Module, _: object) -> None:
+    """Check tensors that were loaded, and drop lists that were made from other recipes."""
+    assert isinstance(knowledge, StoredKnowledge)
+    check_stored(knowledge.constants(), knowledge.num_entities)
+    knowledge._lists = {}

@@ -644,7 +644,7 @@ def language_models_caveats() -> Iterator[str]:
     ends = f"[{_shown(success['ci_low'])}, {_shown(success['ci_high'])}]"
     yield (
         f"- By generation Qwen2.5-Coder-1.5B makes {_shown(success['mean'])} {ends} of {now['games']} test tasks with one "
-        "distractor (`evaluate-text`, no frozen track). Many of its answers were like `1 noise + 1 clock`: "
+        "distractor (no frozen track). Many of its answers were like `1 noise + 1 clock`: "
         f"{before['invalid_actions']} answers were invalid and success was {_shown(before['success']['mean'])} "
         f"until the answer grammar read this 1 as a count; of the same answers, read again, {now['invalid_actions']} are."
     )

@@ -159,7 +159,6 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
         assert not set(getattr(module, "FILE_ONLY", ())) & set(shown), name
         if "--force" in outcome.out:
             forced.add(name)
-            # One command has not taken part yet: evaluate-text deletes first.
             if name in core or name.split()[0] in ("people", "explore"):
                 meant = Force.__metadata__[-1].help
                 assert meant in " ".join(outcome.out.split()), name
@@ -222,7 +221,7 @@ def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, tmp_path
 
 
 @pytest.mark.parametrize(
-    "name", ["train-complex", "evaluate-text", "mcp", "describe", "build-graph", "people serve"]
+    "name", ["train-complex", "bench run", "mcp", "describe", "build-graph", "people serve"]
 )
 def test_a_nul_character_in_an_option_or_a_config_file_is_refused(refused, tmp_path, name):
     refused(

@@ -504,28 +504,52 @@ def play_all(
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
-            masks = {"": np.ones(len(tasks), dtype=bool)}
-            for group, mask in (groups or {}).items():
-                masks[group] = mask[tasks]
-            for group, mask in masks.items():
-                if not mask.any():
-                    continue
-                of_group = success[mask]
-                resampled = world.groups[tasks[mask]]
-                low, high = task_bootstrap(of_group, resampled)
-                rows.append(
-                    PlayerSuccess(
-                        player=name,
-                        distractors=amount,
-                        episodes=of_group.size,
-                        success=float(of_group.mean()),
-                        low=low,
-                        high=high,
-                        by_plan=float(by_plan[mask].mean()),
-                        goals=group,
-                    )
-                )
+            masks = {group: mask[tasks] for group, mask in (groups or {}).items()}
+            clusters = world.groups[tasks]
+            rows += success_rows(name, amount, success, by_plan, clusters, masks)
     return tuple(rows)
+
+
+def success_rows(
+    name: str,
+    distractors: int,
+    success: NDArray[np.bool_],
+    by_plan: NDArray[np.bool_],
+    clusters: Ids,
+    groups: Mapping[str, NDArray[np.bool_]],
+) -> list[PlayerSuccess]:
+    """Return the rows of a player that has played N tasks on D tables each.
+
+    Args:
+        name: the player's name.
+        distractors: distractors on each table.
+        success: shape (N, D): whether the goal was made.
+        by_plan: shape (N, D): whether a plan's last pair made the goal.
+        clusters: shape (N,): each task's resampling group, see :attr:`World.groups`.
+        groups: groups of goals by name, masks of shape (N,); those without tasks have no row.
+
+    Returns:
+        A row for all tasks, then one for each group.
+    """
+    rows = []
+    masks = {"": np.ones(len(success), dtype=bool), **groups}
+    for group, mask in masks.items():
+        if not mask.any():
+            continue
+        low, high = task_bootstrap(success[mask], clusters[mask])
+        rows.append(
+            PlayerSuccess(
+                player=name,
+                distractors=distractors,
+                episodes=success[mask].size,
+                success=float(success[mask].mean()),
+                low=low,
+                high=high,
+                by_plan=float(by_plan[mask].mean()),
+                goals=group,
+            )
+        )
+    return rows
 
 
 def _best(state: State, scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:

@@ -407,7 +407,7 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     play = track.play(settings.look_ups)
     with LinePlayer(argument, timeout=settings.timeout) as program:
         folder = settings.messages
-        play_program(program, program.name, play, folder, is_replacing=settings.is_replacing)
+        play_program(program, play, folder, is_replacing=settings.is_replacing)
     played = read_games(settings.messages / GAMES_FILE)[1]
     return _recorded(track, settings, program.name, play.settings, played)
 

@@ -125,8 +125,8 @@ def _recorded_games(
 
 
 READER = GameReader(
-    "a folder of 'evaluate-text' or 'bench run', an 'mcp --out' file, or an Inspect AI log (.eval, "
-    ".json)",
+    "a folder of games by 'evaluate-agent --player' or 'bench run', an 'mcp --out' file, or an "
+    "Inspect AI log (.eval, .json)",
     _knows,
     _games,
 )

@@ -6,9 +6,11 @@ machine may stop at any time.
 
 import logging
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +20,7 @@ import numpy as np
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TableOf, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
     GamesHeader,
@@ -40,6 +42,9 @@ from wordcraft_kg.base.escaping import for_file
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -49,6 +54,7 @@ from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
+    from wordcraft_kg.evaluation.players import ExternalPlayer
 
 REPLACEMENT = "replacement"
 """Folder beside games for those that replace them once complete."""
@@ -257,18 +263,24 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[TaskGameRecord | World
 
 
 _HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
-_NO_OPTION = {"answer_grammar": "the answer grammar"}
+_NO_OPTION = {"answer_grammar": "the answer grammar", "tasks": "the number of tasks"}
 _Speaker = Callable[[Conversation], Callable[[str], str]]
 
 
-def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResult:
-    """Evaluate a player in all games, or continue an interrupted evaluation.
+def play_all(
+    player: str, speak: _Speaker, play: Play, folder: Path, tasks: Sequence[int] | None = None
+) -> list[TaskGameRecord | WorldGameRecord]:
+    """Let a player play all games, or continue an interrupted evaluation.
 
     Args:
         player: the player's name.
         speak: from a conversation at its beginning to the function that answers its prompts.
         play: the games.
         folder: folder for the games.
+        tasks: indices of the tasks; None for those of the settings.
+
+    Returns:
+        The records of all games, in the order in which they were played.
 
     Raises:
         ArtefactError: if the folder's games are damaged or changed, or the folder is in use by
@@ -278,9 +290,9 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
     """
     path = folder / GAMES_FILE
     settings = play.settings
-    tasks = [0]
-    if isinstance(play.games, TaskGames):
-        tasks = chosen_tasks(play.games.world, settings.tasks).tolist()
+    if tasks is None:
+        is_open_ended = not isinstance(play.games, TaskGames)
+        tasks = [0] if is_open_ended else chosen_tasks(play.games.world, settings.tasks).tolist()
     # An ordered set: games are played seed by seed.
     missing: dict[tuple[int, int], None] = {}
     for distractor_seed in range(settings.distractor_seeds):
@@ -310,8 +322,7 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
             talk = play.begin(task, distractor_seed)
             played.append(record_of(talk, converse(talk, speak(talk)), distractor_seed))
             append_game(path, played[-1])
-    groups = play.games.world.groups if isinstance(play.games, TaskGames) else None
-    return result_of(player, settings, played, groups)
+    return played
 
 
 @contextmanager
@@ -341,22 +352,91 @@ def continuable(folder: Path) -> Iterator[None]:
             raise ArtefactError(f"{folder}: {error.strerror or error}.{hint}") from None
 
 
-def play_program(
-    program: "LinePlayer", name: str, play: Play, folder: Path, *, is_replacing: bool
-) -> TextResult:
-    """Evaluate a program in all games, see :func:`play_all`.
+def play_program(program: "LinePlayer", play: Play, folder: Path, *, is_replacing: bool) -> None:
+    """Let a program play all games, see :func:`play_all`.
 
     Args:
         program: the running program.
-        name: its name in results.
         play: the games.
         folder: folder for the games.
         is_replacing: whether earlier games stay until the new games are complete.
     """
-    header = GamesHeader(player=name, settings=play.settings)
+    header = GamesHeader(player=program.name, settings=play.settings)
     games = replaced_games(folder, header) if is_replacing else nullcontext(folder)
     with games as new:
-        return play_all(name, program.speaker, play, new)
+        play_all(program.name, program.speaker, play, new)
+
+
+def evaluate_program(
+    player: "ExternalPlayer", worlds: Sequence[World], tables: int, limit: int
+) -> tuple[str, list["Evaluation"]]:
+    """Let a program play the tasks of agent evaluation, on the same tables.
+
+    The games of each world are in a folder of their own; the same call continues them.
+
+    Args:
+        player: the program, as ``program:COMMAND``.
+        worlds: worlds that differ in the number of distractors.
+        tables: tables for each task.
+        limit: most tasks; of more, evenly spaced ones are played.
+
+    Returns:
+        The program's name, and its results in each world.
+
+    Raises:
+        PlayerError: if the program does not start, ends early or does not answer in time.
+        ConfigError: if a folder has games of another player or other settings.
+        ArtefactError: if a folder's games are damaged, or another process plays there.
+    """
+    from wordcraft_kg.apps.text_agents.line_player import LinePlayer  # imports this module
+
+    results = []
+    with LinePlayer(player.name.partition(":")[2], timeout=player.timeout) as program:
+        # A name may hold separators or `..`; the folder is always one below text-agents.
+        file_name = re.sub(r"[^\w.+ -]", "-", program.name).strip(". ") or "player"
+        folder = player.out or Path("text-agents") / file_name
+        with continuable(folder):
+            for world in worlds:
+                tasks = sampled_tasks(world, limit)
+                play = Play(
+                    TaskGames(world, _posed_tables(world, tasks)),
+                    PlayedSettings.of(
+                        world,
+                        world.split,
+                        distractor_seeds=tables,
+                        tasks=None if len(tasks) == len(world.tasks) else len(tasks),
+                    ),
+                )
+                games = folder / f"distractors-{world.config.num_distractors}"
+                played = play_all(program.name, program.speaker, play, games, tasks.tolist())
+                results.append(evaluation_of(played, world.groups))
+                _log_answers(program.name, played)
+    return program.name, results
+
+
+def _posed_tables(world: World, tasks: Ids) -> TableOf:
+    """Return the tables of an evaluation of these tasks, each in an environment of its own."""
+    engine = BatchEngine(world, len(tasks))
+    row_of_task = {task: row for row, task in enumerate(tasks.tolist())}
+
+    @cache
+    def tables(distractor_seed: int) -> list[list[int]]:
+        return engine.pose(tasks, distractor_seed, seed=EVALUATION_SEED).table.tolist()
+
+    def table(task: int, distractor_seed: int) -> list[int]:
+        slots = tables(distractor_seed)[row_of_task[task]]
+        return [entity for entity in slots if entity != world.nothing]
+
+    return table
+
+
+def _log_answers(name: str, played: Sequence[TaskGameRecord | WorldGameRecord]) -> None:
+    invalid = sum(game.invalid_actions for game in played)
+    lost = sum(game.lost_attempts for game in played)
+    if invalid:
+        logging.getLogger(__name__).warning(
+            "%s: %s, %s lost", name, counted(invalid, "invalid answer"), counted(lost, "attempt")
+        )
 
 
 @contextmanager

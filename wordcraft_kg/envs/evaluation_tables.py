@@ -73,7 +73,7 @@ class EvaluationTables:
         world: graph, tasks and settings.
 
     Example:
-        >>> world = World("kitchen", WordCraftConfig(part="test", num_distractors=2))
+        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
         >>> tables = EvaluationTables(world)
         >>> len(tables.table(0)), tables.table(0) == tables.table(0, distractor_seed=1)
         (4, False)

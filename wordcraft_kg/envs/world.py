@@ -1,6 +1,6 @@
 """The world behind an environment: tasks, outcomes of pairs, distractors and sizes.
 
-The readable environment and the batched engine share it, so that both play the same game.
+Environments, engines and evaluations share it, so that all play the same game.
 """
 
 from collections.abc import Callable, Hashable, Mapping
@@ -87,6 +87,7 @@ class World:
     tables.
 
     Attributes:
+        opened: the graph and the split, with the source.
         graph: the recipe graph; :attr:`usable` recipes make something.
         split: train, valid and test recipes.
         config: the settings.
@@ -99,37 +100,36 @@ class World:
         num_slots: table size, fixed: ``num_given``, and room for all results of all attempts.
 
     Example:
-        >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
+        >>> world = World.open("kitchen", WordCraftConfig(num_distractors=8))
         >>> world.variant(part="test").graph is world.graph
         True
     """
 
     def __init__(
         self,
-        graph: "GraphLike | World",
+        opened: OpenedGraph,
         config: WordCraftConfig,
         tasks: TaskSet | None = None,
+        *,
+        derived: dict[Hashable, Any] | None = None,
     ):
-        """Open the graph and make the tasks.
+        """Make the tasks.
 
         Args:
-            graph: the graph, or another world, with which this world shares what their settings do
-                not change.
+            opened: the graph and its split; :meth:`open` takes names and files.
             config: the settings.
             tasks: tasks instead of those that the settings describe; None to make these.
+            derived: what a world with other settings shares, see :meth:`variant`; None for nothing.
 
         Raises:
             ConfigError: if the graph has too few entities for so many distractors, or no split for
                 a policy that needs one.
             TaskError: if there is no task.
-            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
-                cannot be read.
-            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
-        opened = graph if isinstance(graph, World) else open_world_graph(graph)
+        self.opened = opened
         self.graph: RecipeGraph = opened.graph
         self.split: Split = opened.split
-        self._derived: dict[Hashable, Any] = graph._derived if isinstance(graph, World) else {}
+        self._derived: dict[Hashable, Any] = {} if derived is None else derived
         self.config = config
         # Given tasks take the place in which made tasks would be kept.
         if tasks is not None:
@@ -156,6 +156,26 @@ class World:
             )
 
     @classmethod
+    def open(cls, graph: "GraphLike | World", config: WordCraftConfig) -> "World":
+        """Open a graph and make the tasks.
+
+        Args:
+            graph: the graph, or another world, with which this world shares what their settings do
+                not change.
+            config: the settings.
+
+        Raises:
+            ConfigError: as the constructor, or for a value that is no graph.
+            TaskError: if there is no task.
+            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
+                cannot be read.
+            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
+        """
+        if isinstance(graph, World):
+            return cls(graph.opened, config, derived=graph._derived)
+        return cls(open_world_graph(graph), config)
+
+    @classmethod
     def of(cls, graph: "GraphLike | World", settings: Mapping[str, Any]) -> "World":
         """Return the world that an environment's arguments describe: a given world, or a new one.
 
@@ -168,7 +188,7 @@ class World:
             ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
         if not isinstance(graph, World):
-            return cls(graph, WordCraftConfig.of(settings))
+            return cls.open(graph, WordCraftConfig.of(settings))
         if settings:
             given = ", ".join(f"{name}={value!r}" for name, value in settings.items())
             raise ConfigError(
@@ -183,7 +203,7 @@ class World:
             ConfigError: for an unknown setting, or as the constructor.
             TaskError: if there is no task.
         """
-        return World(self, self.config.variant(**changes))
+        return World.open(self, self.config.variant(**changes))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "World":
         # Gymnasium copies the arguments of an environment whenever its spec is read; immutable, a

@@ -225,7 +225,8 @@ class TaskGames:
         graph: the recipe graph.
 
     Example:
-        >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
+        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
+        >>> games = TaskGames(world)
         >>> game = games.begin(task=0)
         >>> len(game.labels), game.goal == games.world.tasks[0].goal
         (4, True)

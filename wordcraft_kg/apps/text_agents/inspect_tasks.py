@@ -246,8 +246,8 @@ def conversation(play: Play) -> Solver:
             # Also on a limit, which Inspect raises as an error: the game counts as it stands,
             # because a model that runs out of tokens has not made the goal.
             is_finished = talk.is_over
-            talk.game.end()
-            played = as_values(record_of(talk, [], seed))
+            talk.end()
+            played = as_values(record_of(talk, seed))
             # Inspect's log has the messages already.
             del played["messages"]
             ending = {UNFINISHED: not is_finished, VERDICT: talk.game.state}

@@ -28,8 +28,9 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wordcraft_kg import __version__
+from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import HostedGame, HostedGames
+from wordcraft_kg.apps.text_agents.hosted_games import HostedGames
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
 from wordcraft_kg.base.errors import ActionError, EpisodeError, WordCraftKGError
 from wordcraft_kg.base.settings import MAX_SIZE
@@ -84,11 +85,11 @@ class Position(BaseModel, frozen=True):
     )
 
     @classmethod
-    def of(cls, hosted: HostedGame, **more: Any) -> Self:
+    def of(cls, talk: Conversation, **more: Any) -> Self:
         """Return the state of a game; ``more`` are fields of subclasses, such as ``rules``."""
-        game = hosted.talk.game
+        game = talk.game
         return cls(
-            game=hosted.name,
+            game=talk.name,
             goal=game.goal,
             items=list(game.labels),
             attempts_left=game.attempts_left,
@@ -279,35 +280,34 @@ def _server(
 
     @server.tool(title="Get the game state", description=_TOOLS["state"], annotations=_READS)
     async def state(game: _GameName) -> Annotated[CallToolResult, Position]:
-        playing = hosted().game(game)
-        return _result(playing.talk.game.state, Position.of(playing))
+        talk = hosted().game(game)
+        return _result(talk.game.state, Position.of(talk))
 
     @server.tool(title="Combine two items", description=_TOOLS["combine"], annotations=_PLAYS)
     async def combine(
         game: _GameName, first: _Item, second: _Item
     ) -> Annotated[CallToolResult, Combined]:
-        playing = hosted().game(game)
-        before = playing.talk.game.labels
-        result = playing.combine(first, second)
-        new = [label for label in playing.talk.game.labels if label not in before]
-        return _result(
-            f"{result}\n\n{playing.talk.game.state}", Combined.of(playing, result=result, new=new)
-        )
+        talk = hosted().game(game)
+        labels_before = talk.game.labels
+        result = talk.attempt(first, second)
+        new = [label for label in talk.game.labels if label not in labels_before]
+        text = f"{result}\n\n{talk.game.state}"
+        return _result(text, Combined.of(talk, result=result, new=new))
 
     if look_ups:
 
         @server.tool(title="Look up an item", description=about_look_ups, annotations=_PLAYS)
         async def look_up(game: _GameName, item: _Label) -> Annotated[CallToolResult, Facts]:
-            playing = hosted().game(game)
-            label, facts, reply = playing.look_up(item)
-            left = look_ups - playing.talk.look_ups
+            talk = hosted().game(game)
+            label, facts, reply = talk.consult(item)
+            left = look_ups - talk.look_ups
             return _result(reply, Facts(game=game, item=label, facts=facts, look_ups_left=left))
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
     async def end(game: _GameName) -> Annotated[CallToolResult, Position]:
-        playing = hosted().game(game)
-        playing.end()
-        return _result(playing.talk.game.state, Position.of(playing))
+        talk = hosted().game(game)
+        talk.end()
+        return _result(talk.game.state, Position.of(talk))
 
     return server
 
@@ -339,11 +339,10 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
         return _begun(hosted().begin(task, distractor_seed))
 
 
-def _begun(hosted: HostedGame) -> CallToolResult:
-    game = hosted.talk.game
-    return _result(
-        f"Game id: {hosted.name}\n{game.rules}\n\n{game.state}", Begun.of(hosted, rules=game.rules)
-    )
+def _begun(talk: Conversation) -> CallToolResult:
+    rules = talk.game.rules
+    text = f"Game id: {talk.name}\n{rules}\n\n{talk.game.state}"
+    return _result(text, Begun.of(talk, rules=rules))
 
 
 def _result(text: str, values: BaseModel) -> CallToolResult:

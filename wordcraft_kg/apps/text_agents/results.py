@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import msgspec
 import numpy as np
@@ -81,21 +81,18 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
     return np.arange(most) * number // most
 
 
-def record_of(
-    talk: Conversation, messages: Sequence[str], number: int = 0
-) -> TaskGameRecord | WorldGameRecord:
+def record_of(talk: Conversation, number: int = 0) -> TaskGameRecord | WorldGameRecord:
     """Return the record of the finished game in a conversation.
 
     Args:
         talk: the conversation.
-        messages: all prompts and answers in turn.
         number: number of an open-ended game; a track's own number wins.
     """
     game = talk.game
     counts = {
         **{name: getattr(talk, name) for name in COUNTS},
         # A record is written whatever the player says: a game without one could be played again.
-        "messages": tuple(map(for_file, messages)),
+        "messages": tuple(map(for_file, talk.messages)),
         "pairs": tuple(game.pairs),
     }
     if isinstance(game, DiscoveryGame):
@@ -291,8 +288,9 @@ def play_all(
     path = folder / GAMES_FILE
     settings = play.settings
     if tasks is None:
-        is_open_ended = not isinstance(play.games, TaskGames)
-        tasks = [0] if is_open_ended else chosen_tasks(play.games.world, settings.tasks).tolist()
+        tasks = [0]
+        if isinstance(play.games, TaskGames):
+            tasks = chosen_tasks(play.games.world, settings.tasks).tolist()
     # An ordered set: games are played seed by seed.
     missing: dict[tuple[int, int], None] = {}
     for distractor_seed in range(settings.distractor_seeds):
@@ -320,7 +318,8 @@ def play_all(
             del missing[key]
         for task, distractor_seed in steps("playing", missing):
             talk = play.begin(task, distractor_seed)
-            played.append(record_of(talk, converse(talk, speak(talk)), distractor_seed))
+            converse(talk, speak(talk))
+            played.append(record_of(talk, distractor_seed))
             append_game(path, played[-1])
     return played
 
@@ -409,7 +408,7 @@ def evaluate_program(
                 )
                 games = folder / f"distractors-{world.config.num_distractors}"
                 played = play_all(program.name, program.speaker, play, games, tasks.tolist())
-                results.append(evaluation_of(played, world.groups))
+                results.append(evaluation_of(cast(list[TaskGameRecord], played), world.groups))
                 _log_answers(program.name, played)
     return program.name, results
 

@@ -147,10 +147,8 @@ class TextEnv(gym.Env[str, str]):
             raise ActionError(f"action {action!r}: expected a text, such as 'water + earth'.")
         if self.talk is None:
             raise EpisodeError("call reset() before step().")
-        before = self._game.reward
         reply = self.talk.hear(action[-LONGEST_ACTION:])
-        reward = self._game.reward - before
-        return self._in_space(reply), reward, self.talk.is_over, False, self._info()
+        return self._in_space(reply), self.talk.reward, self.talk.is_over, False, self._info()
 
     def render(self) -> str | None:
         """Return the state in words; None without a ``render_mode``.

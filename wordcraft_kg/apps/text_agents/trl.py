@@ -20,6 +20,8 @@ from dataclasses import dataclass, fields
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
+from msgspec.structs import replace
+
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.named_games import name_of, open_play, tool_opening
@@ -33,9 +35,6 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
     import datasets
-
-_LONGEST_ITEM = 1_000
-"""Characters of an item that are read: more than the longest label."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +172,7 @@ class CraftingEnvironment:
             What the pair makes, and the new state of the game.
         """
         talk = self._begun
-        return talk.after_the_end or talk.combine(_item(first), _item(second))
+        return talk.after_the_end or talk.combine(str(first), str(second))
 
     def get_reward(self) -> float:
         """Return the reward so far: 1 for the goal, and the row's shaped rewards."""
@@ -189,9 +188,9 @@ class CraftingEnvironment:
         talk = self._begun
         # A trainer may stop a game at its limit of tokens; it then counts as given up.
         talk.game.end()
-        record = record_of(talk, [])
+        record = record_of(talk)
         assert isinstance(record, TaskGameRecord)
-        return record
+        return replace(record, messages=())
 
     @property
     def _begun(self) -> Conversation:
@@ -213,7 +212,7 @@ class LookUpEnvironment(CraftingEnvironment):
             The recipes that use or make the item, and the state of the game.
         """
         talk = self._begun
-        return talk.after_the_end or talk.look_up_item(_item(item))
+        return talk.after_the_end or talk.look_up_item(str(item))
 
 
 def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for a user
@@ -298,8 +297,3 @@ def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Data
     except ModuleNotFoundError:
         raise missing_extra("trl", ["datasets"]) from None
     return Dataset.from_list(rows)
-
-
-def _item(written: Any) -> str:
-    """Return the text of an argument; models also write numbers, and texts of any length."""
-    return str(written)[:_LONGEST_ITEM]

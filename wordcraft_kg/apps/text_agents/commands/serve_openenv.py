@@ -99,7 +99,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             "each, or leave --out out."
         )
     check_extra("openenv")
-    from wordcraft_kg.apps.text_agents.hosted_games import kept_conversations
+    from wordcraft_kg.apps.text_agents.hosted_games import games_writer
     from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
     from wordcraft_kg.apps.text_agents.records import GamesHeader
@@ -132,7 +132,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         if out is not None:
             ((play,),) = plays.values()
             header = GamesHeader(player="OpenEnv clients", settings=play.settings)
-            keep = stack.enter_context(kept_conversations(out, header))
+            keep = stack.enter_context(games_writer(out, header))
         app = make_openenv_app(
             games, keep=keep, sessions=sessions, idle=idle, host=host, more_hosts=allow_host or ()
         )

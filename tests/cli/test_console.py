@@ -604,9 +604,9 @@ REFUSED = [
     ("compare {world}/plain {world}/scorer", "cannot be compared"),
     ("compare {world}/scorer", "two link predictors or more"),
     ("compare {trained}/graph", "is a graph folder"),
-    ("discover kitchen --players empowerment-scorer", "needs a --scorer"),
+    ("discover kitchen --players recipe-learner", "needs a --scorer"),
     ("discover kitchen --scorer nowhere", "nowhere"),
-    ("discover everyday --scorer {trained}/one", "was trained on graph"),
+    ("discover everyday --scorer {trained}/one", "expected a model from train-recipes"),
     ("train-agent kitchen --scorer nowhere", "does not exist"),
     ("train-agent paper-examples --scorer {trained}/one", "was trained on graph"),
     (

@@ -83,8 +83,6 @@ MODEL = (
         "3",
         "--scorer",
         "{}",
-        "--players",
-        "empowerment-scorer",
     ),
     (
         "train-agent",

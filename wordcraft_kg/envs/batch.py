@@ -426,9 +426,9 @@ class BatchEngine:
         merged = []
         for new, old, was in zip(begun, current, earlier, strict=True):
             # An array that a step did not replace still belongs to the state before.
-            mine = old.copy() if old is was else old
-            mine[rows] = new
-            merged.append(mine)
+            merged_array = old.copy() if old is was else old
+            merged_array[rows] = new
+            merged.append(merged_array)
         return State(self, now.keys, now.ahead, now.age, *_Begun._make(merged), episode)
 
     def _begin_where_on_device(self, now: State, over: Array) -> State:
@@ -466,8 +466,8 @@ class BatchEngine:
                 ``illegal_action`` is ``raise``.
             ConfigError: if no distractors without a shortcut are found for a task.
         """
-        after, done = self.step_env(state, self._checked(actions), is_replaced=True)
-        return self.begin_where(after, done.over, state), done
+        after, result = self.step_env(state, self._checked(actions), is_replaced=True)
+        return self.begin_where(after, result.over, state), result
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
         """Like :meth:`step`, but an environment without attempts left stays unchanged.
@@ -480,10 +480,10 @@ class BatchEngine:
         """
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
-        after, done = self.step_env(state, self._checked(actions))
+        after, result = self.step_env(state, self._checked(actions))
         # A goal ends the episode with attempts left, and 0 marks the end.
-        attempts_left = self.arrays.xp.where(done.over, 0, after.attempts_left)
-        return after._replace(attempts_left=attempts_left), done
+        attempts_left = self.arrays.xp.where(result.over, 0, after.attempts_left)
+        return after._replace(attempts_left=attempts_left), result
 
     # --- rules ------------------------------------------------------------------------------------
 
@@ -507,9 +507,9 @@ class BatchEngine:
         """
         cast = self.arrays.cast
         # One index into the flat tables: faster than an index along two axes.
-        chosen = state.wide.take(self._offsets + actions)
+        entities = state.wide.take(self._offsets + actions)
         running = state.attempts_left > 0
-        is_empty = chosen == self.nothing
+        is_empty = entities == self.nothing
         illegal = is_empty & running
         if self.config.illegal_action == "raise" and bool(illegal.any()):
             raise self._illegal(state, actions, illegal)
@@ -522,11 +522,11 @@ class BatchEngine:
         if self._is_shaped or self.config.attempts > 1:
             is_pair = is_second & ~is_empty & running
         attempts_left = state.attempts_left - cast(ends_attempt & running, "int64")
-        selection = self.arrays.xp.where(ends_attempt, self.nothing, chosen)
+        selection = self.arrays.xp.where(ends_attempt, self.nothing, entities)
 
         # Without a selection or with an empty slot nothing is made: pairs with nothing have no
         # results.
-        pair = self.pairs(state.selection, chosen)
+        pair = self.pairs(state.selection, entities)
         results = self._results(state, pair, running, is_replaced=is_replaced)
         over = running & (results.made_goal | (attempts_left == 0))
         # A goal is also over: 2 - 1 is GOAL, 2 - 0 is OUT_OF_ATTEMPTS, 0 is IN_PROGRESS.
@@ -544,7 +544,7 @@ class BatchEngine:
             attempts_left,
             results.wide,
             results.count,
-            self._noted(state, chosen, is_pair),
+            self._noted(state, entities, is_pair),
             state.episode,
         )
         return after, Step(reward, over, outcome, results.by_plan, illegal, state.task)
@@ -558,17 +558,17 @@ class BatchEngine:
             shaped = self.arrays.full((self.num_envs,), 0, self._reward_dtype)
         wide = state.wide
         count = state.count
-        made = self._combine(state, pair, running)
-        if made is not None:
-            rows = made.rows
+        attempts = self._combine(state, pair, running)
+        if attempts is not None:
+            rows = attempts.rows
             final_pairs = self._final_pairs[state.task[rows]]
-            made_goal[rows] = made.is_goal
+            made_goal[rows] = attempts.is_goal
             is_final = (final_pairs == pair[rows][:, None]).any(1)
-            by_plan[rows] = made.is_goal & is_final
-            if not (is_replaced and self._are_all_over(state, made)):
-                wide, count, news = self._put_on_table(state, made)
+            by_plan[rows] = attempts.is_goal & is_final
+            if not (is_replaced and self._are_all_over(state, attempts)):
+                wide, count, news = self._put_on_table(state, attempts)
                 if shaped is not None:
-                    shaped[rows] = self._shaping(state, made, news)
+                    shaped[rows] = self._shaping(state, attempts, news)
         return _Results(made_goal, by_plan, wide, count, shaped)
 
     def _reward(self, results: _Results, pair: Array, is_pair: Array) -> Array:

@@ -230,14 +230,14 @@ class WordCraftEnv(gym.Env[Observation, Any]):
                 "call reset() before step()." if is_new else "the episode is over; call reset()."
             )
         slot = self._checked_action(action)
-        self._batch, done = self.engine.step_env(self._batch, np.array([slot]))
-        self._outcome = OUTCOMES[done.outcome[0]]
+        self._batch, result = self.engine.step_env(self._batch, np.array([slot]))
+        self._outcome = OUTCOMES[result.outcome[0]]
         return (
             self._seen(),
-            float(done.reward[0]),
+            float(result.reward[0]),
             self._outcome != "in_progress",
             False,
-            self._info(illegal=bool(done.illegal[0]), by_plan=bool(done.by_plan[0])),
+            self._info(illegal=bool(result.illegal[0]), by_plan=bool(result.by_plan[0])),
         )
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -293,10 +293,10 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _checked_table(self, table: Iterable[Entity]) -> list[int]:
         ids = [self.world.graph.id_of(entity) for entity in table]
         # All results of all attempts must fit behind the given entities.
-        most = self.num_slots - self.world.max_results * self.config.attempts
-        if not 1 <= len(ids) <= most:
+        max_size = self.num_slots - self.world.max_results * self.config.attempts
+        if not 1 <= len(ids) <= max_size:
             raise ConfigError(
-                f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for "
+                f"`table` of {len(ids)} entities: expected 1 to {max_size}, which leaves room for "
                 "results."
             )
         # Twice the same entity would have two slots with one meaning.
@@ -321,46 +321,46 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _shuffle(self, items: list[int]) -> None:
         """Shuffle in place (Fisher and Yates)."""
         for last in range(len(items) - 1, 0, -1):
-            other = int(self._random() * (last + 1))
-            items[last], items[other] = items[other], items[last]
+            place = int(self._random() * (last + 1))
+            items[last], items[place] = items[place], items[last]
 
     def _draw_distractors(self, task: int) -> list[int]:
         """Draw distractors, again and again while they open a longer shortcut to the goal."""
-        drawn = self._draw_once(task)
+        distractors = self._draw_once(task)
         if self.config.distractor_policy != "any" and self.config.attempts > 1:
             tries = 0
-            while self.world.has_shortcut(task, drawn):
+            while self.world.has_shortcut(task, distractors):
                 tries += 1
                 self.world.check_tries(tries, task)
-                drawn = self._draw_once(task)
-        return drawn
+                distractors = self._draw_once(task)
+        return distractors
 
     def _draw_once(self, task: int) -> list[int]:
         """Draw distractors by weight, skipping those that are not allowed on this table."""
         goal = self._goals[task]
         start = self._starts[task]
-        taken = {goal, self._nothing, *start, *self._intermediates[task], *self._never}
+        excluded = {goal, self._nothing, *start, *self._intermediates[task], *self._never}
         # On the table, or to be made; only a distractor policy reads it.
         near = {*start, *self._makeable[task]} if self._shortcuts else set()
-        drawn: list[int] = []
+        distractors: list[int] = []
         total = self._weight_ends[-1]
         # With all entities and the id of nothing taken, entities have run out.
-        wanted = self._num_drawn[task]
-        while len(drawn) < wanted and len(taken) <= self._nothing:
+        count = self._num_drawn[task]
+        while len(distractors) < count and len(excluded) <= self._nothing:
             entity = bisect_right(self._weight_ends, int(self._random() * total))
-            if entity in taken:
+            if entity in excluded:
                 continue
-            taken.add(entity)
+            excluded.add(entity)
             if self._shortcuts:
                 if self._is_shortcut(entity, near, goal):
                     continue
                 near.add(entity)
-            drawn.append(entity)
-        return drawn
+            distractors.append(entity)
+        return distractors
 
     def _is_shortcut(self, entity: int, near: set[int], goal: int) -> bool:
         """Return whether a distractor makes the goal with itself or an entity near it."""
-        pairs = [(min(entity, other), max(entity, other)) for other in (*near, entity)]
+        pairs = [(min(entity, partner), max(entity, partner)) for partner in (*near, entity)]
         return any((*pair, goal) in self._shortcuts for pair in pairs)
 
     def _unpadded(self, ids: Ids) -> list[list[int]]:

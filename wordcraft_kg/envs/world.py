@@ -190,9 +190,9 @@ class World:
         if not isinstance(graph, World):
             return cls.open(graph, WordCraftConfig.of(settings))
         if settings:
-            given = ", ".join(f"{name}={value!r}" for name, value in settings.items())
+            arguments = ", ".join(f"{name}={value!r}" for name, value in settings.items())
             raise ConfigError(
-                f"a world has its own settings; pass world.variant({given}) and no settings."
+                f"a world has its own settings; pass world.variant({arguments}) and no settings."
             )
         return graph
 
@@ -263,10 +263,10 @@ class World:
     def _num_free(self) -> Ids:
         """Number of entities that may be distractors, by task, shape (N,)."""
         # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
-        needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
+        plan_ids = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
         # Half-products of chains are none either, whether a plan needs them or not.
         is_thing = np.append(~self.graph.is_half_product, False)
-        num_needed = 1 + is_thing[needed].sum(axis=1)
+        num_needed = 1 + is_thing[plan_ids].sum(axis=1)
         return frozen(is_thing.sum() - num_needed)
 
     @_derived_from(*_TASKS)
@@ -311,16 +311,16 @@ class World:
     def _makeable(self, start: list[int]) -> list[int]:
         """Return what can be made from padded ids in all attempts but the last, ascending."""
         at_hand = self._without_nothing(start)
-        made: set[int] = set()
+        products: set[int] = set()
         for _ in range(self.config.attempts - 1):
-            more: set[int] = set()
-            for pair in combinations_with_replacement(sorted(at_hand | made), 2):
-                more.update(self.outcomes.get(pair, ()))
-            more -= at_hand | made
-            if not more:
+            results: set[int] = set()
+            for pair in combinations_with_replacement(sorted(at_hand | products), 2):
+                results.update(self.outcomes.get(pair, ()))
+            results -= at_hand | products
+            if not results:
                 break
-            made |= more
-        return sorted(made)
+            products |= results
+        return sorted(products)
 
     def _without_nothing(self, ids: list[int]) -> set[int]:
         """Return the ids of entities among padded ids."""

@@ -413,7 +413,10 @@ def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path):
             game = host.begin()
             game.attempt("1", "1")
             game.attempt("1", "2")
-    assert [(one.game, len(one.known_after)) for one in games_of(path)] == [(0, 2), (1, 2)]
+    assert [(one.distractor_seed, len(one.known_after)) for one in games_of(path)] == [
+        (0, 2),
+        (1, 2),
+    ]
 
 
 async def transcript(call, task):

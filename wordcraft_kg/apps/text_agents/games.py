@@ -278,8 +278,8 @@ class DiscoveryGame(Game):
     def _termination(self) -> str | None:
         if self._env.discovery.is_complete:
             return prompt_text("all_known")
-        known = counted(len(self._entities()), "item")
-        return None if self.attempts_left else prompt_text("no_attempt_left", known=known)
+        count = counted(len(self._entities()), "item")
+        return None if self.attempts_left else prompt_text("no_attempt_left", known=count)
 
     def _ongoing(self) -> str:
         labels = self.labels
@@ -291,8 +291,8 @@ class DiscoveryGame(Game):
         )
 
     def _combine(self, one: int, other: int) -> str:
-        known = self._entities()
-        pair = (known[one], known[other])
+        entities = self._entities()
+        pair = (entities[one], entities[other])
         *_, info = self._env.step([*pair])
         self.known_after.append(len(self._entities()))
         self.repeated += info["repeated"]
@@ -305,8 +305,10 @@ class DiscoveryGame(Game):
     def _lose(self) -> None:
         # An unknown entity is an illegal action, which wastes the attempt. There is one: a game
         # in which all entities are known is over.
-        known = self._env.discovery.known
-        unknown = next(entity for entity in range(self.graph.num_entities) if entity not in known)
+        entities = self._env.discovery.known
+        unknown = next(
+            entity for entity in range(self.graph.num_entities) if entity not in entities
+        )
         self._env.step([unknown, unknown])
         self.known_after.append(len(self._entities()))
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
-from wordcraft_kg.apps.text_agents.records import GamesHeader, TaskGameRecord, WorldGameRecord
+from wordcraft_kg.apps.text_agents.records import GameRecord, GamesHeader
 from wordcraft_kg.apps.text_agents.results import append_game, open_games, record_of
 from wordcraft_kg.base.artefacts import check_file, made_folder
 from wordcraft_kg.base.errors import EpisodeError
@@ -103,7 +103,7 @@ class GamesWriter:
         """Bind the file, which is locked and has ``count`` games."""
         self._path = path
         self._count = count
-        self._waiting: list[TaskGameRecord | WorldGameRecord] = []
+        self._waiting: list[GameRecord] = []
 
     def __call__(self, talk: Conversation) -> None:
         """Record a finished game, and save it; a further call only tries to save it again.

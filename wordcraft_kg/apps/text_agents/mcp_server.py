@@ -153,12 +153,12 @@ class _Server(MCPServer[Any]):
             ToolError: with a text that tells a player what to do.
         """
         # The SDK drops unknown arguments, so a misspelled optional one would silently do nothing.
-        known: Collection[str] = arguments
+        names: Collection[str] = arguments
         for tool in await self.list_tools():
             if tool.name == name:
-                known = tool.input_schema["properties"]
-        for unknown in arguments.keys() - known:
-            expected = ", ".join(known) or "no arguments"
+                names = tool.input_schema["properties"]
+        for unknown in arguments.keys() - names:
+            expected = ", ".join(names) or "no arguments"
             reason = f"unknown argument '{unknown[:_LONGEST]}': expected {expected}."
             raise ToolError(prompt_text("invalid", reason=reason))
         try:
@@ -173,9 +173,9 @@ class _Server(MCPServer[Any]):
     async def run_stdio_async(self) -> None:
         """Serve on the standard streams until the input ends, and answer every message."""
         streams: tuple[Any, Any] = _messages(), _Answers()
-        async with stdio_server(*streams) as (read, write):
+        async with stdio_server(*streams) as (reader, writer):
             server = self._lowlevel_server
-            await server.run(read, write, server.create_initialization_options())
+            await server.run(reader, writer, server.create_initialization_options())
 
 
 async def _messages() -> AsyncIterator[str]:
@@ -203,8 +203,8 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
     if isinstance(error, ValidationError):
         # Without the input: a player's own text would come back as a part of the prompt.
         details = error.errors(include_url=False, include_context=False, include_input=False)
-        each = (f"'{'.'.join(map(str, one['loc']))}': {one['msg']}" for one in details)
-        return prompt_text("invalid", reason="; ".join(each) + ".")
+        problems = (f"'{'.'.join(map(str, detail['loc']))}': {detail['msg']}" for detail in details)
+        return prompt_text("invalid", reason="; ".join(problems) + ".")
     if isinstance(error, ActionError):
         return prompt_text("invalid", reason=str(error))
     if isinstance(error, OSError):
@@ -264,8 +264,8 @@ def _server(
         has_scorer: whether facts are a scorer's links instead of recipes.
         hosted: function that returns the games; without it the server only lists its tools.
     """
-    known = "the likely links of" if has_scorer else "the known recipes of"
-    about_look_ups = _TOOLS["look_up"].format(known=known, look_ups=counted(look_ups, "look-up"))
+    subject = "the likely links of" if has_scorer else "the known recipes of"
+    about_look_ups = _TOOLS["look_up"].format(known=subject, look_ups=counted(look_ups, "look-up"))
     instructions = [rules, _INSTRUCTIONS]
     if look_ups:
         instructions.insert(1, about_look_ups)
@@ -300,8 +300,10 @@ def _server(
         async def look_up(game: _GameName, item: _Label) -> Annotated[CallToolResult, Facts]:
             talk = hosted().game(game)
             label, facts, reply = talk.consult(item)
-            left = look_ups - talk.look_ups
-            return _result(reply, Facts(game=game, item=label, facts=facts, look_ups_left=left))
+            look_ups_left = look_ups - talk.look_ups
+            return _result(
+                reply, Facts(game=game, item=label, facts=facts, look_ups_left=look_ups_left)
+            )
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
     async def end(game: _GameName) -> Annotated[CallToolResult, Position]:

@@ -193,7 +193,7 @@ class CraftingSession:
     ) -> dict[str, Any]:
         assert self._game is not None
         game = talk.game
-        seen = {
+        observation = {
             "text": text,
             "goal": game.goal,
             "table": list(game.labels),
@@ -202,7 +202,12 @@ class CraftingSession:
         }
         counts = {"invalid_actions": talk.invalid_actions, "look_ups": talk.look_ups}
         metadata = {"success": game.is_made, "by_plan": game.by_plan, **counts}
-        return {"observation": seen, "reward": reward, "done": talk.is_over, "metadata": metadata}
+        return {
+            "observation": observation,
+            "reward": reward,
+            "done": talk.is_over,
+            "metadata": metadata,
+        }
 
 
 def _text(value: Any) -> str:

@@ -25,7 +25,7 @@ from msgspec.structs import replace
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.named_games import name_of, open_play, tool_opening
-from wordcraft_kg.apps.text_agents.records import TaskGameRecord
+from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base.errors import ConfigError, EpisodeError
@@ -179,7 +179,7 @@ class CraftingEnvironment:
         return self._begun.game.reward
 
     @property
-    def record(self) -> TaskGameRecord:
+    def record(self) -> GameRecord:
         """The game as a record without messages, given up if it is not over.
 
         Raises:
@@ -188,9 +188,7 @@ class CraftingEnvironment:
         talk = self._begun
         # A trainer may stop a game at its limit of tokens; it then counts as given up.
         talk.game.end()
-        record = record_of(talk)
-        assert isinstance(record, TaskGameRecord)
-        return replace(record, messages=())
+        return replace(record_of(talk), messages=())
 
     @property
     def _begun(self) -> Conversation:
@@ -257,11 +255,11 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     depths = (depth,) if isinstance(depth, int) else depth
     numbers = (distractors,) if isinstance(distractors, int) else distractors
     for each_depth, number in product(depths, numbers):
-        most = each_depth if attempts is None else attempts
-        play = open_play(graph, part, each_depth, number, most, reward, knowledge, look_ups)
+        num_attempts = each_depth if attempts is None else attempts
+        play = open_play(graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups)
         assert isinstance(play.games, TaskGames)
-        chosen = chosen_tasks(play.games.world, tasks).tolist()
-        for task, seed in product(chosen, range(tables)):
+        task_numbers = chosen_tasks(play.games.world, tasks).tolist()
+        for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
             talk = play.begin(task, seed)
             row = CraftingRow(
@@ -270,7 +268,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
                 part=part,
                 depth=each_depth,
                 distractors=number,
-                attempts=most,
+                attempts=num_attempts,
                 reward=reward,
                 knowledge=knowledge,
                 look_ups=look_ups,

@@ -29,7 +29,7 @@ from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.evaluation.discovery import ORACLES, open_guides
+from wordcraft_kg.evaluation.discovery import ORACLES, open_guide
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -92,11 +92,9 @@ def played(
     shared = {}
     for name, folders in options.scorers.items():
         for number, folder in enumerate(folders):
-            guides = open_guides(folder, graph)
-            if guides.recipes is None:
-                raise ConfigError(f"`scorer` {folder}: expected a model from train-recipes.")
-            shared[name] = guides.shared
-            learner = RecipeDiscoverer(guides.recipes)
+            guide = open_guide(folder, graph)
+            shared[name] = guide.shared
+            learner = RecipeDiscoverer(guide.recipes)
             learners = {name: learner}
             if options.ablate:
                 learners[f"{name}, no doubt"] = learner.variant(0)

@@ -93,7 +93,6 @@ def rows() -> Iterator[tuple[str, str, str, str | None]]:
     name = f"{DISCOVERY}-lite"
     yield name, "scorer-minilm", "scorer:{minilm-by-recipe}", MINILM
     yield name, "scorer-glove", "scorer:{glove-by-recipe}", GLOVE
-    yield name, "complex", "scorer:{complex-by-recipe}", "ComplEx, empowerment"
     for track, row, run, title in AGENTS:
         for name in (track, f"{track}-lite"):
             yield name, row, f"agent:{{{run}}}", f"{title}, {STEPS:,} steps"

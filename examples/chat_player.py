@@ -1,9 +1,9 @@
-r"""A player for `wordcraft-kg evaluate-text`.
+r"""A player for `wordcraft-kg bench run` and `evaluate-agent`.
 
 A language model behind an address on this machine, without an account.
 
-    wordcraft-kg evaluate-text everyday --tasks 100 \
-        --player "python examples/chat_player.py gemma3:1b"
+    wordcraft-kg evaluate-agent everyday --limit 100 \
+        --player "program:python examples/chat_player.py gemma3:1b"
 
 The default address is Ollama's; give another address after the model's name. Any server with
 OpenAI's API works, such as llama.cpp, Ollama and vLLM. Each request sends the whole conversation,

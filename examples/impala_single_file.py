@@ -38,7 +38,7 @@ DISTRACTOR_SEEDS = 5  # tables with other distractors, for each test task
 
 def make_world(graph: str, part: TaskPart, distractors: int) -> World:
     """Return a part's tasks at depth 1: choose two entities on the table that make the goal."""
-    return World(graph, WordCraftConfig(part=part, num_distractors=distractors))
+    return World.open(graph, WordCraftConfig(part=part, num_distractors=distractors))
 
 
 def observe(state: State) -> tuple[Tensor, Tensor, Tensor]:

@@ -1,8 +1,8 @@
-"""A player for `wordcraft-kg evaluate-text`.
+"""A player for `wordcraft-kg bench run` and `evaluate-agent`.
 
 The two things whose words lie nearest to the goal's, by GloVe vectors.
 
-    wordcraft-kg evaluate-text everyday --player "python examples/line_player.py"
+    wordcraft-kg evaluate-agent everyday --player "program:python examples/line_player.py"
 
 It needs no account and no download. Replace `choose` by anything: a rule, a model, a person at
 another screen.

@@ -1,4 +1,4 @@
-"""A player for `wordcraft-kg bench run` and `evaluate-text`.
+"""A player for `wordcraft-kg bench run` and `evaluate-agent`.
 
 A language model of `transformers` on this machine.
 

@@ -83,8 +83,6 @@ MODEL = (
         "3",
         "--scorer",
         "{}",
-        "--players",
-        "empowerment-scorer",
     ),
     (
         "train-agent",
@@ -162,7 +160,8 @@ STUDY = (
         *SERVED,
     ),
 )
-PLAYED = ("evaluate-text", "in/graph", "--player", "cat", "--distractors", "2", "--tasks", "4")
+PLAYED = ("evaluate-agent", "in/graph", "--player", "program:cat")
+PLAYED = (*PLAYED, "--distractors", "2", "--limit", "4")
 TEXT = ((*PLAYED, "--out", "{}"),)
 READERS = {
     "graph": GRAPH,

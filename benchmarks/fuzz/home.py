@@ -39,13 +39,13 @@ def make_home(home):
     (home / "agent" / "report").mkdir()
     assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
     played = (
-        "evaluate-text",
+        "evaluate-agent",
         "graph",
         "--player",
-        "cat",
+        "program:cat",
         "--distractors",
         "2",
-        "--tasks",
+        "--limit",
         "4",
         "--out",
         "text",

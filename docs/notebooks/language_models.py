@@ -18,7 +18,7 @@ from wordcraft_kg.apps.text_agents.submission import metrics_text, verify
 from wordcraft_kg.apps.text_agents.submission_files import submissions_at
 from wordcraft_kg.cli import main
 
-games = TaskGames(World("everyday", WordCraftConfig(part="test", num_distractors=8)))
+games = TaskGames(World.open("everyday", WordCraftConfig(part="test", num_distractors=8)))
 talk = Conversation(games.begin(task=0))
 print(talk.opening)
 

@@ -1,15 +1,12 @@
 import itertools
 import math
-import warnings
 
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 from refusals import refuses
 from scipy.spatial import distance
 
-from wordcraft_kg.agents import discovery
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
     HUMAN_CURVE,
@@ -17,16 +14,13 @@ from wordcraft_kg.agents.discovery import (
     BookDiscoverer,
     EmpowermentDiscoverer,
     GreedyDiscoverer,
-    ScorerDiscoverer,
     make_discoverers,
     play_runs,
     summarise_curves,
 )
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
 from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.models.scorers.baselines import SymbolicScorer
-from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import glove_features
 
 ATTEMPTS = 30
@@ -40,14 +34,8 @@ def curves_of(*arguments, **settings):
     return play_runs(*arguments, **settings).frame()
 
 
-def random_scorer(graph, seed=0):
-    size = graph.num_entities
-    scores = torch.randn(2, size, size, generator=torch.Generator().manual_seed(seed))
-    return TableScorer(scores, graph.entities, graph.hash)
-
-
 def everybody(graph):
-    return make_discoverers(PLAYERS, graph, SymbolicScorer(graph, graph.triples))
+    return make_discoverers(PLAYERS, graph)
 
 
 def known_after(curves, player, attempt):
@@ -157,29 +145,6 @@ def slow_empowerment(graph, known):
     return worth
 
 
-def slow_scorer_values(graph, scorer, known, tried, candidates):
-    """Return the value of every untried pair by the formula of :class:`ScorerDiscoverer`."""
-    size = graph.num_entities
-    links, parts = (scorer.table(relation).double().numpy() for relation in (0, 1))
-    links = (links + links.T) / 2
-    z = []
-    for table in (links, parts):
-        others = [table[i, j] for i in range(size) for j in range(size) if i != j]
-        z.append((table - np.mean(others)) / np.std(others))
-    values = {}
-    for one, other in itertools.product(known, repeat=2):
-        if one <= other and (one, other) not in tried:
-            fit = np.exp(z[1][one] + z[1][other])
-            likely = sorted(range(size), key=lambda c: -fit[c])[:candidates]
-            worth = {
-                c: 1 + sum(math.exp(z[0][c, x]) for x in known) for c in likely if c not in known
-            }
-            values[one, other] = math.exp(z[0][one, other]) * sum(
-                fit[c] / fit.sum() * worth[c] for c in worth
-            )
-    return values
-
-
 @pytest.mark.parametrize("kind", [GreedyDiscoverer, EmpowermentDiscoverer])
 def test_an_oracle_takes_the_pair_of_the_highest_value(kitchen, kind):
     game, player = Discovery(kitchen), kind(kitchen)
@@ -196,24 +161,6 @@ def test_an_oracle_takes_the_pair_of_the_highest_value(kitchen, kind):
         player.observe(pair, game.combine(*pair)[0])
 
 
-@pytest.mark.parametrize("candidates", [3, 16])
-def test_a_scorer_s_player_takes_the_untried_pair_of_the_highest_value(monkeypatch, candidates):
-    monkeypatch.setattr(discovery, "CANDIDATES", candidates)
-    letters = "abcdefghijkl"
-    pairs = itertools.combinations(enumerate(letters), 2)
-    rows = [(x, y, letters[(i * 5 + j * 3) % 12]) for (i, x), (j, y) in pairs]
-    graph = RecipeGraph.from_recipes(rows, base=["a", "b", "c"])
-    for seed in range(2):
-        scorer = random_scorer(graph, seed)
-        game, player = Discovery(graph), ScorerDiscoverer(graph, scorer)
-        player.begin(game.base, np.random.default_rng(0))
-        while not game.is_complete:
-            pair = player.choose()
-            values = slow_scorer_values(graph, scorer, list(game.known), game.tried, candidates)
-            assert tuple(sorted(pair)) in best_pairs(values)
-            player.observe(pair, game.combine(*pair)[0])
-
-
 def test_equal_values_are_drawn_alike(kitchen):
     class Free(GreedyDiscoverer):
         def worth(self, entities):
@@ -226,34 +173,6 @@ def test_equal_values_are_drawn_alike(kitchen):
     values = slow_oracle_values(kitchen, kitchen.base_ids.tolist(), lambda c: 1)
     assert drawn == best_pairs(values)
     assert len(drawn) > 1
-
-
-def test_tables_of_all_pairs_beyond_the_memory_limit_are_refused(kitchen, monkeypatch):
-    monkeypatch.setattr(discovery, "MOST_BYTES", 80**2 * discovery.PAIR_BYTES)
-    scorer = random_scorer(kitchen, 0)
-    ScorerDiscoverer(kitchen, scorer)
-    monkeypatch.setattr(discovery, "MOST_BYTES", 80**2 * discovery.PAIR_BYTES - 1)
-    monkeypatch.setattr(scorer, "table", None)  # nothing is computed before the refusal
-    with refuses("scorer"):
-        ScorerDiscoverer(kitchen, scorer)
-
-
-@pytest.mark.parametrize("fill", [0.0, 5.0])
-def test_a_constant_scorer_neither_repeats_nor_warns(kitchen, fill):
-    scores = torch.full((2, kitchen.num_entities, kitchen.num_entities), fill)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        player = ScorerDiscoverer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
-        curves = curves_of(kitchen, {"constant": player}, ATTEMPTS, runs=3)
-    assert not curves["repeated"].any()
-
-
-def test_scores_of_any_size_stay_finite(kitchen):
-    scores = torch.zeros(2, kitchen.num_entities, kitchen.num_entities)
-    scores[0, 0, 1] = scores[1, 0, 1] = 1e30
-    player = ScorerDiscoverer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
-    assert player._odds.max() <= math.exp(50)
-    curves_of(kitchen, {"one link": player}, 5, runs=1)
 
 
 def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
@@ -275,12 +194,7 @@ def test_unknown_players_and_settings_out_of_range_are_refused(kitchen):
     with refuses("players"):
         make_discoverers(["gredy"], kitchen)
     with refuses("scorer"):
-        make_discoverers(["empowerment-scorer"], kitchen)
-    with refuses("scorer"):
         make_discoverers(["recipe-learner"], kitchen)
-    other = RecipeGraph.from_recipes([("a", "a", "b")])
-    with pytest.raises(GraphMismatchError):
-        ScorerDiscoverer(kitchen, random_scorer(other))
     for settings in ({"attempts": 0}, {"runs": 0}, {"seed": -1}, {"base": ["nothing like it"]}):
         with pytest.raises(ConfigError):
             curves_of(kitchen, make_discoverers(["random"], kitchen), **settings)

@@ -236,7 +236,7 @@ def test_a_run_that_is_not_done_is_read_as_far_as_it_has_come(copy, status):
 
 @pytest.mark.slow
 def test_constants_of_another_type_or_shape_are_damage(recipes_folder, tmp_path):
-    world = World("kitchen", WordCraftConfig(num_distractors=1))
+    world = World.open("kitchen", WordCraftConfig(num_distractors=1))
     scorer = load_scorer(recipes_folder)
     config = PolicyConfig(use="u,v,w", self_edges="keep")
     policy, _ = make_policy(config, world.graph, 5, scorer=scorer, tasks=world.tasks)

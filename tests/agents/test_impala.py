@@ -663,7 +663,7 @@ def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
         ("b", "c", "j"),
     ]
     graph = RecipeGraph.from_recipes(rows)
-    engine = BatchEngine(World(graph, WordCraftConfig(part="all", num_distractors=2)), 16)
+    engine = BatchEngine(World.open(graph, WordCraftConfig(part="all", num_distractors=2)), 16)
     policy, _ = make_policy(
         PolicyConfig(features="one-hot", key_size=16, value_size=16), graph, engine.num_slots
     )

@@ -11,8 +11,14 @@ import torch
 from scipy.optimize import minimize
 
 from wordcraft_kg.agents import recipe_discovery
-from wordcraft_kg.agents.discovery import CANDIDATES
-from wordcraft_kg.agents.recipe_discovery import COVER, DOUBT, FREE, PRIOR, RecipeDiscoverer
+from wordcraft_kg.agents.recipe_discovery import (
+    CANDIDATES,
+    COVER,
+    DOUBT,
+    FREE,
+    PRIOR,
+    RecipeDiscoverer,
+)
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.models.recipes.inductive import for_labels

@@ -257,7 +257,7 @@ def test_training_lifts_success_far_above_chance(algorithm):
         "gamma": 0.9,
     }
     success = Evaluator(
-        World("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), distractor_seeds=3
+        World.open("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), distractor_seeds=3
     )
     for is_guided, steps, before, after in ((False, 8192, 0.15, 0.6), (True, 1024, 0.93, 0.96)):
         model = make_model(

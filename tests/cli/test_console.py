@@ -159,7 +159,6 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
         assert not set(getattr(module, "FILE_ONLY", ())) & set(shown), name
         if "--force" in outcome.out:
             forced.add(name)
-            # One command has not taken part yet: evaluate-text deletes first.
             if name in core or name.split()[0] in ("people", "explore"):
                 meant = Force.__metadata__[-1].help
                 assert meant in " ".join(outcome.out.split()), name
@@ -222,7 +221,7 @@ def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, tmp_path
 
 
 @pytest.mark.parametrize(
-    "name", ["train-complex", "evaluate-text", "mcp", "describe", "build-graph", "people serve"]
+    "name", ["train-complex", "bench run", "mcp", "describe", "build-graph", "people serve"]
 )
 def test_a_nul_character_in_an_option_or_a_config_file_is_refused(refused, tmp_path, name):
     refused(
@@ -605,9 +604,9 @@ REFUSED = [
     ("compare {world}/plain {world}/scorer", "cannot be compared"),
     ("compare {world}/scorer", "two link predictors or more"),
     ("compare {trained}/graph", "is a graph folder"),
-    ("discover kitchen --players empowerment-scorer", "needs a --scorer"),
+    ("discover kitchen --players recipe-learner", "needs a --scorer"),
     ("discover kitchen --scorer nowhere", "nowhere"),
-    ("discover everyday --scorer {trained}/one", "was trained on graph"),
+    ("discover everyday --scorer {trained}/one", "expected a model from train-recipes"),
     ("train-agent kitchen --scorer nowhere", "does not exist"),
     ("train-agent paper-examples --scorer {trained}/one", "was trained on graph"),
     (

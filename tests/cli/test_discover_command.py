@@ -16,7 +16,7 @@ def test_the_table_has_a_row_for_each_player_and_one_for_people():
     assert rows["entities known after"].split()[-4:] == ["1", "10", "12", "repeated"]
     for name in ("random", "random-no-repeat", "greedy", "empowerment"):
         assert re.search(r"\d\.\d", rows[name])
-    assert "empowerment-scorer" not in rows
+    assert "recipe-learner" not in rows
     assert rows["people, another game"].split()[-2:] == ["5", "9.95"]
     assert "720 entities" in text
 
@@ -39,16 +39,21 @@ def test_json_holds_the_same_figures_and_the_setting(printed):
     assert values == printed(*arguments)
 
 
-def test_a_scorer_adds_a_player_and_another_base_is_where_play_begins(printed, trained):
+def test_a_scorer_adds_a_player_and_another_base_is_where_play_begins(printed, recipes_folder):
     base = open_graph("kitchen").graph.base[1:]
     values = printed(
-        "discover", "kitchen", *QUICK, "--scorer", trained / "one", "--base", ",".join(base)
+        "discover", "kitchen", *QUICK, "--scorer", recipes_folder, "--base", ",".join(base)
     )
-    assert list(values["players"])[-1] == "empowerment-scorer"
-    assert (values["scorer"], values["base"]) == ("one", list(base))
-    assert "note: one was trained on recipes of kitchen" in text_of(
-        "discover", "kitchen", *QUICK, "--scorer", trained / "one"
+    assert list(values["players"])[-1] == "recipe-learner"
+    assert (values["scorer"], values["base"]) == (recipes_folder.name, list(base))
+    assert f"note: {recipes_folder.name} was trained on recipes of kitchen" in text_of(
+        "discover", "kitchen", *QUICK, "--scorer", recipes_folder
     )
+
+
+def test_a_link_predictor_guides_no_player(refused, trained):
+    says = "expected a model from train-recipes"
+    refused("discover", "kitchen", *QUICK, "--scorer", trained / "one", says=says)
 
 
 def test_a_single_run_has_no_interval(printed, run):
@@ -58,10 +63,10 @@ def test_a_single_run_has_no_interval(printed, run):
     assert "[" not in text.split("people")[0].split("\n", 2)[2]
 
 
-def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, trained):
+def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, recipes_folder):
     page = tmp_path / "deep" / "page.html"
     assert f"wrote {page}" in text_of(
-        "discover", "kitchen", "--runs", 2, "--scorer", trained / "one", "--out", page
+        "discover", "kitchen", "--runs", 2, "--scorer", recipes_folder, "--out", page
     )
     assert list(page.parent.iterdir()) == [page]
     html = page.read_text(encoding="utf-8")
@@ -72,7 +77,7 @@ def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, trained):
     assert len({(line.get("stroke"), line.get("stroke-dasharray")) for line in lines}) == 6
     assert any(path.get("fill-opacity") for path in svg.iter("path"))
     labels = {text.text for text in svg.iter("text")}
-    assert {"random", "greedy", "empowerment-scorer", "people (another game)"} <= labels
+    assert {"random", "greedy", "recipe-learner", "people (another game)"} <= labels
     assert "Brändle" in html
 
 
@@ -131,7 +136,6 @@ def test_a_scorer_of_another_book_explores_beside_published_runs(
     assert rows["entities known after"][-6:-1] == ["100", "200", "300", "400", "500"]
     assert rows["o1, published"][-1] == "177"
     assert "stopped before" in text
-    assert "empowerment-scorer" in refused(*start, *QUICK, "--players", "empowerment-scorer")
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ def graph():
 
 def test_half_products_are_no_room_for_distractors(graph):
     with pytest.raises(ConfigError, match=r"has 5 entities, of which .* at most 2"):
-        World(graph, WordCraftConfig(num_distractors=3))
+        World.open(graph, WordCraftConfig(num_distractors=3))
 
 
 def test_a_table_may_hold_all_things_and_no_half_product(graph):

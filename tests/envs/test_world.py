@@ -126,7 +126,7 @@ def test_a_variant_that_cannot_be_is_refused_and_the_world_stays(opened):
 def test_a_policy_on_train_recipes_needs_a_split(opened):
     unsplit = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig("none")), "unsplit")
     with refuses("distractor_policy"):
-        World(unsplit, WordCraftConfig(part="all", distractor_policy="no_train_shortcut"))
+        World.open(unsplit, WordCraftConfig(part="all", distractor_policy="no_train_shortcut"))
 
 
 def test_environments_of_a_world_are_those_of_its_settings(opened):
@@ -170,7 +170,7 @@ def test_a_world_survives_pickling(opened):
 
 def test_entities_that_a_task_does_not_need_can_all_be_distractors():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("c", "a", "d")])
-    world = World(graph, WordCraftConfig(part="all", depth=2, num_distractors=0))
+    world = World.open(graph, WordCraftConfig(part="all", depth=2, num_distractors=0))
     assert sorted(world.tasks.starts[0].tolist())[:2] == [graph.id_of("a"), graph.id_of("b")]
     with pytest.raises(
         ConfigError, match="graph has 4 entities, of which a task needs up to 4; expected at most 0"

@@ -171,7 +171,7 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
     records = read_agent_run(folder)
     files = RunFiles(folder, records.run)
     checkpoint = records.checkpoint
-    opened = files.graph(graph or records.config.graph)
+    source = files.graph(graph or records.config.graph)
     if records.run.status == "done":
         policy = load_policy(folder)
     else:
@@ -180,17 +180,17 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
         # Training may have written a checkpoint since the records were read.
         checkpoint = f"step {last.number:,}"
     # The record may name another graph than the run: ids would stand for other entities.
-    is_of_graph = policy.graph_hash == opened.graph.hash
-    if not is_of_graph or tuple(policy.entities) != tuple(opened.graph.entities):
+    is_of_graph = policy.graph_hash == source.graph.hash
+    if not is_of_graph or tuple(policy.entities) != tuple(source.graph.entities):
         raise GraphMismatchError(
-            f"{folder / 'policy.json'} has other entities than '{opened.source}', or another graph "
-            f"({policy.graph_hash[:12]} instead of {opened.graph.hash[:12]}). Restore a copy of "
+            f"{folder / 'policy.json'} has other entities than '{source.source}', or another graph "
+            f"({policy.graph_hash[:12]} instead of {source.graph.hash[:12]}). Restore a copy of "
             "the folder, or train again."
         )
     return OpenedAgent(
         **{**vars(records), "checkpoint": checkpoint},
         policy=policy,
-        opened=opened,
+        opened=source,
     )
 
 

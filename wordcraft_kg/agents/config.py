@@ -121,8 +121,8 @@ class TaskConfig:
             ConfigError: for a value out of range.
         """
         settings = {field.name: getattr(self, field.name) for field in fields(self)}
-        own = settings.pop("distractors")
-        amount = own if distractors is None else distractors
+        num_distractors = settings.pop("distractors")
+        amount = num_distractors if distractors is None else distractors
         return WordCraftConfig(
             part=part,
             num_distractors=amount,
@@ -217,9 +217,9 @@ class ImpalaConfig:
             whole(name, getattr(self, name), 1)
         whole("batch_size", self.num_envs, 1, MAX_SIZE)
         # Left to the tasks and the sources, if they are None.
-        for name, least in (("unroll", 1), ("tables", 0)):
+        for name, minimum in (("unroll", 1), ("tables", 0)):
             if getattr(self, name) is not None:
-                whole(name, getattr(self, name), least, MAX_SIZE)
+                whole(name, getattr(self, name), minimum, MAX_SIZE)
         whole("threads", self.threads, 1, MAX_THREADS)
         whole("policy_lag", self.policy_lag, 0, MAX_SIZE)
         for name in ("eval_every", "seed"):
@@ -251,10 +251,10 @@ class ImpalaConfig:
 
     def _take_values_of_preset(self) -> None:
         """Set what was left open to the preset's value, if it has one."""
-        of_preset = PAPER if self.preset == "paper" else {"memory_cost": MEMORY}
+        values = PAPER if self.preset == "paper" else {"memory_cost": MEMORY}
         for name in ("batch_size", "learning_rate", "unroll", "tables", "memory_cost"):
             if getattr(self, name) is None:
-                object.__setattr__(self, name, of_preset.get(name))
+                object.__setattr__(self, name, values.get(name))
 
     def for_episodes(self, actions: int) -> "ImpalaConfig":
         """Return the settings with values for episodes with so many actions where these were open.

@@ -11,12 +11,9 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.labels import LabelIndex
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.settings import MAX_SIZE, check_memory, one_of, whole
-from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
-from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,8 +34,6 @@ HUMAN_SOURCE = (
 """Source for the curve: "Empowerment contributes to exploration behaviour in a creative video
 game", Nature Human Behaviour 7, 1481-1489."""
 
-CANDIDATES = 16
-"""Number of results per pair that a player with a scorer considers; others are improbable."""
 MARKS = (1, 10, 20, 50, 100)
 """Numbers of attempts at which a summary reports known entities."""
 LATER_MARKS = (200, 300, 400, 500)
@@ -46,11 +41,6 @@ LATER_MARKS = (200, 300, 400, 500)
 NEVER = -1
 """Attempt of an entity that did not become known, in :class:`Plays`."""
 _BYTES_PER_ROW = 100  # in the frame of curves and derived frames
-PAIR_BYTES = 40
-"""Bytes per entity pair for a player with a scorer: two tables and sums of rows."""
-MOST_BYTES = 4 * 2**30
-"""Maximum memory for a player with a scorer, in bytes."""
-_MAX_SCORE = 50.0  # standard deviations; exp of larger numbers would overflow
 
 
 class Discoverer(ABC):
@@ -246,106 +236,6 @@ class EmpowermentDiscoverer(OracleDiscoverer):
         return values[position]
 
 
-class ScorerDiscoverer(Discoverer):
-    """A player that maximises the empowerment that a link predictor expects, without the recipes.
-
-    ``z_r`` are the scores for relation r, standardised over pairs of different entities
-    (combinesWith symmetrised):
-
-    ``value(a, b) = odds(a, b) * sum_c P(c | a, b) * [c not known] * (1 + sum_{x known} odds(c,
-    x))``
-
-    ``odds(a, b) = exp(z_combinesWith(a, b))`` is the plausibility that a and b combine; ``P(c | a,
-    b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))``, truncated to the :data:`CANDIDATES`
-    best results. The last factor is the empowerment of c: 1 plus the plausibilities of known
-    partners. Only untried pairs are considered.
-
-    Source: expected empowerment in Brändle et al. 2023, with probabilities from word vectors.
-    """
-
-    def __init__(self, graph: RecipeGraph, scorer: TripleScorer):
-        """Standardise the scorer's tables for combinesWith and componentOf, shape (E, E) each.
-
-        Raises:
-            GraphMismatchError: if the scorer belongs to another graph.
-            ConfigError: if the tables would exceed :data:`MOST_BYTES`; nothing is computed then.
-        """
-        check_scorer(scorer, graph)
-        num_bytes = graph.num_entities**2 * PAIR_BYTES
-        if num_bytes > MOST_BYTES:
-            raise ConfigError(
-                f"`scorer`: scores for all pairs of {graph.num_entities:,} entities in "
-                f"{graph.name} would take about {num_bytes / 2**30:.1f} GiB; expected at most "
-                f"{MOST_BYTES / 2**30:.1f} GiB. Omit the scorer and 'empowerment-scorer'."
-            )
-        links = scorer.table(COMBINES_WITH).cpu().double().numpy()
-        parts = scorer.table(COMPONENT_OF).cpu().double().numpy()
-        # combinesWith is one fact for both directions: the mean of both scores.
-        symmetric = standardised((links + links.T) / 2)
-        self._odds = np.exp(np.minimum(symmetric, _MAX_SCORE))
-        self._parts = standardised(parts)
-        self._guesses: dict[int, tuple[NDArray[np.int64], Floats]] = {}
-
-    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
-        size = len(self._odds)
-        width = min(CANDIDATES, size)
-        # Rows of the next three arrays belong together: an untried pair, its likely results, and
-        # odds(a, b) P(c | a, b) of each result.
-        self._worth = np.ones(size)
-        self._is_new = np.ones(size, dtype=bool)
-        self._pairs = np.empty((0, 2), dtype=np.int64)
-        self._results = np.empty((0, width), dtype=np.int64)
-        self._chances = np.empty((0, width))
-        super().begin(base, rng)
-
-    def learn(self, entity: int) -> None:  # noqa: D102
-        super().learn(entity)
-        self._worth += self._odds[entity]
-        self._is_new[entity] = False
-        results, probabilities = self._guessed(entity)
-        # With each known entity, itself among them.
-        repeated = np.full(len(self.known), entity)
-        pairs = np.column_stack([repeated, self.known])
-        self._pairs = np.concatenate([self._pairs, pairs])
-        self._results = np.concatenate([self._results, results[self.known]])
-        odds = self._odds[entity, self.known]
-        # Shape (n, 1) by (n, CANDIDATES).
-        chances = odds[:, None] * probabilities[self.known]
-        self._chances = np.concatenate([self._chances, chances])
-
-    def choose(self) -> Pair:  # noqa: D102
-        result_values = self._worth * self._is_new
-        expected = self._chances * result_values[self._results]
-        values = expected.sum(axis=1)
-        self._chosen = self.draw_best(values)
-        first, second = self._pairs[self._chosen].tolist()
-        return first, second
-
-    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
-        for name in ("_pairs", "_results", "_chances"):
-            rows = np.delete(getattr(self, name), self._chosen, axis=0)
-            setattr(self, name, rows)
-        super().observe(pair, new)
-
-    def _guessed(self, entity: int) -> tuple[NDArray[np.int64], Floats]:
-        """Return the likeliest results with each partner, and their probabilities.
-
-        Both have shape (E, CANDIDATES).
-        """
-        if entity not in self._guesses:
-            fit = self._parts[entity] + self._parts
-            width = self._results.shape[1]
-            candidates = np.argpartition(-fit, width - 1, axis=1)[:, :width]
-            # The softmax is over all results, of which the likely ones are kept: truncated, and not
-            # normalised again.
-            below_best = fit - fit.max(axis=1, keepdims=True)
-            weights = np.exp(below_best)
-            totals = weights.sum(axis=1, keepdims=True)
-            candidate_weights = np.take_along_axis(weights, candidates, axis=1)
-            self._guesses[entity] = candidates, candidate_weights / totals
-        return self._guesses[entity]
-
-
 class BookDiscoverer(Discoverer):
     """A player that knows another book's recipes by label, and counts votes; learns nothing.
 
@@ -428,9 +318,6 @@ DISCOVERERS = {
     "nearest-words": "untried pair with the most similar labels",
     "greedy": "knows the graph: results with the most uses",
     "empowerment": "knows the graph: results that make the most new entities",
-    "empowerment-scorer": (
-        "guided by a link predictor: results expected to make the most new entities"
-    ),
     "recipe-learner": (
         "guided by a recipe scorer of any book: likely and useful new results; "
         "learns from its attempts"
@@ -441,14 +328,13 @@ DISCOVERERS = {
     ),
 }
 """Short descriptions of the players, by name."""
-GUIDED = ("empowerment-scorer", "recipe-learner", "book-votes")
+GUIDED = ("recipe-learner", "book-votes")
 """Players that need a trained model or another book."""
 
 
 def make_discoverers(
     names: Iterable[str],
     graph: RecipeGraph,
-    scorer: TripleScorer | None = None,
     learner: Discoverer | None = None,
     book: RecipeGraph | None = None,
 ) -> dict[str, Discoverer]:
@@ -457,7 +343,6 @@ def make_discoverers(
     Args:
         names: names in :data:`DISCOVERERS`.
         graph: the graph to explore.
-        scorer: guide of ``empowerment-scorer``; None without this player.
         learner: the player ``recipe-learner``; None without it.
         book: recipes that guide ``book-votes``; None without this player.
 
@@ -465,9 +350,7 @@ def make_discoverers(
         The players by name, in the order of ``names``.
 
     Raises:
-        GraphMismatchError: if the scorer belongs to another graph.
-        ConfigError: for an unknown name, a missing scorer or book, or too many entities for the
-            scorer's tables.
+        ConfigError: for an unknown name, or a missing scorer or book.
     """
     makers: dict[str, Callable[[], Discoverer]] = {
         "random": RandomDiscoverer,
@@ -476,8 +359,6 @@ def make_discoverers(
         "greedy": lambda: GreedyDiscoverer(graph),
         "empowerment": lambda: EmpowermentDiscoverer(graph),
     }
-    if scorer is not None:
-        makers["empowerment-scorer"] = lambda: ScorerDiscoverer(graph, scorer)
     if learner is not None:
         makers["recipe-learner"] = lambda: learner
     if book is not None:
@@ -488,10 +369,10 @@ def make_discoverers(
         if name == "book-votes" and book is None:
             raise ConfigError("player 'book-votes' needs a `book`: a book whose recipes it knows.")
         if name not in makers:
-            origin = "of this graph"
-            if name == "recipe-learner":
-                origin = "from `wordcraft-kg train-recipes`, of any book"
-            raise ConfigError(f"player '{name}' needs a `scorer` {origin}: a trained model folder.")
+            raise ConfigError(
+                f"player '{name}' needs a `scorer` from `wordcraft-kg train-recipes`, of any book: "
+                "a trained model folder."
+            )
         players[name] = makers[name]()
     return players
 

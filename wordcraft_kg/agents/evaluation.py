@@ -61,11 +61,11 @@ class PolicyPlayer:
         batches = [
             states.rows(start, start + ROWS, device) for start in range(0, state.num_envs, ROWS)
         ]
-        chosen = []
+        slot_batches = []
         for batch in batches:
             scores = self.policy.external_scores(batch, self.silent)
-            chosen.append(self.policy.best_slots(batch, weights, scores))
-        slots = torch.cat(chosen)
+            slot_batches.append(self.policy.best_slots(batch, weights, scores))
+        slots = torch.cat(slot_batches)
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()
 
 
@@ -167,12 +167,12 @@ class Evaluator:
         if distractor_seeds is None:
             distractor_seeds = default_seeds(len(world.tasks))
         self.distractor_seeds = whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
-        needed = distractor_seeds * len(self.tasks) * 11
+        num_bytes = distractor_seeds * len(self.tasks) * 11
         check_memory(
             "distractor_seeds",
             distractor_seeds,
             f"the episodes of {len(self.tasks):,} tasks",
-            needed,
+            num_bytes,
         )
         self.engine = BatchEngine(world, len(self.tasks))
         # The ingredients in the last recipes of a task's plans, shape (N, P), padded with -1.
@@ -231,8 +231,8 @@ class Evaluator:
                 failed = self._termination(selection, action)
                 ended = np.where(step.outcome == GOAL, 0, failed)
                 terminations[over, distractor_seed] = ended[over]
-                chosen = np.column_stack([selection, action])
-                last[over, distractor_seed] = chosen[over]
+                pairs = np.column_stack([selection, action])
+                last[over, distractor_seed] = pairs[over]
         groups = engine.world.groups[self.tasks]
         return Evaluation(
             self.tasks, groups, success, by_plan, actions, terminations, last, decisions

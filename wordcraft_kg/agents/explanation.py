@@ -449,16 +449,16 @@ class Explainer:
             if self._kg == "full":
                 return "all_recipes", None, self._known(np.ones_like(is_train), 0)
             return "train_recipes", None, self._known(is_train, 0)
-        seen = seen_by_models(folds)
+        seen_recipes = seen_by_models(folds)
         # Model 0 is that of all train recipes, model i + 1 lacks fold i, the last one is no model.
         model = 0
         if query.task is not None:
             sources = query.policy.sources.values()
             source = next(source for source in sources if isinstance(source, FoldedSource))
             model = int(source.model_of_task[query.task])
-        if model == len(seen) - 1:
-            return "no_knowledge", None, seen[model]
-        is_known = self._known(seen[model], model)
+        if model == len(seen_recipes) - 1:
+            return "no_knowledge", None, seen_recipes[model]
+        is_known = self._known(seen_recipes[model], model)
         if model == 0:
             return "train_recipes", None, is_known
         return "without_a_fold", model - 1, is_known
@@ -504,13 +504,13 @@ class Explainer:
             evidence = self._evidence(query.policy, state)
             slots = _slots(self._names, output, graph.labels(table), parts, evidence)
             entity = table[action]
-            made: list[int] = []
+            made_ids: list[int] = []
             if selection is not None:
                 pair = (min(selection, entity), max(selection, entity))
                 results = world.outcomes.get(pair, ())
                 tried.append((selection, entity))
-                made = [result for result in results if result not in table]
-                table += made
+                made_ids = [result for result in results if result not in table]
+                table += made_ids
                 is_made = query.goal in results
                 attempts -= 1
             selected = None if selection is None else graph.entities[selection]
@@ -523,7 +523,7 @@ class Explainer:
                     value=float(output.value[0]),
                     lambdas=lambdas,
                     action=graph.entities[entity],
-                    made=graph.labels(made),
+                    made=graph.labels(made_ids),
                     slots=slots,
                 )
             )
@@ -552,8 +552,8 @@ class Explainer:
                     entity = int(state.table[0, slot])
                     outside = self._outside.of_recipe(entity, evidence.partner, expected)
                 plan = []
-                for a, b, made, probability in evidence.plan:
-                    labels = (entities[a], entities[b], entities[made])
+                for a, b, product, probability in evidence.plan:
+                    labels = (entities[a], entities[b], entities[product])
                     plan.append(ExpectedAttempt(*labels, probability))
                 result[slot] = SlotEvidence(
                     source=name,
@@ -627,9 +627,9 @@ def explain_episodes(
         whole("task", task, 0, len(world.tasks) - 1)
         return tuple(explainer.episode(task, number) for number in range(episodes))
     tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
-    chosen = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
+    episodes_to_play = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
     explained = []
-    for number, distractor_seed in steps("explaining", chosen):
+    for number, distractor_seed in steps("explaining", episodes_to_play):
         explained.append(explainer.episode(number, distractor_seed))
     return tuple(explained)
 

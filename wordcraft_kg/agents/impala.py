@@ -136,8 +136,8 @@ class Impala:
         """
         tasks = envs.world.config
         config = config.for_episodes(2 * (tasks.max_attempts or tasks.depth))
-        self._time, rest = divmod(config.unroll_steps, policy.steps_per_choice)
-        if rest:
+        self._time, remainder = divmod(config.unroll_steps, policy.steps_per_choice)
+        if remainder:
             raise ConfigError(
                 f"`unroll` {config.unroll}: expected an even number, since `policy` "
                 f"{policy.config.policy} chooses both slots of an attempt together."
@@ -161,8 +161,8 @@ class Impala:
             momentum=config.momentum,
         )
         lag = min(config.policy_lag, config.updates)
-        needed = 4 * len(self._flat) * lag  # bytes of float32
-        check_memory("policy_lag", config.policy_lag, "that many policies", needed)
+        num_bytes = 4 * len(self._flat) * lag  # bytes of float32
+        check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
         # A choice never needs the slots that are free for the results of the last attempt.
         self._slots = envs.engine.num_slots
         if policy.num_slots is None:
@@ -478,24 +478,26 @@ class Impala:
         ahead, self._next_scores = self._next_scores, None
         for t in range(self._time):
             states = self._observe(t)
-            known = ahead if t == 0 else None
-            scores = self.policy.external_scores(states) if known is None else known
+            early_scores = ahead if t == 0 else None
+            scores = self.policy.external_scores(states) if early_scores is None else early_scores
             if scores is not None:
                 # Kept, so that the learner does not compute them again.
                 assert unroll.external_scores is not None
                 unroll.external_scores[t] = scores
                 scores = unroll.external_scores[t]
             # Compiled code expects the same tensors in each update: the unroll's, not the engine's.
-            kept = unroll.states
-            assert kept.attempts is not None
-            left = Attempts(kept.attempts.left[t])
-            same = States(kept.goal[t], kept.selection[t], kept.table[t], attempts=left)
+            buffers = unroll.states
+            assert buffers.attempts is not None
+            attempts_left = Attempts(buffers.attempts.left[t])
+            observed = States(
+                buffers.goal[t], buffers.selection[t], buffers.table[t], attempts=attempts_left
+            )
             dropped = None if unroll.noise is None else unroll.noise[t]
-            actions, log_probs = self._act(weights, same, scores, noise[t], dropped)
+            actions, log_probs = self._act(weights, observed, scores, noise[t], dropped)
             unroll.actions[t] = actions
             unroll.log_probs[t] = log_probs
-            for chosen in self.policy.slots_of(actions, self._slots):
-                slots: Any = chosen if engine.arrays.on_device else chosen.numpy()
+            for slot_actions in self.policy.slots_of(actions, self._slots):
+                slots: Any = slot_actions if engine.arrays.on_device else slot_actions.numpy()
                 self.envs, step = engine.step(self.envs, slots)
             # The first step of a choice of two only selects, and has no reward.
             unroll.rewards[t] = as_tensor(step.reward)
@@ -521,12 +523,12 @@ class Impala:
         # Time and environments become one batch axis.
         states = states.flattened()
         assert states.attempts is not None
-        one, other = self.policy.pairs_of(states, unroll.actions.flatten())
+        first, second = self.policy.pairs_of(states, unroll.actions.flatten())
         # A choice that only selects combines nothing yet.
-        led &= one != self.policy.num_entities
-        left = states.attempts.left
-        self.successes.add(states.goal[led], left[led], one[led], other[led])
-        is_held = self.successes.hold(states.goal, left, states.table)
+        led &= first != self.policy.num_entities
+        attempts_left = states.attempts.left
+        self.successes.add(states.goal[led], attempts_left[led], first[led], second[led])
+        is_held = self.successes.hold(states.goal, attempts_left, states.table)
         remembered.view(size, -1).copy_(self.policy.choices_with(states, is_held))
 
     def _states(self) -> States:
@@ -601,8 +603,8 @@ class Impala:
 
         # Log-probabilities of all choices, (C, T · B), and of the chosen ones, (T, B).
         log_policies = log_policy(output.logits[:acted])
-        chosen = log_policies.gather(0, unroll.actions.view(1, -1))
-        log_probs = chosen.view_as(unroll.log_probs)
+        action_log_probs = log_policies.gather(0, unroll.actions.view(1, -1))
+        log_probs = action_log_probs.view_as(unroll.log_probs)
         values = output.value.view(num_states, -1)
         bootstrap = values[time].detach() if is_cut else torch.zeros_like(values[0])
 

@@ -77,5 +77,5 @@ def memory_loss(log_policies: Tensor, remembered: Tensor) -> Tensor:
     """
     has_any = remembered.any(0)
     # Elsewhere the sum over no choice would be log 0; all choices give a constant instead.
-    counted = log_policies.masked_fill(~remembered & has_any, -torch.inf)
-    return -torch.logsumexp(counted, dim=0).masked_fill(~has_any, 0).sum()
+    target_log_probs = log_policies.masked_fill(~remembered & has_any, -torch.inf)
+    return -torch.logsumexp(target_log_probs, dim=0).masked_fill(~has_any, 0).sum()

@@ -52,9 +52,9 @@ class Successes:
             )
         goals = goal[:, None, None]
         attempts = left[:, None, None]
-        wanted = self._keys(goals, attempts, table[:, :, None], table[:, None])
-        places = torch.searchsorted(self.keys, wanted).clamp(max=len(self.keys) - 1)
-        return self.keys[places] == wanted
+        table_keys = self._keys(goals, attempts, table[:, :, None], table[:, None])
+        places = torch.searchsorted(self.keys, table_keys).clamp(max=len(self.keys) - 1)
+        return self.keys[places] == table_keys
 
     def _keys(self, goal: Tensor, left: Tensor, one: Tensor, other: Tensor) -> Tensor:
         """Return a number for each pair, goal and attempts left, whatever the pair's order."""

@@ -78,15 +78,15 @@ def fit_plan_weights(
         )
     source.bind(world.tasks)
     rng = np.random.default_rng([seed, 1])
-    chosen = np.sort(rng.permutation(len(world.tasks))[:tasks])
+    task_sample = np.sort(rng.permutation(len(world.tasks))[:tasks])
     # Tasks whose plans are seen by every model have no scores.
-    models = source.model_of_task[torch.from_numpy(chosen)]
-    chosen = chosen[(models < source.knowledge.num_models).numpy()]
+    models = source.model_of_task[torch.from_numpy(task_sample)]
+    task_sample = task_sample[(models < source.knowledge.num_models).numpy()]
     weights = planner_weights()
     is_learned = torch.tensor([name in features for name in FEATURES])
-    if not len(chosen):
+    if not len(task_sample):
         return weights
-    start = BatchEngine(world, len(chosen)).pose(chosen, 0, seed=seed)
+    start = BatchEngine(world, len(task_sample)).pose(task_sample, 0, seed=seed)
     states = states_of(start)
     results = world.outcomes
     with torch_threads(1):
@@ -109,8 +109,8 @@ def fit_plan_weights(
 def _with_attempts(states: States, number: int) -> States:
     """Return states with ``number`` attempts left."""
     assert states.attempts is not None
-    left = torch.full_like(states.goal, number)
-    return states._replace(attempts=states.attempts._replace(left=left))
+    attempts_left = torch.full_like(states.goal, number)
+    return states._replace(attempts=states.attempts._replace(left=attempts_left))
 
 
 def _rows(states: States, chosen: Tensor) -> States:
@@ -136,9 +136,9 @@ def _pairs_to_goal(states: States, results: _Results, number: int, nothing: int)
     for row, table in enumerate(states.table.tolist()):
         entities = [entity for entity in table if entity != nothing]
         right = _right_pairs(goals[row], entities, results, number)
-        for one, first in enumerate(table):
-            for other, second in enumerate(table):
-                leads[row, one, other] = _pair(first, second) in right
+        for first_slot, first in enumerate(table):
+            for second_slot, second in enumerate(table):
+                leads[row, first_slot, second_slot] = _pair(first, second) in right
     return leads
 
 
@@ -153,11 +153,11 @@ def _right_pairs(
     right = set()
     # Each pair once, also of an entity with itself; of sorted ids, the smaller one comes first.
     for pair in combinations_with_replacement(distinct, 2):
-        made = results.get(pair, ())
-        if goal in made:
+        results_of_pair = results.get(pair, ())
+        if goal in results_of_pair:
             right.add(pair)
             continue
-        new = [entity for entity in made if entity not in distinct]
+        new = [entity for entity in results_of_pair if entity not in distinct]
         if number > 1 and new:
             # The new entities are on the table of the attempts that are left.
             later = _right_pairs(goal, [*distinct, *new], results, number - 1)
@@ -187,13 +187,13 @@ def _after_right_pair(
     goes_on = torch.ones(len(table), dtype=torch.bool)
     for row in range(len(table)):
         right: Ids = leads[row].nonzero().numpy()
-        one, other = right[rng.integers(len(right))]
-        first = int(table[row, one])
-        second = int(table[row, other])
-        made = results[_pair(first, second)]
-        goes_on[row] = int(states.goal[row]) not in made
+        first_slot, second_slot = right[rng.integers(len(right))]
+        first = int(table[row, first_slot])
+        second = int(table[row, second_slot])
+        products = results[_pair(first, second)]
+        goes_on[row] = int(states.goal[row]) not in products
         present = table[row].tolist()
-        new = [entity for entity in made if entity not in present]
+        new = [entity for entity in products if entity not in present]
         is_free = table[row] == nothing
         free_slots = is_free.nonzero()[:, 0].tolist()
         # Results beyond the free slots are left out.
@@ -231,7 +231,7 @@ def _fitted(
     features = source.features(narrow)
     right = leads[:, :slots, :slots]
     is_empty = narrow.table == source.num_entities
-    one = torch.ones(len(features), dtype=torch.int64)
+    ones_per_row = torch.ones(len(features), dtype=torch.int64)
     # A pair counts once: `log_shares` gives it twice.
     is_lower = torch.ones(slots, slots, dtype=torch.bool).tril(-1)
     wrong = ~right | is_lower
@@ -241,12 +241,12 @@ def _fitted(
     def loss() -> Tensor:
         optimizer.zero_grad()
         weights = first + change * is_learned
-        shares = log_shares(features, weights[None], one, is_empty)
+        shares = log_shares(features, weights[None], ones_per_row, is_empty)
         # (B, A, A) to (B, A · A): the probability of any right pair.
         right_shares = shares.masked_fill(wrong, -torch.inf).flatten(1)
-        of_right = torch.logsumexp(right_shares, dim=1)
+        right_log_share = torch.logsumexp(right_shares, dim=1)
         penalty = _RIDGE * change.square().sum()
-        value = penalty - of_right.mean()
+        value = penalty - right_log_share.mean()
         value.backward()
         return value
 

@@ -91,8 +91,8 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
         plan = [recipes[row] for row in first_plan]
         missing = (recipe for recipe in plan if recipe[2] not in table)
         a, b, _ = next(missing, plan[-1])
-        wanted = b if state.selection[i] == a else a
-        slots[i] = table.index(wanted)
+        target = b if state.selection[i] == a else a
+        slots[i] = table.index(target)
     return slots
 
 
@@ -161,10 +161,10 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
             for rows in begins.split(at_once):
                 filled = table[rows][:, slots]
                 # Shape (B, A, A): each slot as the first entity against each as the second.
-                one = filled[:, :, None]
-                other = filled[:, None, :]
+                left_ids = filled[:, :, None]
+                right_ids = filled[:, None, :]
                 goals = goal[rows, None, None]
-                pairs = of_pairs(one, other, goals, nothing)
+                pairs = of_pairs(left_ids, right_ids, goals, nothing)
                 # The first entity of an attempt is worth what its best partner makes of it.
                 best = pairs.amax(dim=2)
                 scores[rows[:, None], slots] = best
@@ -184,18 +184,18 @@ def words_player(graph: RecipeGraph, knowledge: RecipeKnowledge | None = None) -
     name = named("auto", graph.entities)
     unit = _unit_vectors(name, graph)
     if knowledge is not None and knowledge.vectors.shape[1]:
-        of_scorer = knowledge.vectors[: graph.num_entities].float().cpu().numpy()
-        if not _are_equal(of_scorer, unit):
-            is_glove = _are_equal(of_scorer, _unit_vectors("glove", graph))
+        scorer_vectors = knowledge.vectors[: graph.num_entities].float().cpu().numpy()
+        if not _are_equal(scorer_vectors, unit):
+            is_glove = _are_equal(scorer_vectors, _unit_vectors("glove", graph))
             name = "glove" if is_glove else "the scorer's vectors"
-        unit = of_scorer
+        unit = scorer_vectors
     return {f"{NEAREST_WORDS} ({name})": nearest_words(unit)}
 
 
 def knowledge_of(scorer: TripleScorer | None) -> RecipeKnowledge | None:
     """Return the knowledge of a recipe scorer on all train recipes; None for any other scorer."""
-    whole = None if scorer is None else whole_of(scorer)
-    return whole.knowledge if isinstance(whole, RecipeScorer) else None
+    main_model = None if scorer is None else whole_of(scorer)
+    return main_model.knowledge if isinstance(main_model, RecipeScorer) else None
 
 
 def _unit_vectors(name: str, graph: RecipeGraph) -> NDArray[np.float32]:
@@ -240,9 +240,9 @@ def nearest_words(vectors: NDArray[np.float32]) -> Player:
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
         # Cosines differ by at most 2, so the selection is repeated only if alone on the table.
-        of_goals = unit[state.goal]
-        of_slots = unit[state.table]
-        cosines = np.einsum("nd,nsd->ns", of_goals, of_slots)
+        goal_vectors = unit[state.goal]
+        slot_vectors = unit[state.table]
+        cosines = np.einsum("nd,nsd->ns", goal_vectors, slot_vectors)
         return _best(state, cosines - 3.0 * is_selected, rng)
 
     return choose
@@ -341,7 +341,7 @@ def knowledge_players(split: Split, knowledge: RecipeKnowledge | None = None) ->
         knowledge: the recipe scorer beside them, see :func:`words_player`; None without one.
     """
     graph = split.graph
-    some = fact_sources(graph, split.partial)
+    train_sources = fact_sources(graph, split.partial)
     everything = fact_sources(graph, graph.triples)
     heads, relations, tails = graph.triples.T
     is_self_pair = (relations == COMBINES_WITH) & (heads == tails)
@@ -353,8 +353,8 @@ def knowledge_players(split: Split, knowledge: RecipeKnowledge | None = None) ->
         "random, distinct": random_distinct,
         FEWEST_USES: fewest_uses(split),
         **words_player(graph, knowledge),
-        "partial KG, v": knowledge_player([some["v"]]),
-        "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
+        "partial KG, v": knowledge_player([train_sources["v"]]),
+        "partial KG, u+v": knowledge_player([train_sources["u"], train_sources["v"]]),
         "partial KG, votes": pair_player(VoteScorer(graph, train).score_recipes),
         "partial KG, planner": knowledge_player([plans]),
         "full KG, v": knowledge_player([everything["v"]]),
@@ -504,34 +504,58 @@ def play_all(
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
-            masks = {"": np.ones(len(tasks), dtype=bool)}
-            for group, mask in (groups or {}).items():
-                masks[group] = mask[tasks]
-            for group, mask in masks.items():
-                if not mask.any():
-                    continue
-                of_group = success[mask]
-                resampled = world.groups[tasks[mask]]
-                low, high = task_bootstrap(of_group, resampled)
-                rows.append(
-                    PlayerSuccess(
-                        player=name,
-                        distractors=amount,
-                        episodes=of_group.size,
-                        success=float(of_group.mean()),
-                        low=low,
-                        high=high,
-                        by_plan=float(by_plan[mask].mean()),
-                        goals=group,
-                    )
-                )
+            masks = {group: mask[tasks] for group, mask in (groups or {}).items()}
+            clusters = world.groups[tasks]
+            rows += success_rows(name, amount, success, by_plan, clusters, masks)
     return tuple(rows)
+
+
+def success_rows(
+    name: str,
+    distractors: int,
+    success: NDArray[np.bool_],
+    by_plan: NDArray[np.bool_],
+    clusters: Ids,
+    groups: Mapping[str, NDArray[np.bool_]],
+) -> list[PlayerSuccess]:
+    """Return the rows of a player that has played N tasks on D tables each.
+
+    Args:
+        name: the player's name.
+        distractors: distractors on each table.
+        success: shape (N, D): whether the goal was made.
+        by_plan: shape (N, D): whether a plan's last pair made the goal.
+        clusters: shape (N,): each task's resampling group, see :attr:`World.groups`.
+        groups: groups of goals by name, masks of shape (N,); those without tasks have no row.
+
+    Returns:
+        A row for all tasks, then one for each group.
+    """
+    rows = []
+    masks = {"": np.ones(len(success), dtype=bool), **groups}
+    for group, mask in masks.items():
+        if not mask.any():
+            continue
+        low, high = task_bootstrap(success[mask], clusters[mask])
+        rows.append(
+            PlayerSuccess(
+                player=name,
+                distractors=distractors,
+                episodes=success[mask].size,
+                success=float(success[mask].mean()),
+                low=low,
+                high=high,
+                by_plan=float(by_plan[mask].mean()),
+                goals=group,
+            )
+        )
+    return rows
 
 
 def _best(state: State, scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:
     """Return a slot with the highest score among the slots with an entity, for each state."""
-    allowed = np.where(state.action_masks(), scores, -np.inf)
-    is_best = allowed == allowed.max(axis=1, keepdims=True)
+    masked_scores = np.where(state.action_masks(), scores, -np.inf)
+    is_best = masked_scores == masked_scores.max(axis=1, keepdims=True)
     # Ties at random: the first slot would favour starting ingredients or distractors by position.
     order = np.where(is_best, rng.random(scores.shape), -1.0)
     return np.asarray(order.argmax(axis=1))

@@ -9,9 +9,11 @@ import torch
 from numpy.typing import NDArray
 from scipy.special import expit, log_softmax, logsumexp
 
-from wordcraft_kg.agents.discovery import CANDIDATES, Discoverer, Floats, Pair
+from wordcraft_kg.agents.discovery import Discoverer, Floats, Pair
 from wordcraft_kg.models.recipes.inductive import LabelledScorer
 
+CANDIDATES = 16
+"""Number of results per pair that the player considers; others are improbable."""
 PRIOR = {
     "constant": (-9.0, 1.0),
     "results": (0.35, 0.005),

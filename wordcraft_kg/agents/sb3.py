@@ -235,10 +235,10 @@ def _check_spaces(
     network: Policy,
 ) -> None:
     """Raise a ConfigError unless spaces are those of a WordCraft environment that fits."""
-    known = observation_space.spaces if isinstance(observation_space, spaces.Dict) else {}
-    goal = known.get("goal")
-    selection = known.get("selection")
-    table = known.get("table")
+    keys = observation_space.spaces if isinstance(observation_space, spaces.Dict) else {}
+    goal = keys.get("goal")
+    selection = keys.get("selection")
+    table = keys.get("table")
     if not (
         isinstance(goal, spaces.Discrete)
         and isinstance(selection, spaces.Discrete)
@@ -256,7 +256,7 @@ def _check_spaces(
             f"the policy knows {network.num_entities:,} entities but the environment has "
             f"{goal.n:,}. Make or load a policy for the environment's graph."
         )
-    _check_tasks(known.get("task"), network)
+    _check_tasks(keys.get("task"), network)
 
 
 def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:

@@ -133,8 +133,8 @@ class SB3VecEnv(VecEnv):
                     "by_plan": bool(final["by_plan"][row]),
                     "task": task,
                 }
-        seen = self._seen(observations, infos["task"])
-        return seen, rewards.astype(np.float32), over.copy(), by_env
+        observed = self._seen(observations, infos["task"])
+        return observed, rewards.astype(np.float32), over.copy(), by_env
 
     def _seen(self, observations: Arrays, tasks: NDArray[np.int64]) -> Arrays:
         if self._numbers is not None:
@@ -225,5 +225,5 @@ class SB3VecEnv(VecEnv):
         if indices is None:
             return list(places)
         # Through the range, so that a negative place counts from the end, and a wrong one fails.
-        chosen = [indices] if isinstance(indices, int) else indices
-        return [places[place] for place in chosen]
+        env_numbers = [indices] if isinstance(indices, int) else indices
+        return [places[place] for place in env_numbers]

@@ -191,11 +191,11 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         if config.policy.policy == "pairs":
             # A few for each pair, but for two steps together.
             units = 3 * config.policy.pair_size * slots * (slots + 1) // 2
-        needed = trainer.steps_per_update * (8 * slots + 4 * units)
+        num_bytes = trainer.steps_per_update * (8 * slots + 4 * units)
         # The error names the larger setting, which is the one to reduce.
         name = "batch_size" if trainer.num_envs >= trainer.unroll_steps else "unroll"
         update = f"an update of {trainer.steps_per_update:,} steps"
-        check_memory(name, getattr(trainer, name), update, needed)
+        check_memory(name, getattr(trainer, name), update, num_bytes)
         assert trainer.tables is not None  # closed by `AgentConfig`
         repeat = math.ceil(trainer.tables / trainer.num_envs)
         engine = BatchEngine(world, trainer.num_envs, device=trainer.device, repeat=repeat)
@@ -240,8 +240,8 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             scorer = model.scorer
             observed = model.triples
             # Checked before the tasks are made, which takes long for a large graph.
-            whole = whole_of(scorer) if config.policy.in_sample else scorer
-            tables_are_too_large(config.policy.sources, whole, config.policy.score_scale)
+            main_model = whole_of(scorer) if config.policy.in_sample else scorer
+            tables_are_too_large(config.policy.sources, main_model, config.policy.score_scale)
             self.facts["kg"] = model.kg
             folds = folds_of(scorer)
             if folds is not None and not config.policy.in_sample:
@@ -357,14 +357,14 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         while self.impala.update_number < trainer.updates and not self.run.interrupted.is_set():
             begun = time.perf_counter()
             self.impala.update()
-            done = self.impala.update_number
-            is_point = done == trainer.updates or done % eval_every == 0
+            updates = self.impala.update_number
+            is_point = updates == trainer.updates or updates % eval_every == 0
             # On a device, reading waits for pending work, so reading is part of the measured time.
-            figures = self.impala.take_metrics() if is_point or done % log_every == 0 else None
+            figures = self.impala.take_metrics() if is_point or updates % log_every == 0 else None
             self.seconds += time.perf_counter() - begun
             if figures is not None:
                 self._log(figures, is_point=is_point)
-            if done % checkpoint_every == 0:
+            if updates % checkpoint_every == 0:
                 self._save()
         # At the end, or after Ctrl-C.
         if self.run.checkpoints.last != self.step:

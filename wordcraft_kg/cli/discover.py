@@ -46,11 +46,9 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
         attempts: combinations for each run.
         runs: runs for each player.
         players: comma-separated: random, random-no-repeat, nearest-words (similar labels), greedy,
-            empowerment (both know the graph), empowerment-scorer and recipe-learner (guided by
-            --scorer), book-votes (guided by --book). Default: all that --scorer and --book allow,
-            without nearest-words.
-        scorer: model folder, written by train-complex, train-links or train-recipes on this graph.
-            For recipe-learner a model from train-recipes on any book.
+            empowerment (both know the graph), recipe-learner (guided by --scorer), book-votes
+            (guided by --book). Default: all that --scorer and --book allow, without nearest-words.
+        scorer: model folder of train-recipes, on this book or another one.
         book: another book whose recipes guide book-votes.
         base: comma-separated entities known at the start. Default: the graph's base. People begin
             with air, earth, fire and water.
@@ -60,15 +58,15 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
     """
     check_file(out, force=force)  # before minutes of play
     from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
-    from wordcraft_kg.evaluation.discovery import explain_run, open_guides, view_discovery
+    from wordcraft_kg.evaluation.discovery import explain_run, open_guide, view_discovery
     from wordcraft_kg.graphs.folder import open_graph
 
     played = open_graph(graph).graph
-    guides = None if scorer is None else open_guides(scorer, played)
+    guide = None if scorer is None else open_guide(scorer, played)
     # Nearest words load word vectors, so they play on request alone.
     possible = [name for name in DISCOVERERS if name not in (*GUIDED, "nearest-words")]
-    if guides:
-        possible += guides.players
+    if guide is not None:
+        possible.append("recipe-learner")
     votes = None if book is None else open_graph(book).graph
     if votes is not None:
         possible.append("book-votes")
@@ -83,15 +81,15 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
         runs=runs,
         seed=seed,
         base=labels,
-        scorer=guides,
+        scorer=guide,
         book=votes,
     )
     if out is not None:
         from wordcraft_kg.reports.discovery_report import discovery_page
 
-        if guides and "recipe-learner" in chosen:
+        if guide is not None and "recipe-learner" in chosen:
             start = [played.id_of(label) for label in view.base]
-            tried = explain_run(played, guides, attempts, seed, start)
+            tried = explain_run(played, guide, attempts, seed, start)
             view = replace(view, tried=tried)
         write_file(out, discovery_page(view, plays, played), force=force)
         view = replace(view, out=str(out))

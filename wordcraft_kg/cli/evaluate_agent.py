@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, lines_of, refuse_given, whole_numbers
@@ -22,6 +23,7 @@ EXAMPLES = (
     "wordcraft-kg evaluate-agent runs/partial --agent kg-only",
     "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday",
     "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday --depth 2 --limit 2000",
+    'wordcraft-kg evaluate-agent everyday --player "program:python examples/line_player.py"',
 )
 
 FILE_ONLY = ["--distractor-policy"]
@@ -69,11 +71,18 @@ class ScriptedOptions:
         depth: recipes in the shortest plan, 1 to 5.
         scorer: model folder; adds players guided by this scorer.
         seed: seed for distractors and ties.
+        player: a further player by text on the same tables, such as "program:python my_player.py"
+            (line protocol). Repeat the command to continue its games.
+        out: folder for this player's games. Default: text-agents/<name>.
+        timeout: seconds for its answer.
     """
 
     depth: int = WordCraftConfig.depth
     scorer: Path | None = None
     seed: int = 0
+    player: str | None = None
+    out: Path | None = None
+    timeout: float = 60.0
 
 
 def evaluate_agent(
@@ -124,8 +133,14 @@ def evaluate_agent(
         amounts = whole_numbers("distractors", played.distractors or ["1,2,8"])
         policy = played.distractor_policy or WordCraftConfig.distractor_policy
         config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
-        from wordcraft_kg.evaluation.players import view_baselines
+        from wordcraft_kg.evaluation.players import ExternalPlayer, view_baselines
         from wordcraft_kg.graphs.folder import open_graph
+
+        external = None
+        if scripted.player is not None:
+            if scripted.seed:
+                raise ConfigError(f"`seed` {scripted.seed}: `player` has the tables of seed 0.")
+            external = ExternalPlayer(scripted.player, scripted.out, scripted.timeout)
 
         graph = open_graph(run)
         model = None
@@ -142,6 +157,7 @@ def evaluate_agent(
             played.distractor_seeds,
             scripted.seed,
             played.limit,
+            external,
         )
         output.result(baselines, _table(baselines, amounts))
 

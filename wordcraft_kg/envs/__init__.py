@@ -1,7 +1,7 @@
-"""Environments: the readable crafting environment, the batched engine, the open-ended game.
+"""Environments: the batched engine, the crafting environment for Gymnasium, the open-ended game.
 
-Read ``wordcraft`` first: the rules, one environment at a time. ``batch`` steps many environments at
-once and agrees with ``wordcraft`` step for step; ``draws`` draws what its episodes begin with,
+Read ``wordcraft`` first: its class documents the rules, for one environment. ``batch`` computes
+them for one environment or many; ``draws`` draws what its episodes begin with,
 ``pairs`` looks results up, on NumPy or torch by ``arrays``. A ``World`` (``world``) holds the
 recipe graph, the split into train, valid and test recipes, the settings (``config``) and the tasks:
 build one ``World``, and derive other settings with ``world.variant(part="test")``. Rewards and
@@ -11,8 +11,9 @@ results of the part ``train`` come from train recipes alone.
 games as text. Observations are ids and masks; ``wrappers`` add scores.
 ``evaluation_tables`` fixes the tables on which all players are compared.
 
-Free to change: how ``batch`` and ``pairs`` compute, as long as the engines agree and their speed
-stays. Not free: what an episode with a given seed, environment and number looks like (``draws``),
+Free to change: how ``batch`` and ``pairs`` compute, as long as the reference in the tests agrees
+and their speed stays. Not free: what an episode with a given seed, environment and number looks
+like (``draws``),
 because published results play on those tables; and ``words.PROMPTS``, whose hash is in results.
 """
 

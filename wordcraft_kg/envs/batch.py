@@ -1,12 +1,12 @@
-"""Batched crafting environments: the rules of :mod:`wordcraft_kg.envs.wordcraft` on arrays.
+"""The crafting game on arrays, for one environment or many: the only place of its rules.
 
 :mod:`~wordcraft_kg.envs.draws` draws the start of episodes, this module computes steps. Both run on
 NumPy and torch, see :mod:`~wordcraft_kg.envs.arrays`.
 
-Read :meth:`BatchEngine.step` first. It is the rules (``_step_env``, ``_combine``, ``_put_on_table``
-and ``_shaping``, without new episodes) and then :meth:`BatchEngine.begin_where`, which replaces
-finished episodes. Below, N is the number of environments, r the largest number of results of a
-pair, R a number of environments in which something happens.
+Read :meth:`BatchEngine.step` first. It is the rules (:meth:`BatchEngine.step_env`, ``_results``,
+``_put_on_table`` and ``_shaping``, without new episodes) and then :meth:`BatchEngine.begin_where`,
+which replaces finished episodes. Below, N is the number of environments, r the largest number of
+results of a pair, R a number of environments in which something happens.
 
 Speed bends the code in three places. On the CPU, rows in which nothing happens are left out, and a
 table is not written if its episode ends anyway. On a device, reading a value would wait for all
@@ -37,7 +37,7 @@ class Step(NamedTuple):
     """The outcome of one action in each of N environments; all arrays have shape (N,).
 
     Attributes:
-        reward: float32, including shaped rewards.
+        reward: float32 unless the engine has another type, including shaped rewards.
         over: bool, whether the step ended the episode. If so, the state after the step is the first
             of the next episode, while all arrays here belong to the episode that ended.
         outcome: int8, index into :data:`OUTCOMES`.
@@ -179,6 +179,24 @@ class _Made(NamedTuple):
     is_goal: Array
 
 
+class _Results(NamedTuple):
+    """What the actions of N environments make.
+
+    Attributes:
+        made_goal: shape (N,), bool: whether the goal was made.
+        by_plan: shape (N,), bool: whether a plan's last pair made it.
+        wide: the tables after the actions, as in :class:`State`.
+        count: shape (N,): number of entities on these tables.
+        shaped: shape (N,): shaped rewards for results; None without shaped rewards.
+    """
+
+    made_goal: Array
+    by_plan: Array
+    wide: Array
+    count: Array  # type: ignore[assignment] # hides the method of tuples
+    shaped: Array | None
+
+
 class BatchEngine:
     """N crafting environments that step together, as pure functions on a :class:`State`.
 
@@ -195,7 +213,7 @@ class BatchEngine:
         pairs: pair numbers and results; ``num_pairs`` for pairs without a result.
 
     Example:
-        >>> engine = BatchEngine(World("kitchen", WordCraftConfig(num_distractors=2)), 4)
+        >>> engine = BatchEngine(World.open("kitchen", WordCraftConfig(num_distractors=2)), 4)
         >>> state = engine.reset(seed=0)
         >>> after, step = engine.step(state, np.zeros(4, dtype=np.int64))
         >>> step.over.tolist(), (after.selection == state.table[:, 0]).all()
@@ -210,6 +228,7 @@ class BatchEngine:
         device: str = "cpu",
         first_env: int = 0,
         repeat: int = 0,
+        reward_dtype: str = "float32",
     ):
         """Prepare N environments.
 
@@ -222,6 +241,7 @@ class BatchEngine:
                 for environments 0 to 63 and 64 to 127 draw the same episodes as one engine for 128.
             repeat: number of different episodes of an environment, which then begin again with the
                 first: tables recur, and scores of tables can be kept. 0 if all differ.
+            reward_dtype: data type of rewards, ``float32`` or ``float64``.
 
         Raises:
             ConfigError: for a number out of range, or a device that is not available.
@@ -245,6 +265,7 @@ class BatchEngine:
         self._is_shaped = bool(
             rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward
         )
+        self._reward_dtype = reward_dtype
         self._rows = array(np.arange(self.num_envs))
         self._attempt_numbers = array(np.arange(self.config.attempts))
         # Where each environment's table begins in the flat view of `State.wide`.
@@ -331,6 +352,17 @@ class BatchEngine:
         following = number + 1
         return State(self, keys, Ahead(self._draws, keys, following), 0, *begun, following)
 
+    def posed(self, state: State, tasks: Array, tables: Array) -> State:
+        """Begin given episodes in all environments of a state, whose later episodes stay.
+
+        Args:
+            state: state of this engine, which stays unchanged.
+            tasks: shape (N,): task indices.
+            tables: shape (N, at most num_slots): ids in slot order, padded with nothing.
+        """
+        begun = self._begun(tables, tasks)
+        return State(self, state.keys, state.ahead, state.age, *begun, state.episode)
+
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
@@ -350,7 +382,8 @@ class BatchEngine:
         # Most tables are full at depth 1, so only the others are counted.
         count = full(size, tables.shape[1])
         rows = self.arrays.rows(tables[:, -1] == self.nothing)
-        count[rows] = (tables[rows] != self.nothing).sum(1)
+        if len(rows):
+            count[rows] = (tables[rows] != self.nothing).sum(1)
         return _Begun(
             goal=self._goals[tasks],
             task=tasks,
@@ -393,9 +426,9 @@ class BatchEngine:
         merged = []
         for new, old, was in zip(begun, current, earlier, strict=True):
             # An array that a step did not replace still belongs to the state before.
-            mine = old.copy() if old is was else old
-            mine[rows] = new
-            merged.append(mine)
+            merged_array = old.copy() if old is was else old
+            merged_array[rows] = new
+            merged.append(merged_array)
         return State(self, now.keys, now.ahead, now.age, *_Begun._make(merged), episode)
 
     def _begin_where_on_device(self, now: State, over: Array) -> State:
@@ -433,8 +466,8 @@ class BatchEngine:
                 ``illegal_action`` is ``raise``.
             ConfigError: if no distractors without a shortcut are found for a task.
         """
-        now, done = self._step_env(state, actions, is_replaced=True)
-        return self.begin_where(now, done.over, state), done
+        after, result = self.step_env(state, self._checked(actions), is_replaced=True)
+        return self.begin_where(after, result.over, state), result
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
         """Like :meth:`step`, but an environment without attempts left stays unchanged.
@@ -447,77 +480,60 @@ class BatchEngine:
         """
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
-        now, done = self._step_env(state, actions, is_replaced=False)
+        after, result = self.step_env(state, self._checked(actions))
         # A goal ends the episode with attempts left, and 0 marks the end.
-        attempts_left = self.arrays.xp.where(done.over, 0, now.attempts_left)
-        return now._replace(attempts_left=attempts_left), done
+        attempts_left = self.arrays.xp.where(result.over, 0, after.attempts_left)
+        return after._replace(attempts_left=attempts_left), result
 
     # --- rules ------------------------------------------------------------------------------------
 
-    def _step_env(
-        self,
-        state: State,
-        actions: Array,
-        *,
-        is_replaced: bool,
+    def step_env(
+        self, state: State, actions: Array, *, is_replaced: bool = False
     ) -> tuple[State, Step]:
         """Apply the rules, without new episodes.
 
         Args:
             state: state before the actions.
-            actions: shape (N,).
+            actions: shape (N,), int64: slots, which are not checked.
             is_replaced: whether finished episodes are replaced next, so that their tables need not
                 be right.
+
+        Returns:
+            The state after the actions, and their outcome. Attempts stay as they are when a goal
+            ends an episode.
+
+        Raises:
+            ActionError: for an empty slot if ``illegal_action`` is ``raise``.
         """
         cast = self.arrays.cast
-        rewards = self.config.rewards
-        if not self.arrays.on_device:
-            actions = self._checked(actions)
-        running = state.attempts_left > 0
         # One index into the flat tables: faster than an index along two axes.
-        chosen = state.wide.take(self._offsets + actions)
-        is_empty = chosen == self.nothing
+        entities = state.wide.take(self._offsets + actions)
+        running = state.attempts_left > 0
+        is_empty = entities == self.nothing
         illegal = is_empty & running
         if self.config.illegal_action == "raise" and bool(illegal.any()):
             raise self._illegal(state, actions, illegal)
 
         # The second action of an attempt, and any choice of an empty slot, ends the attempt.
         is_second = state.selection != self.nothing
-        is_attempt = is_second | is_empty
-        is_pair = is_second & ~is_empty & running  # two entities are combined
-        attempts_left = state.attempts_left - cast(is_attempt & running, "int64")
-        selection = self.arrays.xp.where(is_attempt, self.nothing, chosen)
+        ends_attempt = is_second | is_empty
+        # Two entities are combined; only shaped rewards and later attempts read it.
+        is_pair = is_second
+        if self._is_shaped or self.config.attempts > 1:
+            is_pair = is_second & ~is_empty & running
+        attempts_left = state.attempts_left - cast(ends_attempt & running, "int64")
+        selection = self.arrays.xp.where(ends_attempt, self.nothing, entities)
 
         # Without a selection or with an empty slot nothing is made: pairs with nothing have no
         # results.
-        pair = self.pairs(state.selection, chosen)
-        size = (self.num_envs,)
-        made_goal = self.arrays.full(size, 0, "bool")
-        by_plan = self.arrays.full(size, 0, "bool")
-        shaped = self.arrays.full(size, 0, "float32") if self._is_shaped else None
-        wide = state.wide
-        count = state.count
-        made = self._combine(state, pair, running)
-        if made is not None:
-            rows = made.rows
-            final_pairs = self._final_pairs[state.task[rows]]
-            made_goal[rows] = made.is_goal
-            is_final = (final_pairs == pair[rows][:, None]).any(1)
-            by_plan[rows] = made.is_goal & is_final
-            if not (is_replaced and self._are_all_over(state, made)):
-                wide, count, news = self._put_on_table(state, made)
-                if shaped is not None:
-                    shaped[rows] = self._shaping(state, made, news)
-
-        over = running & (made_goal | (attempts_left == 0))
-        reward = cast(made_goal, "float32")
-        if shaped is not None:
-            is_wrong = is_pair & (pair == self.pairs.no_pair)
-            reward = reward + shaped - rewards.wrong_pair_penalty * cast(is_wrong, "float32")
+        pair = self.pairs(state.selection, entities)
+        results = self._results(state, pair, running, is_replaced=is_replaced)
+        over = running & (results.made_goal | (attempts_left == 0))
         # A goal is also over: 2 - 1 is GOAL, 2 - 0 is OUT_OF_ATTEMPTS, 0 is IN_PROGRESS.
-        outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
-        tried = self._noted(state, chosen, is_pair)
-        now = State(
+        outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(results.made_goal, "int8")
+        reward = self._reward(results, pair, is_pair)
+        # Not by `_replace`, which takes as long as three operations on short arrays.
+        after = State(
             self,
             state.keys,
             state.ahead,
@@ -526,13 +542,42 @@ class BatchEngine:
             state.task,
             selection,
             attempts_left,
-            wide,
-            count,
-            tried,
+            results.wide,
+            results.count,
+            self._noted(state, entities, is_pair),
             state.episode,
         )
-        done = Step(cast(reward, "float32"), over, outcome, by_plan, illegal, state.task)
-        return now, done
+        return after, Step(reward, over, outcome, results.by_plan, illegal, state.task)
+
+    def _results(self, state: State, pair: Array, running: Array, *, is_replaced: bool) -> _Results:
+        """Return what the pairs, shape (N,), make: goals, new tables and shaped rewards."""
+        made_goal = self.arrays.full((self.num_envs,), 0, "bool")
+        by_plan = self.arrays.full((self.num_envs,), 0, "bool")
+        shaped = None
+        if self._is_shaped:
+            shaped = self.arrays.full((self.num_envs,), 0, self._reward_dtype)
+        wide = state.wide
+        count = state.count
+        attempts = self._combine(state, pair, running)
+        if attempts is not None:
+            rows = attempts.rows
+            final_pairs = self._final_pairs[state.task[rows]]
+            made_goal[rows] = attempts.is_goal
+            is_final = (final_pairs == pair[rows][:, None]).any(1)
+            by_plan[rows] = attempts.is_goal & is_final
+            if not (is_replaced and self._are_all_over(state, attempts)):
+                wide, count, news = self._put_on_table(state, attempts)
+                if shaped is not None:
+                    shaped[rows] = self._shaping(state, attempts, news)
+        return _Results(made_goal, by_plan, wide, count, shaped)
+
+    def _reward(self, results: _Results, pair: Array, is_pair: Array) -> Array:
+        """Return the rewards, shape (N,); ``is_pair`` marks actions that combine two entities."""
+        reward = self.arrays.cast(results.made_goal, self._reward_dtype)
+        if results.shaped is None:
+            return reward
+        is_wrong = self.arrays.cast(is_pair & (pair == self.pairs.no_pair), self._reward_dtype)
+        return reward + results.shaped - self.config.rewards.wrong_pair_penalty * is_wrong
 
     def _combine(
         self,
@@ -594,7 +639,7 @@ class BatchEngine:
         made: _Made,
         news: Sequence[Array],
     ) -> Array:
-        """Return the shaped rewards of attempts that make something, shape (R,), float32.
+        """Return the shaped rewards of attempts that make something, shape (R,).
 
         An intermediate is rewarded when it is new, but is relevant whenever it is made.
         """
@@ -608,8 +653,8 @@ class BatchEngine:
             is_intermediate = is_listed & (result != self.nothing)  # both are padded with nothing
             num_first = num_first + (is_intermediate & is_new)
             is_relevant = is_relevant | is_intermediate
-        reward = self.config.rewards.intermediate_reward * cast(num_first, "float32")
-        is_irrelevant = cast(made.makes & ~is_relevant, "float32")
+        reward = self.config.rewards.intermediate_reward * cast(num_first, self._reward_dtype)
+        is_irrelevant = cast(made.makes & ~is_relevant, self._reward_dtype)
         return reward - self.config.rewards.irrelevant_penalty * is_irrelevant
 
     def _noted(
@@ -629,7 +674,10 @@ class BatchEngine:
 
     # --- checks -----------------------------------------------------------------------------------
 
-    def _checked(self, actions: Array) -> NDArray[Any]:
+    def _checked(self, actions: Array) -> Array:
+        """Return the actions; on the CPU, where reading them is free, checked."""
+        if self.arrays.on_device:
+            return actions
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ActionError(

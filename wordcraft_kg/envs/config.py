@@ -58,10 +58,10 @@ class RewardConfig:
     intermediate_reward: float = 0.0
 
     def __post_init__(self) -> None:
-        most = sys.float_info.max
+        largest = sys.float_info.max
         for entry in fields(self):
             value = getattr(self, entry.name)
-            number_in(entry.name, value, 0, most, "a finite number, 0 or more")
+            number_in(entry.name, value, 0, largest, "a finite number, 0 or more")
 
 
 REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
@@ -142,9 +142,9 @@ class WordCraftConfig:
         self._whole("num_distractors", 0, MAX_SIZE)
         if self.max_attempts is not None:
             self._whole("max_attempts", 1, MAX_ATTEMPTS)
-            enough = self.max_attempts >= self.depth
+            is_solvable = self.max_attempts >= self.depth
             expected = f"{self.depth} or more, which a task of depth {self.depth} takes"
-            require(self, "max_attempts", enough, expected)
+            require(self, "max_attempts", is_solvable, expected)
         expected = "True or False"
         require(self, "pays_held_out", isinstance(self.pays_held_out, bool), expected)
         self._whole("num_tasks", 1, MAX_SIZE)
@@ -175,12 +175,12 @@ class WordCraftConfig:
             UnknownSettingError: for an unknown name, with the nearest known name.
             ConfigError: for a value out of range.
         """
-        known = [entry.name for entry in fields(cls) if entry.init]
+        names = [entry.name for entry in fields(cls) if entry.init]
         for name in settings:
-            if name not in known:
+            if name not in names:
                 raise UnknownSettingError(
                     f"unexpected keyword argument '{name}'; "
-                    f"expected one of {', '.join(known)}.{nearest(name, known)}"
+                    f"expected one of {', '.join(names)}.{nearest(name, names)}"
                 )
         return cls(**settings)
 
@@ -191,8 +191,8 @@ class WordCraftConfig:
             UnknownSettingError: for an unknown name.
             ConfigError: for a value out of range.
         """
-        mine = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}
-        return self.of(mine | changes)
+        settings = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}
+        return self.of(settings | changes)
 
     def _whole(
         self,

@@ -172,15 +172,15 @@ class Draws:
         starts = self._starts[tasks].T
         rows = starts
         if self.most_drawn:
-            drawn = self._distractors(keys, tasks, starts)
-            wanted = self.world.config.num_distractors
+            distractors = self._distractors(keys, tasks, starts)
+            num_distractors = self.world.config.num_distractors
             # Further distractors take the places of ingredients that a task lacks, from the last
             # one on. So tables of tasks that lack none do not depend on other tasks.
-            further = drawn[self._further]
-            num_full = len(starts) - len(further)
+            extra = distractors[self._further]
+            num_full = len(starts) - len(extra)
             parts = starts[num_full:]
-            filled = arrays.xp.where(parts == self.world.nothing, further, parts)
-            rows = arrays.xp.concatenate([starts[:num_full], filled, drawn[:wanted]])
+            filled = arrays.xp.where(parts == self.world.nothing, extra, parts)
+            rows = arrays.xp.concatenate([starts[:num_full], filled, distractors[:num_distractors]])
         # Shuffled by sorting random places. Halved, so that an empty slot's place is above all.
         places = self._numbers(keys, _PLACES, len(rows)) >> 1
         order = arrays.xp.where(rows == self.world.nothing, _LAST_31_BITS, places)
@@ -211,15 +211,15 @@ class Draws:
         allowed entity is left, the id of nothing. Rows beyond a task's number have no meaning.
         """
         goals = self._goals[tasks][None, :]
-        taken = self.arrays.xp.concatenate([goals, starts, self._intermediates[tasks].T])
+        excluded = self.arrays.xp.concatenate([goals, starts, self._intermediates[tasks].T])
         if self.arrays.on_device:
             # One round with many candidates, because a check would wait for the device.
-            drawn = self._pick(keys, tasks, taken, 8 * self.most_drawn + 16)
+            distractors = self._pick(keys, tasks, excluded, 8 * self.most_drawn + 16)
         else:
-            drawn = self._drawn_in_rounds(keys, tasks, taken)
+            distractors = self._drawn_in_rounds(keys, tasks, excluded)
         if self._shortcuts is not None and self.world.config.attempts > 1:
-            self._avoid_shortcuts(keys, tasks, taken, drawn)
-        return drawn
+            self._avoid_shortcuts(keys, tasks, excluded, distractors)
+        return distractors
 
     def _drawn_in_rounds(
         self,
@@ -228,26 +228,26 @@ class Draws:
         taken: Array,
     ) -> Array:
         """Draw distractors with as few candidates as each table needs: (most_drawn, R)."""
-        wanted = self.world.config.num_distractors
-        needed = self._num_drawn[tasks]
+        num_distractors = self.world.config.num_distractors
+        counts = self._num_drawn[tasks]
         # Most tables take the first candidates; the rest are drawn with more care.
-        first = self._candidates(keys, wanted)
-        clash = self._clashes(first, taken) | (needed > wanted)
-        again = clash.nonzero()[0]
+        first = self._candidates(keys, num_distractors)
+        clash = self._clashes(first, taken) | (counts > num_distractors)
+        open_tables = clash.nonzero()[0]
         if self._shortcuts is not None:
-            again = np.arange(len(keys))
-        drawn = np.full((self.most_drawn, len(keys)), self.world.nothing, dtype=np.int32)
-        drawn[:wanted] = first
+            open_tables = np.arange(len(keys))
+        distractors = np.full((self.most_drawn, len(keys)), self.world.nothing, dtype=np.int32)
+        distractors[:num_distractors] = first
         amount = self.most_drawn + 4
-        while len(again):
-            chosen = self._pick(keys[again], tasks[again], taken[:, again], amount)
-            drawn[:, again] = chosen
+        while len(open_tables):
+            picks = self._pick(keys[open_tables], tasks[open_tables], taken[:, open_tables], amount)
+            distractors[:, open_tables] = picks
             amount *= 4
             if amount >= 2**11 * self.most_drawn:
                 break  # entities have run out: the last slots stay empty
-            num_chosen = (chosen != self.world.nothing).sum(0)
-            again = again[num_chosen < needed[again]]
-        return drawn
+            num_chosen = (picks != self.world.nothing).sum(0)
+            open_tables = open_tables[num_chosen < counts[open_tables]]
+        return distractors
 
     def _candidates(self, keys: Array, amount: int) -> Array:
         """Return entities drawn by weight, with replacement: shape (amount, R)."""
@@ -284,18 +284,18 @@ class Draws:
         """
         arrays = self.arrays
         candidates = self._candidates(keys, amount)
-        allowed = arrays.full(tuple(candidates.shape), 1, "bool")
+        is_allowed = arrays.full(tuple(candidates.shape), 1, "bool")
         for entity in taken:
-            allowed &= candidates != entity[None, :]
+            is_allowed &= candidates != entity[None, :]
         # A repeated candidate is skipped: if refused before, refused again.
         for i in range(1, amount):
             is_repeated = (candidates[:i] == candidates[i][None, :]).any(0)
-            allowed[i] &= ~is_repeated
+            is_allowed[i] &= ~is_repeated
         if self._shortcuts is not None:
-            self._refuse_shortcuts(self._shortcuts, candidates, allowed, tasks)
+            self._refuse_shortcuts(self._shortcuts, candidates, is_allowed, tasks)
         # Allowed candidates come first, in the order of their draw; then nothing.
-        order = arrays.xp.where(allowed, 0, _LAST_31_BITS)
-        ids = arrays.xp.where(allowed, candidates, self.world.nothing)
+        order = arrays.xp.where(is_allowed, 0, _LAST_31_BITS)
+        ids = arrays.xp.where(is_allowed, candidates, self.world.nothing)
         return self._in_order(order, ids)[:, : self.most_drawn].T
 
     def _refuse_shortcuts(
@@ -348,8 +348,8 @@ class Draws:
                 turn += 1
                 world.check_tries(turn, task)
                 key = mixed(keys[i : i + 1] + turn)
-                more = self._pick(key, tasks[i : i + 1], taken[:, i : i + 1], 256)
-                drawn[:, i] = more[:, 0]
+                candidates = self._pick(key, tasks[i : i + 1], taken[:, i : i + 1], 256)
+                drawn[:, i] = candidates[:, 0]
 
 
 def _without(ids: Array, nothing: int) -> list[int]:
@@ -426,7 +426,7 @@ class Ahead:
                 self._draw(rows[missing], episodes[missing])
                 index[missing] = 0
         # Rows of flat views: one look-up each instead of an index along two axes.
-        which = rows * self.size + index
-        tables = arrays.take_rows(self._tables.reshape(-1, self.draws.width), which)
-        tasks = arrays.take_rows(self._tasks.reshape(-1), which)
+        flat_rows = rows * self.size + index
+        tables = arrays.take_rows(self._tables.reshape(-1, self.draws.width), flat_rows)
+        tasks = arrays.take_rows(self._tasks.reshape(-1), flat_rows)
         return tables, arrays.cast(tasks, "int64")

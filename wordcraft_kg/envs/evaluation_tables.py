@@ -73,7 +73,7 @@ class EvaluationTables:
         world: graph, tasks and settings.
 
     Example:
-        >>> world = World("kitchen", WordCraftConfig(part="test", num_distractors=2))
+        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
         >>> tables = EvaluationTables(world)
         >>> len(tables.table(0)), tables.table(0) == tables.table(0, distractor_seed=1)
         (4, False)
@@ -100,8 +100,8 @@ class EvaluationTables:
         whole("distractor_seed", distractor_seed, 0, MAX_SIZE)
         # An evaluator plays every n-th task, each in an environment of its own, and the environment
         # seeds the distractors. A task outside the sample has separate tables.
-        place, rest = divmod(task, distance_of(amount, MOST_TASKS))
-        environment = task if rest else place
+        place, remainder = divmod(task, distance_of(amount, MOST_TASKS))
+        environment = task if remainder else place
         env_keys = self._draws.env_keys(EVALUATION_SEED, environment, 1)
         keys = self._draws.keys(env_keys, np.array([distractor_seed]))
         (table,) = self._draws.tables(keys, np.array([task]))

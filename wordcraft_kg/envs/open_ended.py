@@ -209,19 +209,19 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             raise EpisodeError(
                 "call reset() before step()." if is_new else "the episode is over; call reset()."
             )
-        one, other = self._checked_action(action)
+        first, second = self._checked_action(action)
         names = self.graph.entities
-        unknown = [entity for entity in (one, other) if entity not in self.discovery.known]
+        unknown = [entity for entity in (first, second) if entity not in self.discovery.known]
         if unknown and self.illegal_action == "raise":
-            raise ActionError(f"action {[one, other]}: '{names[unknown[0]]}' is not known yet.")
+            raise ActionError(f"action {[first, second]}: '{names[unknown[0]]}' is not known yet.")
         new: tuple[int, ...] = ()
         repeated = False
         if not unknown:
-            new, repeated = self.discovery.combine(one, other)
+            new, repeated = self.discovery.combine(first, second)
         # A repeated pair and an unknown entity use up an attempt, too.
         self._attempts_left -= 1
-        made = ", ".join(self.graph.labels(new)) or "nothing new"
-        self._last = f"{names[one]} + {names[other]} -> {made}"
+        results = ", ".join(self.graph.labels(new)) or "nothing new"
+        self._last = f"{names[first]} + {names[second]} -> {results}"
         # With nothing left to discover, further attempts would only add zeros to the return.
         if self.discovery.is_complete:
             self._outcome = "all_known"
@@ -233,8 +233,8 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
 
     def action_masks(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the mask of known entities, shape (E,), bool, for each of the two choices."""
-        known = self._mask(self.discovery.known).astype(bool)
-        return known, known.copy()
+        mask = self._mask(self.discovery.known).astype(bool)
+        return mask, mask.copy()
 
     def render(self) -> str | None:
         """Return the state in words; None without a ``render_mode``.
@@ -247,11 +247,11 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         return None if self.render_mode is None else self._words()
 
     def _words(self) -> str:
-        known = self.discovery.known
+        known_ids = self.discovery.known
         return (
-            f"known: {len(known)} of {self.discovery.reachable}   "
+            f"known: {len(known_ids)} of {self.discovery.reachable}   "
             f"attempts left: {self._attempts_left}   {self._last}\n"
-            f"{', '.join(self.graph.labels(known))}"
+            f"{', '.join(self.graph.labels(known_ids))}"
         )
 
     def _checked_action(self, action: Any) -> tuple[int, int]:
@@ -266,8 +266,8 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             or not 0 <= pair.min() <= pair.max() < size
         ):
             raise ActionError(f"action {action!r}: expected two entity ids, 0 to {size - 1}.")
-        one, other = pair.tolist()
-        return one, other
+        first, second = pair.tolist()
+        return first, second
 
     def _mask(self, entities: Iterable[int]) -> NDArray[np.int8]:
         # int8 and not bool, as Gymnasium's MultiBinary space demands.

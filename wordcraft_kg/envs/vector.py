@@ -156,10 +156,10 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             ConfigError: for a wrong number of seeds, another option, or a mask of another shape or
                 type.
         """
-        others = {*(options or {})} - {"reset_mask"}
-        if others:
+        unknown = {*(options or {})} - {"reset_mask"}
+        if unknown:
             raise ConfigError(
-                f"unknown reset option '{min(others)}': expected reset_mask; "
+                f"unknown reset option '{min(unknown)}': expected reset_mask; "
                 "set tasks with the engine's pose()."
             )
         seeds: list[int | None] | None = None
@@ -223,30 +223,30 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
                 f"environment {int(ended.argmax())} has ended; call reset() with a `reset_mask`."
             )
         if ended.all():
-            done = self._no_step()  # the engine refuses a step without a running episode
+            result = self._no_step()  # the engine refuses a step without a running episode
         else:
-            self._state, done = self.engine.step_once(before, actions)
-        shown = done
+            self._state, result = self.engine.step_once(before, actions)
+        shown = result
         last = self.state
-        has_final = self._mode is AutoresetMode.SAME_STEP and bool(done.over.any())
+        has_final = self._mode is AutoresetMode.SAME_STEP and bool(result.over.any())
         if has_final:
-            shown = self._running(done)
-            ended = done.over
+            shown = self._running(result)
+            ended = result.over
         if self._mode is not AutoresetMode.DISABLED:
             self._state = self.engine.begin_where(self.state, ended)
         # Where a new episode began, infos name its task.
-        task = self.state.task if ended.any() else done.task
+        task = self.state.task if ended.any() else result.task
         never = np.zeros(self.num_envs, dtype=bool)
-        reward = done.reward.astype(np.float64)
+        reward = result.reward.astype(np.float64)
         infos = self._infos(shown, task)
         if has_final:
-            masks = {"_final_obs": done.over.copy(), "_final_info": done.over.copy()}
+            masks = {"_final_obs": result.over.copy(), "_final_info": result.over.copy()}
             later = {
-                "final_obs": lambda: _final_obs(last, done.over),
-                "final_info": lambda: self._final_info(done),
+                "final_obs": lambda: _final_obs(last, result.over),
+                "final_info": lambda: self._final_info(result),
             }
             infos = _Infos(infos | masks, later)
-        return self._observations(), reward, done.over, never, infos
+        return self._observations(), reward, result.over, never, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (N, num_slots)."""

@@ -1,15 +1,14 @@
-"""The crafting environment, one episode at a time: the readable reference for the rules.
+"""The crafting environment for Gymnasium: the batched engine with one environment.
 
-``batch`` computes the same rules for many environments, and tests compare the two step for step: a
-change of a rule belongs into both. Read :class:`WordCraftEnv`'s docstring, then ``_attempt``.
+Read :class:`WordCraftEnv`'s docstring for the rules; ``batch`` computes them, and a slow reference
+in the tests checks it. This module draws the starts of episodes from Gymnasium's generator.
 """
 
 import operator
 from bisect import bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import whole
+from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids
@@ -52,8 +52,7 @@ def observation_space(
     )
 
 
-@dataclass
-class EnvState:
+class EnvState(NamedTuple):
     """The state of an episode, in ids.
 
     Attributes:
@@ -159,9 +158,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.observation_space = observation_space(
             self.world.nothing, self.num_slots, self.config.attempts
         )
-        # Plain lists, because single look-ups in arrays are slow.
-        self._outcomes = self.world.outcomes
+        self.engine = BatchEngine(self.world, 1, reward_dtype="float64")
         self._nothing = self.world.nothing
+        # Plain lists, because single look-ups in arrays are slow.
         # Half-products have no weight: counted as taken, they do not keep a draw waiting for them.
         self._never = np.flatnonzero(self.world.distractor_weights == 0).tolist()
         self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
@@ -177,8 +176,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             is_shortcut = self.world.shortcut_search.usable
             self._shortcuts.update(map(tuple, self.world.graph.recipes[is_shortcut].tolist()))
             self._makeable = self._unpadded(self.world.makeable)
-        self._last_pairs = self._pairs_by_task()
-        self.state = EnvState(-1, self._nothing, [], self._nothing, 0, "not_begun")
+        start = np.full((1, 1), self._nothing)
+        self._batch = self.engine.pose(np.zeros(1, dtype=np.int64), tables=start)
+        self._outcome = "not_begun"
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -209,14 +209,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         else:
             table = [*self._starts[task], *self._draw_distractors(task)]
             self._shuffle(table)
-        self.state = EnvState(
-            task,
-            self._goals[task],
-            table,
-            self._nothing,
-            self.config.attempts,
-            "in_progress",
-        )
+        self._batch = self.engine.posed(self._batch, np.array([task]), np.array([table]))
+        self._outcome = "in_progress"
         return self._seen(), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, Info]:
@@ -230,43 +224,25 @@ class WordCraftEnv(gym.Env[Observation, Any]):
                 ``illegal_action`` is ``raise``.
             EpisodeError: before :meth:`reset`, or after the end of the episode.
         """
-        state = self.state
-        if state.outcome != "in_progress":
-            is_new = state.outcome == "not_begun"
+        if self._outcome != "in_progress":
+            is_new = self._outcome == "not_begun"
             raise EpisodeError(
                 "call reset() before step()." if is_new else "the episode is over; call reset()."
             )
         slot = self._checked_action(action)
-        reward = 0.0
-        by_plan = False
-        illegal = slot >= len(state.table)
-        if illegal and self.config.illegal_action == "raise":
-            raise ActionError(
-                f"action {slot}: the slot is empty; "
-                f"slots 0 to {len(state.table) - 1} hold entities."
-            )
-        if not illegal and state.selection == self._nothing:
-            state.selection = state.table[slot]
-        else:
-            # The second action, or an empty slot at any time, ends the attempt.
-            if not illegal:
-                reward, by_plan = self._attempt(state.selection, state.table[slot])
-            state.selection = self._nothing
-            state.attempts_left -= 1
-        if state.outcome == "in_progress" and state.attempts_left == 0:
-            state.outcome = "out_of_attempts"
-        over = state.outcome != "in_progress"
+        self._batch, result = self.engine.step_env(self._batch, np.array([slot]))
+        self._outcome = OUTCOMES[result.outcome[0]]
         return (
             self._seen(),
-            reward,
-            over,
+            float(result.reward[0]),
+            self._outcome != "in_progress",
             False,
-            self._info(illegal=illegal, by_plan=by_plan),
+            self._info(illegal=bool(result.illegal[0]), by_plan=bool(result.by_plan[0])),
         )
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (num_slots,)."""
-        return np.arange(self.num_slots) < len(self.state.table)
+        return np.asarray(self._batch.action_masks()[0])
 
     def render(self) -> str | None:
         """Return the state in words; None without a ``render_mode``.
@@ -274,37 +250,29 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         Raises:
             EpisodeError: before :meth:`reset`.
         """
-        if self.state.outcome == "not_begun" and self.render_mode is not None:
+        if self._outcome == "not_begun" and self.render_mode is not None:
             raise EpisodeError("call reset() before render().")
         return None if self.render_mode is None else self._words()
+
+    @property
+    def state(self) -> EnvState:
+        """The state of the episode."""
+        batch = self._batch
+        if self._outcome == "not_begun":
+            return EnvState(-1, self._nothing, [], self._nothing, 0, self._outcome)
+        return EnvState(
+            int(batch.task[0]),
+            int(batch.goal[0]),
+            batch.wide[0, : batch.count[0]].tolist(),
+            int(batch.selection[0]),
+            int(batch.attempts_left[0]),
+            self._outcome,
+        )
 
     @property
     def task(self) -> CraftingTask:
         """The task of the current episode."""
         return self.tasks[self.state.task]
-
-    # --- rules ------------------------------------------------------------------------------------
-
-    def _attempt(self, one: int, other: int) -> tuple[float, bool]:
-        """Combine two entities; return the reward, and whether a plan's last pair made the goal."""
-        rewards = self.config.rewards
-        state = self.state
-        pair = (one, other) if one <= other else (other, one)
-        results = self._outcomes.get(pair, ())
-        # Each entity is on the table once, however often it is made.
-        fresh = [result for result in results if result not in state.table]
-        state.table += fresh
-        if not results:
-            return 0.0 - rewards.wrong_pair_penalty, False  # never -0.0
-        intermediates = self._intermediates[state.task]
-        # Rewarded when first made, but never irrelevant.
-        reward = rewards.intermediate_reward * sum(result in intermediates for result in fresh)
-        if state.goal in results:
-            state.outcome = "goal"
-            return reward + 1.0, pair in self._last_pairs[state.task]
-        if not any(result in intermediates for result in results):
-            reward -= rewards.irrelevant_penalty
-        return reward, False
 
     def _checked_action(self, action: Any) -> int:
         try:
@@ -317,15 +285,18 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             raise ActionError(
                 f"action {slot}: expected 0 to {self.num_slots - 1}, a slot of the table."
             )
+        if self.config.illegal_action == "raise" and slot >= self._batch.count[0]:
+            last = self._batch.count[0] - 1
+            raise ActionError(f"action {slot}: the slot is empty; slots 0 to {last} hold entities.")
         return slot
 
     def _checked_table(self, table: Iterable[Entity]) -> list[int]:
         ids = [self.world.graph.id_of(entity) for entity in table]
         # All results of all attempts must fit behind the given entities.
-        most = self.num_slots - self.world.max_results * self.config.attempts
-        if not 1 <= len(ids) <= most:
+        max_size = self.num_slots - self.world.max_results * self.config.attempts
+        if not 1 <= len(ids) <= max_size:
             raise ConfigError(
-                f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for "
+                f"`table` of {len(ids)} entities: expected 1 to {max_size}, which leaves room for "
                 "results."
             )
         # Twice the same entity would have two slots with one meaning.
@@ -350,44 +321,46 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _shuffle(self, items: list[int]) -> None:
         """Shuffle in place (Fisher and Yates)."""
         for last in range(len(items) - 1, 0, -1):
-            other = int(self._random() * (last + 1))
-            items[last], items[other] = items[other], items[last]
+            place = int(self._random() * (last + 1))
+            items[last], items[place] = items[place], items[last]
 
     def _draw_distractors(self, task: int) -> list[int]:
         """Draw distractors, again and again while they open a longer shortcut to the goal."""
-        drawn = self._draw_once(task)
+        distractors = self._draw_once(task)
         if self.config.distractor_policy != "any" and self.config.attempts > 1:
             tries = 0
-            while self.world.has_shortcut(task, drawn):
+            while self.world.has_shortcut(task, distractors):
                 tries += 1
                 self.world.check_tries(tries, task)
-                drawn = self._draw_once(task)
-        return drawn
+                distractors = self._draw_once(task)
+        return distractors
 
     def _draw_once(self, task: int) -> list[int]:
         """Draw distractors by weight, skipping those that are not allowed on this table."""
         goal = self._goals[task]
         start = self._starts[task]
-        taken = {goal, self._nothing, *start, *self._intermediates[task], *self._never}
-        near = {*start, *self._makeable[task]}  # on the table, or to be made
-        drawn: list[int] = []
+        excluded = {goal, self._nothing, *start, *self._intermediates[task], *self._never}
+        # On the table, or to be made; only a distractor policy reads it.
+        near = {*start, *self._makeable[task]} if self._shortcuts else set()
+        distractors: list[int] = []
         total = self._weight_ends[-1]
         # With all entities and the id of nothing taken, entities have run out.
-        wanted = self._num_drawn[task]
-        while len(drawn) < wanted and len(taken) <= self._nothing:
+        count = self._num_drawn[task]
+        while len(distractors) < count and len(excluded) <= self._nothing:
             entity = bisect_right(self._weight_ends, int(self._random() * total))
-            if entity in taken:
+            if entity in excluded:
                 continue
-            taken.add(entity)
-            if self._shortcuts and self._is_shortcut(entity, near, goal):
-                continue
-            near.add(entity)
-            drawn.append(entity)
-        return drawn
+            excluded.add(entity)
+            if self._shortcuts:
+                if self._is_shortcut(entity, near, goal):
+                    continue
+                near.add(entity)
+            distractors.append(entity)
+        return distractors
 
     def _is_shortcut(self, entity: int, near: set[int], goal: int) -> bool:
         """Return whether a distractor makes the goal with itself or an entity near it."""
-        pairs = [(min(entity, other), max(entity, other)) for other in (*near, entity)]
+        pairs = [(min(entity, partner), max(entity, partner)) for partner in (*near, entity)]
         return any((*pair, goal) in self._shortcuts for pair in pairs)
 
     def _unpadded(self, ids: Ids) -> list[list[int]]:
@@ -396,17 +369,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     def _without_nothing(self, row: list[int]) -> list[int]:
         return [entity for entity in row if entity != self._nothing]
-
-    def _pairs_by_task(self) -> list[set[tuple[int, int]]]:
-        """Return the last pairs of each task's plans; their numbers are padded with -1."""
-        graph = self.world.graph
-        # Recipes are sorted by pair, so the first recipe of each pair gives the pair.
-        first_recipes = graph.recipes[graph.pair_starts[:-1]]
-        pairs = [(a, b) for a, b, _ in first_recipes.tolist()]
-        by_task = []
-        for numbers in self.tasks.final_pairs.tolist():
-            by_task.append({pairs[number] for number in numbers if number >= 0})
-        return by_task
 
     # --- observations -----------------------------------------------------------------------------
 
@@ -421,26 +383,21 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         )
 
     def _seen(self) -> Observation:
-        state = self.state
-        count = len(state.table)
-        table = np.full(self.num_slots, self._nothing)
-        table[:count] = state.table
-        mask = np.zeros(self.num_slots, dtype=np.int8)
-        mask[:count] = 1
+        batch = self._batch
+        table = batch.table[0].copy()
         return {
-            "goal": np.int64(state.goal),
+            "goal": batch.goal[0],
             "table": table,
-            "selection": np.int64(state.selection),
-            "attempts_left": np.int64(state.attempts_left),
-            "action_mask": mask,
+            "selection": batch.selection[0],
+            "attempts_left": batch.attempts_left[0],
+            "action_mask": (table != self._nothing).astype(np.int8),
         }
 
     def _info(self, *, illegal: bool, by_plan: bool) -> Info:
-        state = self.state
-        facts = {
-            "outcome": state.outcome,
+        return {
+            "outcome": self._outcome,
             "by_plan": by_plan,
             "illegal_action": illegal,
-            "task": state.task,
+            "task": int(self._batch.task[0]),
+            "goal": self.world.graph.entities[self._batch.goal[0]],
         }
-        return facts | {"goal": self.world.graph.entities[state.goal]}

@@ -1,6 +1,6 @@
 """The world behind an environment: tasks, outcomes of pairs, distractors and sizes.
 
-The readable environment and the batched engine share it, so that both play the same game.
+Environments, engines and evaluations share it, so that all play the same game.
 """
 
 from collections.abc import Callable, Hashable, Mapping
@@ -87,6 +87,7 @@ class World:
     tables.
 
     Attributes:
+        opened: the graph and the split, with the source.
         graph: the recipe graph; :attr:`usable` recipes make something.
         split: train, valid and test recipes.
         config: the settings.
@@ -99,37 +100,36 @@ class World:
         num_slots: table size, fixed: ``num_given``, and room for all results of all attempts.
 
     Example:
-        >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
+        >>> world = World.open("kitchen", WordCraftConfig(num_distractors=8))
         >>> world.variant(part="test").graph is world.graph
         True
     """
 
     def __init__(
         self,
-        graph: "GraphLike | World",
+        opened: OpenedGraph,
         config: WordCraftConfig,
         tasks: TaskSet | None = None,
+        *,
+        derived: dict[Hashable, Any] | None = None,
     ):
-        """Open the graph and make the tasks.
+        """Make the tasks.
 
         Args:
-            graph: the graph, or another world, with which this world shares what their settings do
-                not change.
+            opened: the graph and its split; :meth:`open` takes names and files.
             config: the settings.
             tasks: tasks instead of those that the settings describe; None to make these.
+            derived: what a world with other settings shares, see :meth:`variant`; None for nothing.
 
         Raises:
             ConfigError: if the graph has too few entities for so many distractors, or no split for
                 a policy that needs one.
             TaskError: if there is no task.
-            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
-                cannot be read.
-            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
-        opened = graph if isinstance(graph, World) else open_world_graph(graph)
+        self.opened = opened
         self.graph: RecipeGraph = opened.graph
         self.split: Split = opened.split
-        self._derived: dict[Hashable, Any] = graph._derived if isinstance(graph, World) else {}
+        self._derived: dict[Hashable, Any] = {} if derived is None else derived
         self.config = config
         # Given tasks take the place in which made tasks would be kept.
         if tasks is not None:
@@ -156,6 +156,26 @@ class World:
             )
 
     @classmethod
+    def open(cls, graph: "GraphLike | World", config: WordCraftConfig) -> "World":
+        """Open a graph and make the tasks.
+
+        Args:
+            graph: the graph, or another world, with which this world shares what their settings do
+                not change.
+            config: the settings.
+
+        Raises:
+            ConfigError: as the constructor, or for a value that is no graph.
+            TaskError: if there is no task.
+            RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book
+                cannot be read.
+            ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
+        """
+        if isinstance(graph, World):
+            return cls(graph.opened, config, derived=graph._derived)
+        return cls(open_world_graph(graph), config)
+
+    @classmethod
     def of(cls, graph: "GraphLike | World", settings: Mapping[str, Any]) -> "World":
         """Return the world that an environment's arguments describe: a given world, or a new one.
 
@@ -168,11 +188,11 @@ class World:
             ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
         """
         if not isinstance(graph, World):
-            return cls(graph, WordCraftConfig.of(settings))
+            return cls.open(graph, WordCraftConfig.of(settings))
         if settings:
-            given = ", ".join(f"{name}={value!r}" for name, value in settings.items())
+            arguments = ", ".join(f"{name}={value!r}" for name, value in settings.items())
             raise ConfigError(
-                f"a world has its own settings; pass world.variant({given}) and no settings."
+                f"a world has its own settings; pass world.variant({arguments}) and no settings."
             )
         return graph
 
@@ -183,7 +203,7 @@ class World:
             ConfigError: for an unknown setting, or as the constructor.
             TaskError: if there is no task.
         """
-        return World(self, self.config.variant(**changes))
+        return World.open(self, self.config.variant(**changes))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "World":
         # Gymnasium copies the arguments of an environment whenever its spec is read; immutable, a
@@ -243,10 +263,10 @@ class World:
     def _num_free(self) -> Ids:
         """Number of entities that may be distractors, by task, shape (N,)."""
         # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
-        needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
+        plan_ids = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
         # Half-products of chains are none either, whether a plan needs them or not.
         is_thing = np.append(~self.graph.is_half_product, False)
-        num_needed = 1 + is_thing[needed].sum(axis=1)
+        num_needed = 1 + is_thing[plan_ids].sum(axis=1)
         return frozen(is_thing.sum() - num_needed)
 
     @_derived_from(*_TASKS)
@@ -291,16 +311,16 @@ class World:
     def _makeable(self, start: list[int]) -> list[int]:
         """Return what can be made from padded ids in all attempts but the last, ascending."""
         at_hand = self._without_nothing(start)
-        made: set[int] = set()
+        products: set[int] = set()
         for _ in range(self.config.attempts - 1):
-            more: set[int] = set()
-            for pair in combinations_with_replacement(sorted(at_hand | made), 2):
-                more.update(self.outcomes.get(pair, ()))
-            more -= at_hand | made
-            if not more:
+            results: set[int] = set()
+            for pair in combinations_with_replacement(sorted(at_hand | products), 2):
+                results.update(self.outcomes.get(pair, ()))
+            results -= at_hand | products
+            if not results:
                 break
-            made |= more
-        return sorted(made)
+            products |= results
+        return sorted(products)
 
     def _without_nothing(self, ids: list[int]) -> set[int]:
         """Return the ids of entities among padded ids."""

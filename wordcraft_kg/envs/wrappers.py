@@ -170,8 +170,8 @@ class TaskObservation(_Ids):
 
 def _id_spaces(env: Env) -> dict[str, spaces.Space[Any]]:
     """Return an environment's spaces by key; ConfigError unless it still observes ids."""
-    known = env.observation_space
-    keys = known.spaces if isinstance(known, spaces.Dict) else {}
+    space = env.observation_space
+    keys = space.spaces if isinstance(space, spaces.Dict) else {}
     if not isinstance(keys.get("table"), spaces.MultiDiscrete):
         raise ConfigError(
             "this wrapper needs ids; apply this wrapper before a wrapper that replaces ids."

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from wordcraft_kg.models.recipes.inductive import LabelledScorer
-    from wordcraft_kg.models.scorers.scorer import Scorer
 
 SHOWN_BOTTLENECKS = 5
 """Most bottlenecks of a world in results."""
@@ -40,45 +39,31 @@ ORACLES = ("greedy", "empowerment")
 """Players that know the world; the better one is the measure of all others."""
 
 
-class Guides(NamedTuple):
-    """A model folder's scorers, which guide players in open-ended play.
+class Guide(NamedTuple):
+    """A recipe scorer that guides ``recipe-learner``.
 
     Attributes:
-        name: name of the folder.
-        links: scorer of the graph's triples; None if the folder's scorer belongs to another graph.
-        recipes: scorer of recipes for the graph's labels; None if the folder scores triples only.
-        knows_recipes: whether the scorer has seen recipes of the explored graph in training.
-        shared: number of recipes of the explored graph that a recipe scorer was trained on.
-        contradicted: number of pairs of the graph for which a recipe scorer was trained on other
-            results only.
+        name: name of the model folder.
+        recipes: the scorer, for the graph's labels.
+        shared: number of recipes of the explored graph that the scorer was trained on.
+        contradicted: number of pairs of the graph for which the scorer was trained on other results
+            only.
     """
 
     name: str
-    links: "Scorer | None"
-    recipes: "LabelledScorer | None"
-    knows_recipes: bool
+    recipes: "LabelledScorer"
     shared: int = 0
     contradicted: int = 0
 
-    @property
-    def players(self) -> tuple[str, ...]:
-        """Names of the players that this knowledge guides."""
-        names = []
-        if self.links is not None:
-            names.append("empowerment-scorer")
-        if self.recipes is not None:
-            names.append("recipe-learner")
-        return tuple(names)
 
-
-def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
-    """Load a model folder for players on a graph.
+def open_guide(folder: str | Path, graph: RecipeGraph) -> Guide:
+    """Load a model folder of ``train-recipes`` for players on a graph.
 
     A recipe scorer compares words, so it also guides on graphs that it was not trained on.
 
     Raises:
         ArtefactError: if the folder is unfinished or damaged, or the word vectors have changed.
-        GraphMismatchError: if a scorer of triples belongs to another graph.
+        ConfigError: if the model scores triples, not recipes.
         UnknownEntityError: if the graph has labels that a recipe scorer lacks, and the model uses
             no words.
     """
@@ -86,27 +71,22 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     from wordcraft_kg.models.recipes.inductive import for_labels
     from wordcraft_kg.models.scorers.cross_fitting import whole_of
     from wordcraft_kg.models.scorers.folder import load_scorer
-    from wordcraft_kg.models.scorers.protocol import check_scorer
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
     scorer = load_scorer(folder)
-    # Scores of triples are bound to the ids of one graph; recipe scores compare words.
     if not isinstance(whole_of(scorer), RecipeScorer):
-        check_scorer(scorer, graph)
-        return Guides(Path(folder).name, scorer, None, knows_recipes=True)
-    links = scorer if scorer.graph_hash == graph.hash else None
+        raise ConfigError(f"`scorer` {folder}: expected a model from train-recipes.")
     recipes = for_labels(folder, scorer, graph.entities)
-    own = recipes.rows[graph.recipes]
+    world_recipes = recipes.rows[graph.recipes]
     # Ingredients in the order of ids of the scorer, as its own recipes have them.
-    own[:, :2].sort(axis=1)
-    trained = recipes.scorer.recipes.numpy()
-    is_shared = is_in(own, trained, len(recipes.scorer.entities))
-    known_pairs = {(a, b) for a, b, _ in trained.tolist()}
-    pairs = [(a, b) for a, b, _ in own.tolist()]
+    world_recipes[:, :2].sort(axis=1)
+    train_recipes = recipes.scorer.recipes.numpy()
+    is_shared = is_in(world_recipes, train_recipes, len(recipes.scorer.entities))
+    train_pairs = {(a, b) for a, b, _ in train_recipes.tolist()}
+    pairs = [(a, b) for a, b, _ in world_recipes.tolist()]
     agreeing = {pair for pair, shared in zip(pairs, is_shared.tolist(), strict=True) if shared}
-    contradicted = known_pairs.intersection(pairs) - agreeing
-    shared = int(is_shared.sum())
-    return Guides(Path(folder).name, links, recipes, shared > 0, shared, len(contradicted))
+    contradicted = train_pairs.intersection(pairs) - agreeing
+    return Guide(Path(folder).name, recipes, int(is_shared.sum()), len(contradicted))
 
 
 class KnownEntities(Record):
@@ -245,7 +225,7 @@ def view_discovery(
     runs: int = 100,
     seed: int = 0,
     base: Sequence[str] | None = None,
-    scorer: Guides | None = None,
+    scorer: Guide | None = None,
     book: RecipeGraph | None = None,
 ) -> tuple[DiscoveryView, Plays]:
     """Let players craft without a goal.
@@ -257,7 +237,7 @@ def view_discovery(
         runs: number of runs of each player.
         seed: root seed of all random choices.
         base: labels known at the start; None for the graph's base.
-        scorer: scorers that guide players; None if no player needs any.
+        scorer: guide of ``recipe-learner``; None without this player.
         book: recipes that guide ``book-votes``; None without this player.
 
     Returns:
@@ -266,17 +246,15 @@ def view_discovery(
     Raises:
         ConfigError: if a player is unknown or lacks its scorer, a number is out of range, or the
             base makes nothing.
-        GraphMismatchError: if the scorer of triples belongs to another graph.
     """
     # Checks the base before any player is prepared.
     start = Discovery(graph, base)
     learner = None
-    if scorer is not None and scorer.recipes is not None:
+    if scorer is not None:
         from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 
         learner = RecipeDiscoverer(scorer.recipes)
-    links = None if scorer is None else scorer.links
-    discoverers = make_discoverers(players, graph, links, learner, book)
+    discoverers = make_discoverers(players, graph, learner, book)
     plays = play_runs(graph, discoverers, attempts, runs, seed, start.base)
     table = summarise_curves(plays.frame())
     statistics = main_statistics(graph, start.base)
@@ -299,7 +277,7 @@ def view_discovery(
         people={str(attempt): known for attempt, known in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
         references=_references(graph, graph.labels(start.base), players),
-        knows_recipes=scorer is not None and scorer.knows_recipes,
+        knows_recipes=scorer is not None and scorer.shared > 0,
         shared_recipes=0 if scorer is None else scorer.shared,
         contradicted=0 if scorer is None else scorer.contradicted,
         book=None if book is None else book.name,
@@ -341,7 +319,7 @@ def passages(
 
 def explain_run(
     graph: RecipeGraph,
-    guides: Guides,
+    guide: Guide,
     attempts: int = 100,
     seed: int = 0,
     base: Sequence[int] | None = None,
@@ -350,20 +328,18 @@ def explain_run(
 
     Args:
         graph: the graph to explore.
-        guides: scorers, with one of recipes.
+        guide: the recipe scorer.
         attempts: most attempts.
         seed: root seed, as for the run to be repeated.
         base: ids known at the start; None for the graph's base.
 
     Raises:
-        ConfigError: if no scorer of recipes is there, or nothing can be made from the base.
+        ConfigError: if nothing can be made from the base.
     """
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 
-    if guides.recipes is None:
-        raise ConfigError(f"`scorer` {guides.name}: expected a model from train-recipes.")
-    player = RecipeDiscoverer(guides.recipes)
-    scorer = guides.recipes.scorer
+    player = RecipeDiscoverer(guide.recipes)
+    scorer = guide.recipes.scorer
     game = Discovery(graph, base)
     player.begin(game.base, np.random.default_rng([seed, 0]))
     tried = []
@@ -378,7 +354,7 @@ def explain_run(
         if thought.expected >= 0:
             expected = scorer.entities[thought.expected]
             # The scorer's labels: its own spelling, where the graph has another.
-            rows = guides.recipes.rows[list(pair)].tolist()
+            rows = guide.recipes.rows[list(pair)].tolist()
             names = [scorer.entities[row] for row in rows]
             witnesses = scorer.supporting_recipes(names[0], names[1], expected, _EVIDENCE)
             evidence = tuple(

@@ -1,6 +1,7 @@
 """Success of an agent or of scripted players on all tasks of a split part; explained episodes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
-from wordcraft_kg.agents.evaluation import Evaluator, player_of
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, player_of
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.agents.players import (
@@ -22,11 +23,14 @@ from wordcraft_kg.agents.players import (
     play_all,
     scorer_alone,
     scorer_players,
+    success_rows,
 )
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
-from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, sampled_tasks
+from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, default_seeds, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
@@ -42,6 +46,29 @@ from wordcraft_kg.models.policies.sources import with_letters
 
 if TYPE_CHECKING:
     from wordcraft_kg.models.model import Model
+
+
+@dataclass(frozen=True)
+class ExternalPlayer:
+    """A player outside of this process, such as a program that plays by text.
+
+    Attributes:
+        name: ``KIND:ARGUMENT``, such as ``program:python my_player.py``.
+        out: folder for its games; None for a folder named after the player.
+        timeout: seconds for an answer.
+    """
+
+    name: str
+    out: Path | None
+    timeout: float
+
+
+PlayGames = Callable[[ExternalPlayer, Sequence[World], int, int], tuple[str, list[Evaluation]]]
+"""Plays games: ``(player, worlds, tables for each task, most tasks)``; returns the player's name in
+tables and its results in each world.
+"""
+EXTERNAL: Registry[PlayGames] = Registry("wordcraft_kg.external_players")
+"""How players outside of this process play, by kind; apps add kinds."""
 
 
 class AgentEvaluation(Record):
@@ -269,7 +296,7 @@ class Baselines(Record):
         return advice_on_words(row.player for row in self.rows)
 
 
-def view_baselines(
+def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
     opened: OpenedGraph,
     graph: str,
     config: WordCraftConfig,
@@ -278,6 +305,7 @@ def view_baselines(
     distractor_seeds: int | None = None,
     seed: int = 0,
     limit: int = MOST_TASKS,
+    external: ExternalPlayer | None = None,
 ) -> Baselines:
     """Evaluate scripted players and, if a model is given, players that follow the model's scores.
 
@@ -291,14 +319,16 @@ def view_baselines(
             :func:`~wordcraft_kg.agents.players.play_all`.
         seed: seed of distractors and of the players' choices.
         limit: most tasks; of more, evenly spaced ones are played.
+        external: a player outside of this process, on the same tables; None without one.
 
     Returns:
         A row for each player and distractor count.
 
     Raises:
         TaskError: if there is no task for these settings.
-        ConfigError: if the graph has too few entities for so many distractors, or the model needs
-            score tables that would be too large.
+        ConfigError: if the graph has too few entities for so many distractors, the model needs
+            score tables that would be too large, or the external player is of an unknown kind.
+        PlayerError: if the external player does not start, ends early or does not answer in time.
         GraphMismatchError: if the model belongs to another graph.
         LeakError: if a cross-fitted model has seen all recipes of a task's plan.
     """
@@ -319,14 +349,14 @@ def view_baselines(
         oracle = players.pop("recipe oracle")
         players |= {f"{name}, {kind}": player for kind, player in named.items()}
         players["recipe oracle"] = oracle
+    tables = default_seeds(len(world.tasks)) if distractor_seeds is None else distractor_seeds
+    # The external player first: it may fail, and its games are kept.
+    external_rows: tuple[PlayerSuccess, ...] = ()
+    if external is not None:
+        worlds = [world.variant(num_distractors=amount) for amount in distractors]
+        external_rows = _external_rows(external, worlds, tables, limit)
     rows = play_all(
-        world,
-        players,
-        distractors,
-        distractor_seeds=distractor_seeds,
-        seed=seed,
-        groups=groups,
-        limit=limit,
+        world, players, distractors, distractor_seeds=tables, seed=seed, groups=groups, limit=limit
     )
     played = sampled_tasks(world, limit)
     return Baselines(
@@ -335,9 +365,27 @@ def view_baselines(
         depth=config.depth,
         distractor_policy=config.distractor_policy,
         tasks=len(played),
-        distractor_seeds=rows[0].episodes // len(played),
+        distractor_seeds=tables,
         seed=seed,
         intervals=f"95 %, bootstrap over {opened.split.unit}",
-        rows=tuple(row for row in rows if not row.goals or row.player in grouped),
+        rows=(
+            *(row for row in rows if not row.goals or row.player in grouped),
+            *external_rows,
+        ),
         shares={group: float(mask[played].mean()) for group, mask in groups.items()},
     )
+
+
+def _external_rows(
+    player: ExternalPlayer, worlds: Sequence[World], tables: int, limit: int
+) -> tuple[PlayerSuccess, ...]:
+    kind, _, argument = player.name.partition(":")
+    if kind not in EXTERNAL or not argument:
+        kinds = ", ".join(f"{name}:COMMAND" for name in EXTERNAL) or "none here"
+        raise ConfigError(f"`player` '{player.name[:100]}': expected {kinds}.")
+    name, results = EXTERNAL[kind](player, worlds, tables, limit)
+    rows: list[PlayerSuccess] = []
+    for world, result in zip(worlds, results, strict=True):
+        amount = world.config.num_distractors
+        rows += success_rows(name, amount, result.success, result.by_plan, result.groups, {})
+    return tuple(rows)

@@ -177,8 +177,8 @@ class PlanSearch:
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
         for number, rows in self._searches(attempts_left, slots):
             past = None if tried is None else tried[rows]
-            of_results, _ = self._values(goal[rows], table[rows], model[rows], number, past)
-            values[rows] = of_results.amax(1)
+            result_values, _ = self._values(goal[rows], table[rows], model[rows], number, past)
+            values[rows] = result_values.amax(1)
         is_empty = table == self.knowledge.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         # The lower bound first: it would lift the -inf of empty slots.
@@ -226,22 +226,25 @@ class PlanSearch:
         """Return :meth:`features` of states with equally many attempts left, ``number``."""
         slots = table.shape[1]
         itself = torch.eye(slots, device=table.device).expand(len(table), -1, -1)
-        named = {"itself": itself}
+        features = {"itself": itself}
         if number == 1:
             to_goal = self._log_probabilities(goal, table, model, tried)
-            again = _uses_again(tried, to_goal)
-            named |= {
-                "value": _bounded(to_goal + again * self.reused),
+            is_reused = _uses_again(tried, to_goal)
+            features |= {
+                "value": _bounded(to_goal + is_reused * self.reused),
                 "first_known": (to_goal > _CERTAIN).float(),
-                "reused": again,
+                "reused": is_reused,
             }
         else:
             plans = self._plans(goal, table, model, number, tried)
             value = self._values_of(plans, slots, number, tried).amax(1)
             after = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
-            named |= {"value": _bounded(value), **_features_of_plans(plans, after, slots, number)}
-        none = torch.zeros_like(itself)
-        return torch.stack([named.get(name, none) for name in FEATURES], dim=-1)
+            features |= {
+                "value": _bounded(value),
+                **_features_of_plans(plans, after, slots, number),
+            }
+        zeros = torch.zeros_like(itself)
+        return torch.stack([features.get(name, zeros) for name in FEATURES], dim=-1)
 
     @torch.no_grad()
     def plan(
@@ -276,27 +279,27 @@ class PlanSearch:
         has_form = attempts_left == 2 and not tried.any()
         tried = tried.clone()
         table = list(table)
-        one, other = pair
+        first, second = pair
         device = self.device
         goals = torch.tensor([goal], device=device)
         models = torch.tensor([model], device=device)
-        for left in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):
+        for remaining in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):
             tables = torch.tensor([table], device=device)
-            values, results = self._values(goals, tables, models, left, tried)
+            values, results = self._values(goals, tables, models, remaining, tried)
             if steps:
                 if has_form:
                     # As in the look-ahead: the second attempt uses what the first one makes.
                     values[:, :, :-1, :-1] += self.at_once
                 # Only the first pair is given; the plan goes on with the best pair of all.
                 best_pair = int(values[0].amax(0).argmax())
-                one, other = divmod(best_pair, len(table))
-            value, best = values[0, :, one, other].max(0)
+                first, second = divmod(best_pair, len(table))
+            value, best = values[0, :, first, second].max(0)
             if value == -torch.inf:
                 break
             result = results[:, best]
             is_goal = int(result) == goal
-            first_slot = torch.tensor([one], device=device)
-            second_slot = torch.tensor([other], device=device)
+            first_slot = torch.tensor([first], device=device)
+            second_slot = torch.tensor([second], device=device)
             # With the prior that the search gave this step, so that the steps' probabilities
             # multiply to that of the plan.
             chance = self.curve.log_probabilities(
@@ -308,12 +311,12 @@ class PlanSearch:
                 prior=0.0 if is_goal else INTERMEDIATE,
             )
             probability = float(chance.exp())
-            steps.append((table[one], table[other], int(result), probability))
+            steps.append((table[first], table[second], int(result), probability))
             if is_goal:
                 break
             table.append(int(result))
-            if max(one, other) < slots:
-                tried[0, one, other] = tried[0, other, one] = True
+            if max(first, second) < slots:
+                tried[0, first, second] = tried[0, second, first] = True
         return steps
 
     def _searches(self, attempts_left: Tensor, slots: int) -> Iterator[tuple[int, Tensor]]:
@@ -355,11 +358,11 @@ class PlanSearch:
         # Recipes of a state: the goal and each candidate as results of pairs, as in `_values`.
         for_goal = _num_pairs(wide, slots if number == 2 else wide)
         for_candidate = _num_pairs(sources, slots if number == 3 else sources)
-        one = for_goal + width * for_candidate
+        bytes_per_row = for_goal + width * for_candidate
         # Four bytes for each sequence of candidates, see `_after`.
-        needed = _BYTES * one + 4 * width ** max(number - 1, 0)
-        check_memory("plan_width", width, "candidate plans", needed)
-        yield from rows.split(max(1, SCORES // one))
+        num_bytes = _BYTES * bytes_per_row + 4 * width ** max(number - 1, 0)
+        check_memory("plan_width", width, "candidate plans", num_bytes)
+        yield from rows.split(max(1, SCORES // bytes_per_row))
 
     def _width(self, number: int) -> int:
         """Return the number of candidates with ``number`` attempts left; none for the last."""
@@ -391,8 +394,8 @@ class PlanSearch:
         slots = table.shape[1]
         if number == 1:
             to_goal = self._log_probabilities(goal, table, model, tried)
-            again = _uses_again(tried, to_goal) * self.reused
-            return (to_goal + again)[:, None], goal[:, None]
+            reuse_bonus = _uses_again(tried, to_goal) * self.reused
+            return (to_goal + reuse_bonus)[:, None], goal[:, None]
         plans = self._plans(goal, table, model, number, tried)
         results = torch.cat([goal[:, None], plans.candidates], dim=1)
         return self._values_of(plans, slots, number, tried), results
@@ -415,8 +418,8 @@ class PlanSearch:
             at_once = at_once + self.at_once * is_first[:, None, None, None]
             after = self._second_attempt(plans.to_goal, slots, is_first[:, None])
         else:
-            of_candidates = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
-            after = of_candidates[:, :, None, None]
+            candidate_values = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
+            after = candidate_values[:, :, None, None]
         return torch.cat([at_once, first + after - FURTHER], dim=1)
 
     def _second_attempt(self, to_goal: Tensor, slots: int, is_first: Tensor) -> Tensor:
@@ -436,8 +439,8 @@ class PlanSearch:
         last = to_goal[:, slots:]
         with_itself = last[:, :, slots:].diagonal(dim1=1, dim2=2)
         with_table = last[:, :, :slots]
-        again = with_table.amax(2) + self.reused * is_first
-        of_candidates = torch.maximum(torch.maximum(with_itself, again), on_table)
+        reuse_values = with_table.amax(2) + self.reused * is_first
+        candidate_values = torch.maximum(torch.maximum(with_itself, reuse_values), on_table)
         # The best partner that is not of the pair is one of the three best.
         values, places = with_table.topk(min(3, slots), dim=2)
         slot = torch.arange(slots, device=to_goal.device)
@@ -446,7 +449,7 @@ class PlanSearch:
             is_partner = places[:, :, rank, None] == slot
             is_of_pair = is_partner[..., :, None] | is_partner[..., None, :]
             best = torch.where(is_of_pair, best, values[:, :, rank, None, None])
-        return torch.maximum(best, of_candidates[:, :, None, None])
+        return torch.maximum(best, candidate_values[:, :, None, None])
 
     def _plans(
         self,
@@ -469,11 +472,11 @@ class PlanSearch:
         wide = torch.cat([table, candidates], dim=1)
         # Two candidates take two attempts. So with two attempts left, they can never be combined,
         # and with three, only to make the goal: most pairs need no score.
-        most = slots if number == 2 else None
-        to_goal = self._log_probabilities(goal, wide, model, tried, most=most)
+        num_partners = slots if number == 2 else None
+        to_goal = self._log_probabilities(goal, wide, model, tried, most=num_partners)
         sources = wide if number > 2 else table
-        most = slots if number == 3 else None
-        to_candidates = self._to_candidates(candidates, sources, model, tried, most=most)
+        num_partners = slots if number == 3 else None
+        to_candidates = self._to_candidates(candidates, sources, model, tried, most=num_partners)
         return _Plans(candidates, to_goal, to_candidates)
 
     def _to_candidates(
@@ -537,25 +540,25 @@ class PlanSearch:
         """
         slots = table.shape[1]
         # P is symmetric: each pair is scored once, and written twice.
-        one, other = _pairs(slots, slots if most is None else most, table.device)
-        of_pairs = self.curve.log_probabilities(
+        first, second = _pairs(slots, slots if most is None else most, table.device)
+        log_probs = self.curve.log_probabilities(
             self.knowledge,
             goal,
             table,
             model,
-            (one, other),
+            (first, second),
             prior=prior,
         )
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
-        values[:, one, other] = of_pairs
-        values[:, other, one] = of_pairs
+        values[:, first, second] = log_probs
+        values[:, second, first] = log_probs
         is_empty = table == self.knowledge.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         values.masked_fill_(has_empty, -torch.inf)
         if tried is not None:
             known_slots = tried.shape[1]
-            of_tried = values[:, :known_slots, :known_slots]
-            of_tried.masked_fill_(tried, -torch.inf)
+            tried_values = values[:, :known_slots, :known_slots]
+            tried_values.masked_fill_(tried, -torch.inf)
         return values
 
 
@@ -572,8 +575,8 @@ def _uses_again(tried: Tensor | None, to_goal: Tensor) -> Tensor:
     if tried is None:
         return torch.zeros_like(to_goal)
     is_second = tried.triu().sum((1, 2)) == 1
-    of_first = tried.any(2) & is_second[:, None]
-    was_used = nn.functional.pad(of_first, (0, to_goal.shape[1] - tried.shape[1]))
+    is_reused = tried.any(2) & is_second[:, None]
+    was_used = nn.functional.pad(is_reused, (0, to_goal.shape[1] - tried.shape[1]))
     return (was_used[:, :, None] | was_used[:, None]).float()
 
 
@@ -593,16 +596,16 @@ def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) ->
     """
     goal = plans.to_goal[:, :slots, :slots]
     first = plans.to_candidates[:, :, :slots, :slots]
-    rest = after
+    last_step = after
     if number == 2:
         # Only plans that use x: without it, the first attempt would be wasted.
         last = plans.to_goal[:, slots:]
-        of_table, partner = last[:, :, :slots].max(2)
+        table_values, partner = last[:, :, :slots].max(2)
         with_itself = last[:, :, slots:].diagonal(dim1=1, dim2=2)
-        rest = torch.maximum(of_table, with_itself)
+        last_step = torch.maximum(table_values, with_itself)
     first = _bounded(first)
-    rest = _bounded(rest)
-    by_candidate = _bounded(first + rest[:, :, None, None])
+    last_step = _bounded(last_step)
+    by_candidate = _bounded(first + last_step[:, :, None, None])
     best, place = by_candidate.max(1)
 
     def of_best(values: Tensor) -> Tensor:
@@ -610,11 +613,11 @@ def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) ->
         return values.gather(1, place.flatten(1)).view_as(best)
 
     best_first = first.gather(1, place[:, None])[:, 0]
-    best_rest = of_best(rest)
+    best_rest = of_best(last_step)
     second = best
     if by_candidate.shape[1] > 1:
         second = by_candidate.topk(2, dim=1).values[:, 1]
-    named = {
+    features = {
         "goal": _bounded(goal),
         "plan": best,
         "first": best_first.masked_fill(best_first > _CERTAIN, 0),
@@ -627,12 +630,12 @@ def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) ->
         "known_results": (first > _CERTAIN).sum(1).clamp(max=_MOST_KNOWN).float(),
     }
     if number == 2:
-        is_twice = of_best((with_itself > of_table).float())
-        other = of_best(partner)
-        slot = torch.arange(slots, device=other.device)
-        is_reused = (other == slot[:, None]) | (other == slot)
-        named |= {"twice": is_twice, "reused": is_reused.float() * (1 - is_twice)}
-    return named
+        is_twice = of_best((with_itself > table_values).float())
+        partner_values = of_best(partner)
+        slot = torch.arange(slots, device=partner_values.device)
+        is_reused = (partner_values == slot[:, None]) | (partner_values == slot)
+        features |= {"twice": is_twice, "reused": is_reused.float() * (1 - is_twice)}
+    return features
 
 
 def _pairs(slots: int, most: int, device: torch.device) -> tuple[Tensor, Tensor]:
@@ -643,10 +646,10 @@ def _pairs(slots: int, most: int, device: torch.device) -> tuple[Tensor, Tensor]
         most: slots from this one on are combined with those before and with themselves alone.
         device: device of the result.
     """
-    one, other = np.triu_indices(slots)
-    is_scored = (one < most) | (one == other)
-    first = torch.from_numpy(one[is_scored])
-    second = torch.from_numpy(other[is_scored])
+    rows, columns = np.triu_indices(slots)
+    is_scored = (rows < most) | (rows == columns)
+    first = torch.from_numpy(rows[is_scored])
+    second = torch.from_numpy(columns[is_scored])
     return first.to(device), second.to(device)
 
 
@@ -682,9 +685,9 @@ def _after_candidates(to_goal: Tensor, to_candidates: Tensor, slots: int, number
         return torch.maximum(finish, direct[:, None])
 
     # (B, x, y, S): x with an entity makes y.
-    of_new = to_candidates[:, :, new].transpose(1, 2)
-    by_table = of_new[..., old].amax(3)
-    by_candidates = of_new[..., new]
+    candidate_values = to_candidates[:, :, new].transpose(1, 2)
+    by_table = candidate_values[..., old].amax(3)
+    by_candidates = candidate_values[..., new]
     # The diagonal puts its own axis last, (B, y, x): x twice makes y.
     twice = by_candidates.diagonal(dim1=1, dim2=3).transpose(1, 2)
     steps = torch.maximum(by_table, twice)
@@ -725,14 +728,14 @@ def _after(
     if number == 1:
         return direct
     begin = torch.maximum(begin[..., None, :], steps)
-    further = torch.maximum(finish[..., None, :], last)
+    finish_values = torch.maximum(finish[..., None, :], last)
     if number > 2:
         # With a at hand too, x makes y with an earlier entity or with a.
         steps = torch.maximum(steps.unsqueeze(-3), pairs)
     # Pairs of candidates stay the same, whatever was made before: an axis for the broadcast.
     after = _after(
         begin,
-        further,
+        finish_values,
         direct,
         steps,
         last.unsqueeze(1),

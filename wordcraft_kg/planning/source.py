@@ -75,13 +75,13 @@ class BestPlan(BestRecipe):
 
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
-        whole = whole_of(scorer)
+        main_model = whole_of(scorer)
         folded = folds_of(scorer)
         # The curve is fitted to out-of-sample scores, so it comes from the folds alone.
         curve = None
         if folded is not None and folded.probabilities:
             curve = folded.probabilities.recipes
-        if not isinstance(whole, RecipeScorer) or curve is None:
+        if not isinstance(main_model, RecipeScorer) or curve is None:
             raise ConfigError(
                 "`use` plan (p) needs probabilities of recipes, and "
                 f"{getattr(scorer, 'name', 'this scorer')} has none. Train a recipe scorer with "
@@ -151,8 +151,8 @@ class BestPlan(BestRecipe):
         """The search for plans, on the device of the knowledge."""
         # Its candidates hold tensors that are no buffers: a move to another device makes a new one.
         if self._search is None or self._search.device != self.knowledge.bias.device:
-            new, made, slope, shift, width, reused, at_once = self.curve.tolist()
-            curve = RecipeCurve(intercepts=(new, made), slope=slope, shift=shift)
+            new, result_weight, slope, shift, width, reused, at_once = self.curve.tolist()
+            curve = RecipeCurve(intercepts=(new, result_weight), slope=slope, shift=shift)
             self._search = PlanSearch(
                 self.knowledge,
                 curve,
@@ -310,8 +310,8 @@ def log_shares(features: Tensor, weights: Tensor, left: Tensor, is_empty: Tensor
     """
     # Row 0 is for a single attempt left.
     row = left.clamp(1, MAX_ATTEMPTS) - 1
-    of_states = weights[row]
-    scores = (features * of_states[:, None, None]).sum(-1)
+    state_weights = weights[row]
+    scores = (features * state_weights[:, None, None]).sum(-1)
     has_empty = is_empty[:, :, None] | is_empty[:, None]
     scores = scores.masked_fill(has_empty, -torch.inf)
     # A pair counts once, and is written twice.

@@ -33,7 +33,8 @@ def play_all(games, distractor_seeds, player):
     played = []
     for task, distractor_seed in product(range(len(games.world.tasks)), range(distractor_seeds)):
         talk = Conversation(games.begin(task, distractor_seed))
-        played.append(record_of(talk, converse(talk, player(task, distractor_seed))))
+        converse(talk, player(task, distractor_seed))
+        played.append(record_of(talk))
     return played
 
 
@@ -94,7 +95,7 @@ def test_an_invalid_message_costs_nothing_until_there_are_too_many(games):
     assert (talk.is_over, talk.game.is_made) == (True, False)
     with pytest.raises(EpisodeError):
         talk.hear("1 2")
-    assert record_of(talk, []).termination == "no_recipe"
+    assert record_of(talk).termination == "no_recipe"
 
 
 def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen):
@@ -138,7 +139,7 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
     talk.hear("1 1")
     assert talk.is_over
     known = base + len(kitchen.graph.outcomes[pair])
-    played = record_of(talk, [])
+    played = record_of(talk)
     assert played.known_after[:3] == (known,) * 3
     assert (played.repeated, played.lost_attempts, len(other.game.labels)) == (1, 1, base)
     settings = PlayedSettings.of(games.env, kitchen.split)
@@ -206,7 +207,7 @@ def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
         "pot": ("fire", "mud"),
     }
     graph = RecipeGraph.from_recipes([(*pair, result) for result, pair in pairs.items()])
-    games = TaskGames(World(graph, WordCraftConfig(part="all", num_distractors=0)))
+    games = TaskGames(World.open(graph, WordCraftConfig(part="all", num_distractors=0)))
     knowledge = PartialGraphKnowledge(make_split(graph, SplitConfig("none")))
     facts = {}
     for task, one in enumerate(games.world.tasks):
@@ -246,7 +247,7 @@ def test_answers_with_names_make_all_goals_of_numbers():
         (str(a), str(b), str(a + b)) for a in range(1, 12) for b in range(a, 12) if a + b < 19
     ]
     graph = RecipeGraph.from_recipes([row for row in recipes if int(row[0]) * int(row[1]) % 3 == 0])
-    games = TaskGames(World(graph, WordCraftConfig(part="all", num_distractors=3)))
+    games = TaskGames(World.open(graph, WordCraftConfig(part="all", num_distractors=3)))
     ways = {}
     for one, other, result in graph.recipe_labels():
         ways.setdefault(result, []).append((one, other))
@@ -266,7 +267,7 @@ def test_without_knowledge_nothing_can_be_looked_up(games):
     assert "look up" not in talk.opening
     assert talk.hear("look up bread").startswith("Invalid answer")
     with pytest.raises(ActionError, match="You have no look-ups left"):
-        talk.look_up(0)
+        talk.consult("bread")
 
 
 def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, kitchen):

@@ -26,11 +26,11 @@ from mcp.client.stdio import StdioServerParameters
 from tests.apps.text_agents.scripted import assert_same, picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_distinct
-from wordcraft_kg.apps.text_agents import hosted_games, mcp_server
+from wordcraft_kg.apps.text_agents import conversation, mcp_server
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
+from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, games_writer
 from wordcraft_kg.apps.text_agents.mcp_server import make_http_app, make_server, tools_hash
 from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games, record_of
@@ -90,10 +90,10 @@ def play_by_tools(host, play, mode="auto"):
 def test_the_games_of_a_benchmark_track_become_a_submission_that_verifies(tmp_path, track):
     opened = open_track(track)
     host = HostedGames(opened.play(max_invalid=NEVER, prompt_hash=tools_hash()))
-    with kept_games(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
+    with games_writer(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
         for task in range(len(opened) - 1):
             begun = host.begin(0 if opened.is_open_ended else task)
-            begun.combine("1", "2")
+            begun.attempt("1", "2")
             begun.end()
         with pytest.raises(ConfigError, match=f"{len(opened) - 1} of {len(opened)} games"):
             bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
@@ -146,7 +146,7 @@ def test_a_scripted_player_by_tools_has_its_evaluation(world, mode):
     slots = picks_of(random_distinct, world, 1)
     expected = Evaluator(world, distractor_seeds=1)(random_distinct)
     host, played = hosted(), []
-    host.keep = lambda over: played.append(record_of(over.talk, over.messages))
+    host.keep = lambda over: played.append(record_of(over))
 
     async def play(call):
         for task in range(len(world.tasks)):
@@ -299,7 +299,7 @@ def test_look_ups_are_counted_and_cost_no_attempt():
 def test_finished_games_are_forgotten_first_then_the_oldest(tmp_path):
     """Finished games are forgotten first then the oldest which are recorded."""
     host = HostedGames(hosted().play, most=3)
-    with kept_games(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
+    with games_writer(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
         names = [host.begin(task).name for task in range(3)]
         host.game(names[0])  # the game played last
         host.game(names[2]).end()
@@ -314,11 +314,11 @@ def test_finished_games_are_forgotten_first_then_the_oldest(tmp_path):
 
 
 def test_messages_of_a_game_have_a_limit_and_are_gone_with_the_record(monkeypatch):
-    monkeypatch.setattr(hosted_games, "_MOST_CHARACTERS", 1_000)
+    monkeypatch.setattr(conversation, "MOST_CHARACTERS", 1_000)
     game = hosted().begin()
     for _ in range(20):
         with pytest.raises(ActionError):
-            game.combine("x" * 200, "1")
+            game.attempt("x" * 200, "1")
     assert len(game.messages) == 5
     game.end()
     assert game.messages == []
@@ -335,19 +335,19 @@ def games_of(path):
 def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_path):
     path, host = tmp_path / "new" / "games.jsonl", hosted()
     header = header_of(host)
-    with kept_games(path, header) as host.keep:
+    with games_writer(path, header) as host.keep:
         first = host.begin(5, distractor_seed=2)
         host.begin(6)  # never played
         with pytest.raises(ValueError, match="unicorn"):
-            first.combine("unicorn", "1")
-        first.combine("1", "1")
+            first.attempt("unicorn", "1")
+        first.attempt("1", "1")
         first.end()
         with (
             pytest.raises(ArtefactError, match="being written by another process"),
-            kept_games(path, header),
+            games_writer(path, header),
         ):
             pass
-    with kept_games(path, header) as host.keep:
+    with games_writer(path, header) as host.keep:
         host.begin(7).end()
     one, two = games_of(path)
     thing = one.table[0]
@@ -379,7 +379,7 @@ def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path,
         assert (values, path.read_bytes()) == (None, before)
         await call("end", game=game)
 
-    with kept_games(path, header_of(host)) as host.keep:
+    with games_writer(path, header_of(host)) as host.keep:
         before = path.read_bytes()
         play_by_tools(host, play)
     (line,) = games_of(path)
@@ -391,7 +391,7 @@ def test_a_file_whose_header_cannot_be_written_disappears_with_its_folder(tmp_pa
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    kept = kept_games(tmp_path / "new" / "games.jsonl", header_of(hosted()))
+    kept = games_writer(tmp_path / "new" / "games.jsonl", header_of(hosted()))
     with pytest.raises(OSError, match="No space"), kept:
         pass
     assert not [*tmp_path.iterdir()]
@@ -401,7 +401,7 @@ def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path):
     path, host = tmp_path / "run.json", hosted()
     path.write_text('{"kind": "train-agent"}\n')
     before = path.stat().st_mtime_ns
-    with pytest.raises(ArtefactError, match="is damaged"), kept_games(path, header_of(host)):
+    with pytest.raises(ArtefactError, match="is damaged"), games_writer(path, header_of(host)):
         pass
     assert path.stat().st_mtime_ns == before
 
@@ -409,11 +409,14 @@ def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path):
 def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path):
     path, host = tmp_path / "games.jsonl", hosted(open_ended=True, attempts=2)
     for _ in range(2):
-        with kept_games(path, header_of(host)) as host.keep:
+        with games_writer(path, header_of(host)) as host.keep:
             game = host.begin()
-            game.combine("1", "1")
-            game.combine("1", "2")
-    assert [(one.game, len(one.known_after)) for one in games_of(path)] == [(0, 2), (1, 2)]
+            game.attempt("1", "1")
+            game.attempt("1", "2")
+    assert [(one.distractor_seed, len(one.known_after)) for one in games_of(path)] == [
+        (0, 2),
+        (1, 2),
+    ]
 
 
 async def transcript(call, task):

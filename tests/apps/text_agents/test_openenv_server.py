@@ -20,7 +20,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.hosted_games import kept_conversations
+from wordcraft_kg.apps.text_agents.hosted_games import games_writer
 from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
 from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
 from wordcraft_kg.apps.text_agents.records import GamesHeader
@@ -320,7 +320,7 @@ def test_recorded_games_replay_to_the_byte(tmp_path):
     path = tmp_path / "games.jsonl"
     header = GamesHeader(player="clients", settings=play.settings)
     with (
-        kept_conversations(path, header) as keep,
+        games_writer(path, header) as keep,
         session(client_of(GameList({"all": [play]}), keep=keep)) as ask,
     ):
         for index in range(5):
@@ -345,7 +345,7 @@ def test_games_of_a_track_become_a_submission_that_verifies(tmp_path, run):
     path = tmp_path / "games.jsonl"
     header = GamesHeader(player="OpenEnv clients", settings=play.settings)
     with (
-        kept_conversations(path, header) as keep,
+        games_writer(path, header) as keep,
         session(client_of(GameList({"test": [play]}), keep=keep)) as ask,
     ):
         for index in range(len(track)):
@@ -371,7 +371,7 @@ def recorded(path, play):
     """Yield a session whose games are recorded, and how to ask it."""
     header = GamesHeader(player="clients", settings=play.settings)
     with (
-        kept_conversations(path, header) as keep,
+        games_writer(path, header) as keep,
         session(client_of(GameList({"test": [play]}), keep=keep)) as ask,
     ):
         yield ask

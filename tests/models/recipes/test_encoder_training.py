@@ -282,7 +282,7 @@ def test_an_encoder_of_words_that_the_graph_does_not_use_knows_no_new_entities()
 
 def test_agents_score_by_the_encoders_of_their_folds_and_are_restored(trained, book):
     scorer = load_scorer(trained)
-    world = World(str(book), WordCraftConfig(part="train", num_distractors=2))
+    world = World.open(str(book), WordCraftConfig(part="train", num_distractors=2))
     nothing = len(scorer.entities)
     table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
     states = States(

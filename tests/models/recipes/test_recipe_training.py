@@ -286,7 +286,7 @@ def test_w_is_restored_from_its_constants(recipes_folder):
     from wordcraft_kg.models.policies.sources.registry import source_class
 
     scorer = load_scorer(recipes_folder)
-    world = World("kitchen", WordCraftConfig(num_distractors=2))
+    world = World.open("kitchen", WordCraftConfig(num_distractors=2))
     (full,) = make_sources(["w"], scorer, tasks=world.tasks)
     restored = source_class("w").restored(full.num_entities, full.state_dict())
     nothing = full.num_entities
@@ -317,7 +317,7 @@ def test_w_and_p_score_tables_and_are_restored_from_their_constants(small, book)
     from wordcraft_kg.models.policies.sources.registry import source_class
 
     scorer = load_scorer(small)
-    world = World(str(book), WordCraftConfig(part="train", num_distractors=2))
+    world = World.open(str(book), WordCraftConfig(part="train", num_distractors=2))
     nothing = len(scorer.entities)
     goal = torch.tensor([3, 4])
     table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])

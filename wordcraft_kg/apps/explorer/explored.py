@@ -239,7 +239,7 @@ class Explored:
             TaskError: if there is no task.
             ConfigError: if the graph has too few entities for the distractors.
         """
-        return self.once(("world", config), lambda: World(self.plain_world(config), config))
+        return self.once(("world", config), lambda: World.open(self.plain_world(config), config))
 
     def usual_part(self) -> TaskPart:
         """Return the task part shown by default: test, or train without test recipes."""

@@ -166,7 +166,7 @@ class HumanProtocol:
         episode_seed(seed, "train", 1)  # rejects negative seeds
         self.seed = seed
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
-        self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
+        self.world = World.open(graph, WordCraftConfig(num_distractors=num_distractors))
         # Environments of both parts share the world: graph, split and tables of recipes.
         self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
         # Settings that change tasks or results; two sessions with equal values are comparable.

@@ -188,7 +188,7 @@ class Track:
         """
         one_of("knowledge", look_ups, get_args(LookUps))
         frozen = self.frozen
-        own: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "knowledge": look_ups,
             "track": self.full_name,
             "max_invalid": MAX_INVALID,
@@ -199,12 +199,12 @@ class Track:
         if self.is_open_ended:
             games = DiscoveryGames(self.opened, attempts=frozen.attempts, orders=frozen.orders)
             played_in = games.env
-            own["distractor_seeds"] = len(self)
+            fields["distractor_seeds"] = len(self)
         else:
             # The frozen table replaces the drawn one, so the distractor seed has no meaning.
             games = TaskGames(self.world, lambda task, _: [*frozen.tasks[task].table])
             played_in = games.world
-        settings = PlayedSettings.of(played_in, self.opened.split, **(own | rules))
+        settings = PlayedSettings.of(played_in, self.opened.split, **(fields | rules))
         knowledge = PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None
         return Play(games, settings, knowledge)
 
@@ -228,10 +228,10 @@ def open_track(name: str) -> Track:
         GraphMismatchError: if this version of the package has another state of the book.
     """
     manifest, _ = read_manifest()
-    edition, has_edition, rest = name.rpartition("/")
+    edition, has_edition, track_id = name.rpartition("/")
     if has_edition and edition != manifest.name:
         raise ConfigError(f"track '{name[:100]}': {edition_text(edition)}")
-    name = rest
+    name = track_id
     if name not in manifest.names:
         raise ConfigError(
             f"unknown track '{name[:100]}'; expected one of {', '.join(manifest.tracks)}, with "
@@ -244,8 +244,8 @@ def open_track(name: str) -> Track:
     frozen = manifest.tracks[track_name]
     if is_lite:
         frozen = _shortened(frozen)
-    own, made_up = manifest.books
-    book = made_up if has_made_up_words else own
+    plain, made_up = manifest.books
+    book = made_up if has_made_up_words else plain
     return Track(name, manifest.name, book, frozen, _book_with_split(book, frozen.split))
 
 
@@ -255,13 +255,13 @@ def _book_with_split(book: str, kind: str) -> OpenedGraph:
     split = make_split(graph, SplitConfig(kind))
     frozen = manifest.books[book]
     # The tasks are ids and rows: in another state of the book they would name other entities.
-    for what, has, expected in (
+    for subject, has, expected in (
         ("the book", graph.hash, frozen.hash),
         ("the split of", split.hash, frozen.splits[kind]),
     ):
         if has != expected:
             raise GraphMismatchError(
-                f"{what} '{book}' has the hash {has[:12]}, and {manifest.name} was made for "
+                f"{subject} '{book}' has the hash {has[:12]}, and {manifest.name} was made for "
                 f"{expected[:12]}. Install "
                 "the version of wordcraft-kg that has this book."
             )
@@ -298,8 +298,8 @@ def task_set(graph: RecipeGraph, depth: int, tasks: Sequence[FrozenTask]) -> Tas
 
     starts: list[list[int]] = []
     for task in tasks:
-        of_plans = [needed(plan) for plan in task.plans]
-        starts.append(sorted(set[int]().union(*of_plans)))
+        ingredients_by_plan = [needed(plan) for plan in task.plans]
+        starts.append(sorted(set[int]().union(*ingredients_by_plan)))
     goals = np.array([recipes[task.plans[0][-1]][2] for task in tasks])
     # Padding is `num_entities`, the id of an empty slot.
     table = padded(starts, graph.num_entities, depth + 1)

@@ -20,9 +20,8 @@ from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
+    GameRecord,
     PlayedSettings,
-    TaskGameRecord,
-    WorldGameRecord,
 )
 from wordcraft_kg.apps.text_agents.results import play_program, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
@@ -36,7 +35,7 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.discovery import open_guides
+from wordcraft_kg.evaluation.discovery import open_guide
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -144,7 +143,7 @@ def decisions(track: Track, player: "Player") -> list[Played]:
     # The generator of agent evaluation: a player has the same chance there and here.
     rng = np.random.default_rng([EVALUATION_SEED, 0])
     pairs = decided_pairs(track.world, range(len(track)), tables, player, rng)
-    return [Played(own) for own in pairs]
+    return [Played(game_pairs) for game_pairs in pairs]
 
 
 def decided_pairs(
@@ -176,9 +175,9 @@ def decided_pairs(
         second = state.table[rows, slots]
         # Where nothing is selected yet, this action is the first half of an attempt.
         for row in np.flatnonzero(running & (first != engine.nothing)).tolist():
-            one = labels[first[row]]
-            other = labels[second[row]]
-            pairs[row].append((one, other) if one and other else None)
+            first_label = labels[first[row]]
+            second_label = labels[second[row]]
+            pairs[row].append((first_label, second_label) if first_label and second_label else None)
         state, _ = engine.step_once(state, slots)
     return pairs
 
@@ -193,10 +192,10 @@ def discoveries(track: Track, player: Discoverer) -> list[Played]:
         # A generator for each game: a change in one game leaves the others as they were.
         player.begin(order, np.random.default_rng([EVALUATION_SEED, number]))
         while len(pairs) < track.frozen.attempts and not world.is_complete:
-            one, other = player.choose()
-            new, _ = world.combine(one, other)
-            player.observe((one, other), new)
-            pairs.append((graph.entities[one], graph.entities[other]))
+            first, second = player.choose()
+            new, _ = world.combine(first, second)
+            player.observe((first, second), new)
+            pairs.append((graph.entities[first], graph.entities[second]))
         games.append(Played(pairs))
     return games
 
@@ -236,22 +235,19 @@ def _with_model(
     from wordcraft_kg.models.scorers.folder import WEIGHTS
 
     model = open_model(folder)
-    own = model.opened
+    model_graph = model.opened
     graph = track.opened.graph
     name = Path(folder).name
     # A model of another book has seen none of these recipes, so its split does not matter.
-    if own.graph.hash == graph.hash:
-        _check_split(folder, own.split.hash, track)
+    if model_graph.graph.hash == graph.hash:
+        _check_split(folder, model_graph.split.hash, track)
     about: dict[str, Any] = {
         "training_data": _learned_from(model, track, model.kg),
         "weights": {WEIGHTS: model.run.outputs[WEIGHTS]},
     }
     if track.is_open_ended:
-        guides = open_guides(folder, graph)
-        learner = None if guides.recipes is None else RecipeDiscoverer(guides.recipes)
-        (kind,) = guides.players[-1:]
-        (player,) = make_discoverers([kind], graph, guides.links, learner).values()
-        return Entrant(f"{name}, {kind}", discoveries(track, player), **about)
+        learner = RecipeDiscoverer(open_guide(folder, graph).recipes)
+        return Entrant(f"{name}, recipe-learner", discoveries(track, learner), **about)
     best, chooser = best_player(model, graph, names)
     return Entrant(f"{name}, {best}", decisions(track, chooser), **about)
 
@@ -275,7 +271,7 @@ def best_player(
     from wordcraft_kg.agents.players import scorer_players  # loads torch
 
     players = scorer_players(graph, model.scorer, model.triples, tasks, plans=True)
-    best = next((each for each in names if each in players), None)
+    best = next((name for name in names if name in players), None)
     if best is None:
         raise ConfigError("this model cannot plan; expected a model of train-recipes.")
     return best, players[best]
@@ -301,7 +297,7 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
     from wordcraft_kg.agents.players import knowledge_players, words_player  # these load torch
 
     kind, colon, folder = name.partition(":")
-    scripted = {each: title for each, (title, _) in _SCRIPTED.items()}
+    scripted = {player_kind: title for player_kind, (title, _) in _SCRIPTED.items()}
     scripted["planner"] = "partial KG, planner"
     if not colon and kind == "nearest-words":
         ((title, player),) = words_player(opened.graph).items()
@@ -352,15 +348,15 @@ def _learned_from(model: "Model", track: Track, kg: str) -> str:
     """
     book = model.opened.graph
     if book.hash == track.opened.graph.hash:
-        known = [_TRAINED_ON[kg]]
+        sources = [_TRAINED_ON[kg]]
     else:
-        known = [f"recipes of {book.name}"]
+        sources = [f"recipes of {book.name}"]
     words = getattr(model.metrics, "features", "")
     if words not in ("", "one-hot"):
-        known.append(f"{Path(words).name} words")
+        sources.append(f"{Path(words).name} words")
     if outside := model.history.facts.get("outside knowledge"):
-        known.append(f"outside knowledge: {outside}")
-    return ", ".join(known)
+        sources.append(f"outside knowledge: {outside}")
+    return ", ".join(sources)
 
 
 def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
@@ -407,7 +403,7 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     play = track.play(settings.look_ups)
     with LinePlayer(argument, timeout=settings.timeout) as program:
         folder = settings.messages
-        play_program(program, program.name, play, folder, is_replacing=settings.is_replacing)
+        play_program(program, play, folder, is_replacing=settings.is_replacing)
     played = read_games(settings.messages / GAMES_FILE)[1]
     return _recorded(track, settings, program.name, play.settings, played)
 
@@ -428,7 +424,7 @@ def _recorded(
     run: RunSettings,
     name: str,
     settings: PlayedSettings,
-    played: Sequence[TaskGameRecord | WorldGameRecord],
+    played: Sequence[GameRecord],
 ) -> Entrant:
     """Return the decisions in recorded games, in the order of the track.
 
@@ -459,7 +455,7 @@ def _recorded(
         raise ConfigError(
             f"`look_ups` {run.look_ups}: the games have {settings.knowledge}; give the same."
         )
-    numbers = [one.task if isinstance(one, TaskGameRecord) else one.game for one in played]
+    numbers = [game.distractor_seed if track.is_open_ended else game.task for game in played]
     # From the last to the first: the first game of a task stays, so that nobody plays again until
     # the result is good.
     first = {numbers[place]: place for place in reversed(range(len(played)))}
@@ -468,8 +464,8 @@ def _recorded(
             f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play "
             f"game {min(missing)}."
         )
-    counted = [played[first[number]] for number in range(len(track))]
-    games = [Played(game.pairs, game.look_ups, game.invalid_actions) for game in counted]
+    records = [played[first[number]] for number in range(len(track))]
+    games = [Played(game.pairs, game.look_ups, game.invalid_actions) for game in records]
     return Entrant(name, games, prompt_hash=settings.prompt_hash)
 
 
@@ -582,9 +578,10 @@ def reproduce(
     if entrant.prompt_hash is None or submission.prompts != "custom":
         facts["prompt_hash"] = entrant.prompt_hash
     for name, value in facts.items():
-        if (given := getattr(submission, name)) != value:
+        if (declared := getattr(submission, name)) != value:
             raise ArtefactError(
-                f"{folder}: '{name}' is {given}, but the given player has {value}. Play as before."
+                f"{folder}: '{name}' is {declared}, but the given player has {value}. Play as "
+                "before."
             )
     # `verify` has checked the file: a line for each game, in the canonical form.
     lines = read_submission_file(folder, GAMES_FILE).splitlines(keepends=True)

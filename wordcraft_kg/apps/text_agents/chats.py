@@ -138,7 +138,7 @@ def chat_rows(
     Raises:
         ConfigError: for games of another part than train.
     """
-    seen: set[bytes] = set()
+    digests: set[bytes] = set()
     for play in plays:
         if play.settings.part != "train" or play.settings.track:
             raise ConfigError(
@@ -156,10 +156,10 @@ def chat_rows(
             counts.made += game.is_made
             if not _is_kept(game, settings.kept):
                 counts.left_out += 1
-            elif (digest := _digest(messages)) in seen:
+            elif (digest := _digest(messages)) in digests:
                 counts.repeated += 1
             else:
-                seen.add(digest)
+                digests.add(digest)
                 counts.written += 1
                 counts.by_depth[play.settings.depth or 0] += 1
                 tools = {"tools": [COMBINE]} if settings.style == "tools" else {}
@@ -329,7 +329,7 @@ def card_text(
         command: command line that makes the file.
         digest: SHA-256 of the file.
     """
-    own = plays[0].settings
+    settings_of_games = plays[0].settings
     games = plays[0].games
     assert isinstance(games, TaskGames)
     kind = games.world.split.config.kind
@@ -344,15 +344,15 @@ def card_text(
         for depth, number in sorted(counts.by_depth.items())
     )
     facts = [
-        f"book: {own.graph}, graph `{own.graph_hash}`",
-        f"split: {kind}, `{own.split_hash}`, part train",
+        f"book: {settings_of_games.graph}, graph `{settings_of_games.graph_hash}`",
+        f"split: {kind}, `{settings_of_games.split_hash}`, part train",
         f"player: {player}, seed {settings.seed}, "
         f"{counted(settings.tables, 'table')} for each task",
         f"conversations: {counts.written:,} ({depths}), all different",
         f"games: {counts.played:,} played, {counts.made:,} made the goal; left out: "
         f"{counts.left_out:,} not to be kept ({settings.kept}), "
         f"{counts.repeated:,} repeated",
-        f"prompts: `{own.prompt_hash}`",
+        f"prompts: `{settings_of_games.prompt_hash}`",
         f"SHA-256 of the file: `{digest}`",
         f"licence: {licence}",
         "mark in the column `canary` of each row, by which collections of texts can recognise and "
@@ -361,7 +361,7 @@ def card_text(
     header = ["---", f"license: {licence}", "task_categories:", "- text-generation", "---"]
     lines = [
         *header,
-        f"# Crafting conversations, {own.graph}",
+        f"# Crafting conversations, {settings_of_games.graph}",
         "",
         f"Games of a crafting world, played by {player}, to fine-tune language models on.",
         reading,

@@ -1,7 +1,12 @@
-"""Games as conversations: prompts to a player, and the player's answers."""
+"""Games as conversations: prompts to a player, and the player's answers.
+
+A :class:`Conversation` is the session of one game, whichever interface carries it: programs, MCP,
+OpenEnv, TRL, Gymnasium or Inspect.
+"""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -16,13 +21,17 @@ from wordcraft_kg.apps.text_agents.settings import (
     GameSettings,
 )
 from wordcraft_kg.base.answers import answer_line, read_answer
-from wordcraft_kg.base.errors import ActionError
+from wordcraft_kg.base.errors import ActionError, EpisodeError
 from wordcraft_kg.base.labels import read_label
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.words import prompt_text
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph
 
+LONGEST_ITEM = 1_000
+"""Characters of an item that are read: more than the longest label."""
+MOST_CHARACTERS = 200_000
+"""Noted characters of a game by tools: a thousand games stay below about 200 MiB."""
 # Language models write "look up", "look-up" and "lookup", with and without a colon.
 _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
@@ -35,14 +44,26 @@ class Conversation:
     request for facts. An invalid message costs nothing, but after ``max_invalid`` in a row the next
     costs an attempt, so every conversation ends.
 
+    Tools act by :meth:`combine` and :meth:`look_up_item`, with replies as for messages. A server
+    whose tools reject invalid input uses :meth:`attempt` and :meth:`consult`: rejected calls cost
+    nothing.
+
     Attributes:
         game: the game.
+        name: the game's id on a server; empty elsewhere.
         invalid_actions: number of messages that were not understood.
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
+        reward: reward of the last action.
+        messages: all prompts and answers in turn; of games by :meth:`attempt` as far as there is
+            room, and without states in between.
+        on_end: called when the game is over, and again by :meth:`end`; an OSError says that the
+            game could not be recorded. None calls nothing.
+        is_recorded: whether :attr:`on_end` has taken the game.
 
     Example:
-        >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
+        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
+        >>> games = TaskGames(world)
         >>> talk = Conversation(games.begin(task=0))
         >>> talk.opening.splitlines()[-1]
         'Attempts left: 1'
@@ -67,13 +88,19 @@ class Conversation:
             look_ups: look-ups in the game.
         """
         self.game = game
+        self.name = ""
         self.invalid_actions = 0
         self.lost_attempts = 0
         self.look_ups = 0
+        self.reward = 0.0
+        self.on_end: Callable[[Conversation], None] | None = None
+        self.is_recorded = False
         self._knowledge = knowledge
         self._max_invalid = max_invalid
         self._most_look_ups = look_ups
         self._in_a_row = 0
+        self._room = MOST_CHARACTERS
+        self.messages = [self.opening]
 
     @property
     def rules(self) -> str:
@@ -112,8 +139,9 @@ class Conversation:
         Raises:
             EpisodeError: for an attempt after the end of the game, also one that an invalid message
                 would cost.
+            OSError: if the game is over now, and cannot be recorded.
         """
-        return self._answer(lambda: self._act(message))
+        return self._answer(message, lambda: self._act(message))
 
     def combine(self, first: str, second: str) -> str:
         """Make an attempt with two items by label or number, as a tool does.
@@ -124,26 +152,97 @@ class Conversation:
         Raises:
             EpisodeError: for an attempt after the end of the game, also one that invalid items
                 would cost.
+            OSError: if the game is over now, and cannot be recorded.
         """
-
-        def attempt() -> str:
-            at_hand = self.game.labels
-            return self.game.combine(read_label(first, at_hand), read_label(second, at_hand))
-
-        return self._answer(attempt)
+        pair = (first[:LONGEST_ITEM], second[:LONGEST_ITEM])
+        return self._answer(" + ".join(pair), lambda: self._combine(pair))
 
     def look_up_item(self, item: str) -> str:
         """Look up an item by label, as a tool does; returns the reply as :meth:`combine`."""
-        return self._answer(lambda: self.look_up(self._entity(item))[1])
+        label = item[:LONGEST_ITEM]
+        return self._answer(f"look up {label}", lambda: self._look_up(label)[2])
 
-    def _answer(self, act: Callable[[], str]) -> str:
+    def attempt(self, first: str, second: str) -> str:
+        """Make an attempt with two items by label or number; invalid items cost nothing.
+
+        Returns:
+            The outcome, without the state of the game.
+
+        Raises:
+            ActionError: if an item is not at hand, or a name fits several.
+            EpisodeError: if the game is over.
+            OSError: if the game is over now, and cannot be recorded.
+        """
+        message = f"{first} + {second}"
+        with self._rejecting(message):
+            outcome = self._combine((first, second))
+        self._note(message, f"{outcome}\n\n{self.game.state}" if self.is_over else outcome)
+        self._report_end()
+        return outcome
+
+    def consult(self, item: str) -> tuple[str, list[str], str]:
+        """Look up an entity; return label, facts as lines, and facts as a text.
+
+        Raises:
+            ActionError: for an unknown item, or if no look-up is left.
+            EpisodeError: if the game is over.
+        """
+        message = f"look up {item}"
+        with self._rejecting(message):
+            label, facts, reply = self._look_up(item)
+        self._note(message, "\n".join(facts))
+        return label, facts, reply
+
+    def end(self) -> None:
+        """Give up the game if it is not over.
+
+        Raises:
+            OSError: if the game cannot be recorded; another call tries again.
+        """
+        if not self.is_over:
+            self.game.end()
+            self._note("end", self.game.state)
+        self._report_end()
+
+    @contextmanager
+    def _rejecting(self, message: str) -> Iterator[None]:
+        """Count and note an invalid call, and pass its error on."""
+        if self.is_over:
+            raise EpisodeError(f"{self.after_the_end} Start a new game.")
+        try:
+            yield
+        except ActionError as error:
+            self.invalid_actions += 1
+            self._note(message, str(error))
+            raise
+
+    def _note(self, message: str, answer: str) -> None:
+        # A client may send invalid calls without end; they cost no attempt, so this bounds memory.
+        self._room -= len(message) + len(answer) + 100  # for two objects
+        if self._room > 0 or self.is_over:
+            self.messages += [message, answer]
+
+    def _report_end(self) -> None:
+        if self.is_over and self.on_end is not None:
+            self.on_end(self)
+
+    def _answer(self, message: str, act: Callable[[], str]) -> str:
         """Carry out an attempt or look-up; return its outcome and the new state."""
+        reward_before = self.game.reward
         try:
             outcome = act()
             self._in_a_row = 0
         except ActionError as error:
             outcome = self._reject(str(error))
-        return f"{outcome}\n\n{self.game.state}"
+        reply = f"{outcome}\n\n{self.game.state}"
+        self.reward = self.game.reward - reward_before
+        self.messages += [message, reply]
+        self._report_end()
+        return reply
+
+    def _combine(self, pair: tuple[str, str]) -> str:
+        at_hand = self.game.labels
+        return self.game.combine(*(read_label(item, at_hand) for item in pair))
 
     def _act(self, message: str) -> str:
         """Carry out the attempt or look-up in a message; ActionError if there is none."""
@@ -151,29 +250,27 @@ class Conversation:
         # Without knowledge "look up" is an ordinary word: an entity may have this label.
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         if look_up is not None:
-            return self.look_up(self._entity(look_up[1]))[1]
-        pair = read_answer(message, self.game.labels)
-        return self.game.combine(*pair)
+            return self._look_up(look_up[1])[2]
+        return self.game.combine(*read_answer(message, self.game.labels))
 
-    def _entity(self, label: str) -> int:
-        """Return the id of an entity, at hand or not.
+    def _look_up(self, item: str) -> tuple[str, list[str], str]:
+        """Count a look-up, and return an entity's label, its facts as lines, and as a reply.
 
-        By label alone: numbers stand for the entities at hand.
-        """
-        return read_label(label, self.game.graph.entities, by_number=False)
-
-    def look_up(self, entity: int) -> tuple[list[str], str]:
-        """Count a look-up, and return an entity's facts as lines, and as a reply.
+        The entity need not be at hand.
 
         Raises:
-            ActionError: if no look-up is left.
+            ActionError: for an unknown item, or if no look-up is left.
         """
+        # By label alone: numbers stand for the entities at hand.
+        entities = self.game.graph.entities
+        entity = read_label(item, entities, by_number=False)
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
             raise ActionError(prompt_text("no_look_ups"))
         facts = self._knowledge.facts(entity, self.game)
         # Only now: a look-up that failed is not counted.
         self.look_ups += 1
-        return facts, self._knowledge.reply(self.game.graph.entities[entity], facts)
+        label = entities[entity]
+        return label, facts, self._knowledge.reply(label, facts)
 
     def _reject(self, reason: str) -> str:
         self.invalid_actions += 1
@@ -197,11 +294,9 @@ def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
     Returns:
         All messages, prompts and answers in turn; the last one is the outcome.
     """
-    messages = [talk.opening]
     while not talk.is_over:
-        messages.append(answer(messages[-1]))
-        messages.append(talk.hear(messages[-1]))
-    return messages
+        talk.hear(answer(talk.messages[-1]))
+    return talk.messages
 
 
 @dataclass(frozen=True)

@@ -225,7 +225,8 @@ class TaskGames:
         graph: the recipe graph.
 
     Example:
-        >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
+        >>> world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
+        >>> games = TaskGames(world)
         >>> game = games.begin(task=0)
         >>> len(game.labels), game.goal == games.world.tasks[0].goal
         (4, True)
@@ -277,8 +278,8 @@ class DiscoveryGame(Game):
     def _termination(self) -> str | None:
         if self._env.discovery.is_complete:
             return prompt_text("all_known")
-        known = counted(len(self._entities()), "item")
-        return None if self.attempts_left else prompt_text("no_attempt_left", known=known)
+        count = counted(len(self._entities()), "item")
+        return None if self.attempts_left else prompt_text("no_attempt_left", known=count)
 
     def _ongoing(self) -> str:
         labels = self.labels
@@ -290,8 +291,8 @@ class DiscoveryGame(Game):
         )
 
     def _combine(self, one: int, other: int) -> str:
-        known = self._entities()
-        pair = (known[one], known[other])
+        entities = self._entities()
+        pair = (entities[one], entities[other])
         *_, info = self._env.step([*pair])
         self.known_after.append(len(self._entities()))
         self.repeated += info["repeated"]
@@ -304,8 +305,10 @@ class DiscoveryGame(Game):
     def _lose(self) -> None:
         # An unknown entity is an illegal action, which wastes the attempt. There is one: a game
         # in which all entities are known is over.
-        known = self._env.discovery.known
-        unknown = next(entity for entity in range(self.graph.num_entities) if entity not in known)
+        entities = self._env.discovery.known
+        unknown = next(
+            entity for entity in range(self.graph.num_entities) if entity not in entities
+        )
         self._env.step([unknown, unknown])
         self.known_after.append(len(self._entities()))
 

@@ -3,13 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.apps.text_agents.records import (
+    GameRecord,
     PlayedSettings,
-    TaskGameRecord,
     TextResult,
-    WorldGameRecord,
 )
 from wordcraft_kg.apps.text_agents.results import groups_of, result_of
 from wordcraft_kg.base.errors import ArtefactError, reason
@@ -20,7 +19,6 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 if TYPE_CHECKING:
     from inspect_ai.log import EvalLog, EvalSample
 
-_Played = TypeVar("_Played", bound=TaskGameRecord | WorldGameRecord)
 METADATA = "wordcraft_kg"
 """Key in the metadata of an Inspect task; the value is a :class:`LoggedTask`."""
 UNFINISHED = "unfinished"
@@ -58,7 +56,7 @@ class LoggedGames:
 
     model: str
     settings: PlayedSettings
-    games: Sequence[TaskGameRecord | WorldGameRecord]
+    games: Sequence[GameRecord]
     tokens: Mapping[str, int]
 
 
@@ -103,14 +101,11 @@ def read_logged_games(path: Path) -> LoggedGames:
     task = as_record(about, LoggedTask, path)
     settings = task.settings
     scores = _scores(path, log, task.games)
-    kind: type[TaskGameRecord | WorldGameRecord] = TaskGameRecord
-    if settings.is_open_ended:
-        kind = WorldGameRecord
-    games = [played_of(one, kind, str(path)) for one in scores]
-    used = log.stats.model_usage.values()
+    games = [game_of_score(score, str(path)) for score in scores]
+    usages = log.stats.model_usage.values()
     tokens = {
-        "input": sum(one.input_tokens for one in used),
-        "output": sum(one.output_tokens for one in used),
+        "input": sum(usage.input_tokens for usage in usages),
+        "output": sum(usage.output_tokens for usage in usages),
     }
     return LoggedGames(log.eval.model, settings, games, tokens)
 
@@ -131,13 +126,14 @@ def _read(path: Path) -> "EvalLog":
 
 
 def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
-    found = map(_score, log.samples or [])
-    scores = [score for score in found if score is not None]
+    sample_scores = map(_score, log.samples or [])
+    scores = [score for score in sample_scores if score is not None]
     progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
-        why = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
+        state = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
         raise ArtefactError(
-            f"{path}: the evaluation is {why}, {progress}. Continue with inspect eval-retry {path}"
+            f"{path}: the evaluation is {state}, {progress}. Continue with inspect eval-retry "
+            f"{path}"
         )
     if len(scores) != games:
         # Fewer games are a selection; more are repetitions, whose tables are no independent draws.
@@ -162,17 +158,17 @@ def _score(sample: "EvalSample") -> dict[str, Any] | None:
     return None
 
 
-def played_of(values: Mapping[str, Any] | None, kind: type[_Played], where: str) -> _Played:
+def game_of_score(values: Mapping[str, Any] | None, where: str) -> GameRecord:
     """Parse a score's metadata as the record of a game.
 
     Args:
         values: the metadata; None if the score has none.
-        kind: type of the record.
         where: where the score is from, for errors.
 
     Raises:
         ArtefactError: if the metadata is no such record.
     """
-    bare = {key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}
     # The messages are in the log's samples, once.
-    return as_record({**bare, "messages": []}, kind, where)
+    extra = (UNFINISHED, VERDICT)
+    record = {key: value for key, value in (values or {}).items() if key not in extra}
+    return as_record(record, GameRecord, where)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.conversation import Play
@@ -20,9 +21,9 @@ from wordcraft_kg.apps.text_agents.inspect_log import (
     UNFINISHED,
     VERDICT,
     LoggedTask,
-    played_of,
+    game_of_score,
 )
-from wordcraft_kg.apps.text_agents.records import TaskGameRecord, WorldGameRecord
+from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
     chosen_tasks,
@@ -90,8 +91,8 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
     """
     defaults = {field.name: field.default for field in fields(EvaluationSettings)}
     kind = Parameter.POSITIONAL_OR_KEYWORD
-    given = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}
-    parameters = [Parameter(name, kind, default=value) for name, value in given.items()]
+    values = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}
+    parameters = [Parameter(name, kind, default=value) for name, value in values.items()]
 
     def declared(function: _F) -> _F:
         # Inspect passes unknown parameters to a variadic parameter only, and warns otherwise.
@@ -124,11 +125,11 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
             return _discovery(play)
         tasks = play.games.world.tasks
         groups = play.games.world.groups.tolist()
-        chosen = chosen_tasks(play.games.world, rules.tasks).tolist()
+        task_numbers = chosen_tasks(play.games.world, rules.tasks).tolist()
         samples: list[Sample] = []
         # Seed by seed: after a part of the run, each task has been played about equally often.
         for seed in range(rules.distractor_seeds):
-            for number in chosen:
+            for number in task_numbers:
                 about = {"task": number, "distractor_seed": seed, "goal": tasks[number].goal}
                 about["group"] = groups[number]
                 samples.append(_sample(f"{rules.part}-{number}-{seed}", play, **about))
@@ -177,11 +178,12 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
         given: other parameters as given.
         own: settings that the task itself chooses.
     """
-    known = [name for name in signature(declared).parameters if name != "unknown"]
+    parameters = [name for name in signature(declared).parameters if name != "unknown"]
     for name in given:
-        if name not in known:
+        if name not in parameters:
             raise UnknownSettingError(
-                f"unknown parameter `{name}`: expected {', '.join(known)}.{nearest(name, known)}"
+                f"unknown parameter `{name}`: expected {', '.join(parameters)}."
+                f"{nearest(name, parameters)}"
             )
     if track := given.get("track"):
         if needless := sorted(given.keys() - {"track", "knowledge"}):
@@ -246,10 +248,9 @@ def conversation(play: Play) -> Solver:
             # Also on a limit, which Inspect raises as an error: the game counts as it stands,
             # because a model that runs out of tokens has not made the goal.
             is_finished = talk.is_over
-            talk.game.end()
-            played = as_values(record_of(talk, [], seed))
+            talk.end()
             # Inspect's log has the messages already.
-            del played["messages"]
+            played = as_values(replace(record_of(talk, seed), messages=()))
             ending = {UNFINISHED: not is_finished, VERDICT: talk.game.state}
             state.store.set(_PLAYED, {**played, **ending})
         return state
@@ -284,13 +285,13 @@ def crafting_figures() -> Metric:
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
             return {}
-        played = [_played(one, TaskGameRecord) for one in scores]
-        tasks = {one.task for one in played}
-        distractor_seeds = {one.distractor_seed for one in played}
+        played = [_game(score) for score in scores]
+        tasks = {game.task for game in played}
+        distractor_seeds = {game.distractor_seed for game in played}
         group_of_task = {}
-        for one, game in zip(scores, played, strict=True):
-            if one.sample_metadata:
-                group_of_task[game.task] = one.sample_metadata["group"]
+        for score, game in zip(scores, played, strict=True):
+            if score.sample_metadata:
+                group_of_task[game.task] = score.sample_metadata["group"]
         groups = np.array([group_of_task.get(task, task) for task in range(max(tasks) + 1)])
         # The interval needs all distractor seeds. Failed samples may be missing.
         success = None
@@ -298,7 +299,7 @@ def crafting_figures() -> Metric:
             success = evaluation_of(played, groups).metrics()
 
         def mean(name: str) -> float:
-            return sum(getattr(one, name) for one in played) / len(played)
+            return sum(getattr(game, name) for game in played) / len(played)
 
         return {
             "success": mean("success"),
@@ -326,12 +327,10 @@ def discovery_figures() -> Metric:
         if not scores:
             return {}
         about = scores[0].sample_metadata or {}
-        played = [_played(one, WorldGameRecord) for one in scores]
-        known = mean_known(
-            [(about["known_at_start"], *one.known_after) for one in played], about["attempts"]
-        )
+        curves = [(about["known_at_start"], *_game(score).known_after) for score in scores]
+        means = mean_known(curves, about["attempts"])
         return {
-            **{f"known_{attempts}": value for attempts, value in known.items()},
+            **{f"known_{attempts}": value for attempts, value in means.items()},
             "stderr": float(stderr()(scores)),  # type: ignore[arg-type]
             **_counts(scores),
         }
@@ -339,16 +338,14 @@ def discovery_figures() -> Metric:
     return figures
 
 
-def _played(score: SampleScore, kind: type[Any]) -> Any:
-    return played_of(score.score.metadata, kind, f"the score of {score.sample_id}")
+def _game(score: SampleScore) -> GameRecord:
+    return game_of_score(score.score.metadata, f"the score of {score.sample_id}")
 
 
 def _counts(scores: list[SampleScore]) -> dict[str, int]:
-    values = [one.score.metadata or {} for one in scores]
-    counts: dict[str, int] = {}
-    for name in (*COUNTS, UNFINISHED):
-        counts[f"{name}_in_run"] = sum(one.get(name, 0) for one in values)
-    return counts
+    values = [score.score.metadata or {} for score in scores]
+    names = (*COUNTS, UNFINISHED)
+    return {f"{name}_in_run": sum(game.get(name, 0) for game in values) for name in names}
 
 
 @scorer(metrics=[crafting_figures()])
@@ -360,10 +357,10 @@ def goal_made() -> Scorer:
 
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)
-        answer = " + ".join(played["last"]) if played["last"] else None
+        last = played["pairs"][-1] if played["pairs"] else None
         return Score(
-            value=int(played["success"]),
-            answer=answer,
+            value=int(played.get("success", False)),
+            answer=" + ".join(last) if last else None,
             explanation=played[VERDICT],
             metadata=played,
         )
@@ -378,8 +375,8 @@ def known_items() -> Scorer:
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)
         # A limit may end a game before its first attempt.
-        after = played["known_after"] or [state.metadata["known_at_start"]]
-        return Score(value=after[-1], explanation=played[VERDICT], metadata=played)
+        counts = played.get("known_after") or [state.metadata["known_at_start"]]
+        return Score(value=counts[-1], explanation=played[VERDICT], metadata=played)
 
     return score
 

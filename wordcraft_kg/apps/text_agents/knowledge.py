@@ -62,12 +62,12 @@ def hidden_pairs(game: Game) -> set[int]:
         return set()
     graph = game.graph
     usable = game.world.usable
-    of_goal = graph.recipes_of(game.goal)
-    of_goal = of_goal[usable[of_goal]]
+    goal_rows = graph.recipes_of(game.goal)
+    goal_rows = goal_rows[usable[goal_rows]]
     # Rounds of crafting until an ingredient can be at hand; -1 if it never can. Shape (R, 2).
-    rounds = layers(graph, game.start, usable)[graph.recipes[of_goal, :2]]
+    rounds = layers(graph, game.start, usable)[graph.recipes[goal_rows, :2]]
     in_time = ((rounds >= 0) & (rounds < game.attempts)).all(axis=1)
-    rows = of_goal[in_time].tolist()
+    rows = goal_rows[in_time].tolist()
     for plan in game.tasks.plans[game.task]:
         rows += plan
     return {*graph.pair_of_recipe[rows].tolist()}
@@ -94,10 +94,10 @@ class PartialGraphKnowledge(Knowledge):
 
         def rank(row: int) -> tuple[int, int]:
             first, second, result = graph.recipes[row].tolist()
-            other = second if first == entity else first
+            partner = second if first == entity else first
             if result == entity:
                 relevance = 0
-            elif other in at_hand:
+            elif partner in at_hand:
                 relevance = 1
             else:
                 relevance = 2
@@ -108,12 +108,12 @@ class PartialGraphKnowledge(Knowledge):
         visible = [
             row for row in rows if self._is_known[row] and graph.pair_of_recipe[row] not in hidden
         ]
-        known = sorted(visible, key=rank)
-        labels = graph.recipe_labels(graph.recipes[known[:_MOST_FACTS]])
+        ranked = sorted(visible, key=rank)
+        labels = graph.recipe_labels(graph.recipes[ranked[:_MOST_FACTS]])
         facts = [combined((first, second), (result,)) for first, second, result in labels]
-        if len(known) > _MOST_FACTS:
-            more = counted(len(known) - _MOST_FACTS, "more recipe")
-            facts.append(prompt_text("more_recipes", more=more))
+        if len(ranked) > _MOST_FACTS:
+            rest_text = counted(len(ranked) - _MOST_FACTS, "more recipe")
+            facts.append(prompt_text("more_recipes", more=rest_text))
         return facts
 
 
@@ -165,14 +165,14 @@ class ScorerKnowledge(Knowledge):
         return [] if scorer is None else [*self._links(scorer, entity, game)]
 
     def _links(self, scorer: "TripleScorer", entity: int, game: Game) -> Iterator[str]:
-        others = np.delete(np.arange(self.graph.num_entities), entity)
+        candidates = np.delete(np.arange(self.graph.num_entities), entity)
         at_hand = np.array([self.graph.id_of(label) for label in game.labels])
         at_hand = at_hand[at_hand != entity]
         # A partner must be at hand to be of use; what an entity makes, or is made of, may be any.
         for prompt, ids, (head, relation, tail) in (
             ("likely_partners", at_hand, (entity, COMBINES_WITH, at_hand)),
-            ("likely_results", others, (entity, COMPONENT_OF, others)),
-            ("likely_ingredients", others, (others, COMPONENT_OF, entity)),
+            ("likely_results", candidates, (entity, COMPONENT_OF, candidates)),
+            ("likely_ingredients", candidates, (candidates, COMPONENT_OF, entity)),
         ):
             if len(ids):
                 scores = scorer.score(head, relation, tail).cpu().numpy()

@@ -90,14 +90,14 @@ def _twins(marked: Sequence[_Row]) -> set[str]:
     weights = defaultdict[tuple[str, str], set[str]](set)
     entries = Counter[tuple[str, ...]]()
     for row in marked:
-        one = row.submission
-        key = look_alike_key(one.player)
-        spellings[key].add(one.player)
-        kinds[key].add(one.kind)
-        weights[key, one.track].add(json.dumps(one.weights, sort_keys=True))
+        submission = row.submission
+        key = look_alike_key(submission.player)
+        spellings[key].add(submission.player)
+        kinds[key].add(submission.kind)
+        weights[key, submission.track].add(json.dumps(submission.weights, sort_keys=True))
         # Rows with and without look-ups are told apart.
-        entries[key, one.track, one.knowledge, one.games_hash] += 1
-        entries[key, one.track, one.knowledge, one.prompt_hash or ""] += 1
+        entries[key, submission.track, submission.knowledge, submission.games_hash] += 1
+        entries[key, submission.track, submission.knowledge, submission.prompt_hash or ""] += 1
     # Equal weights on different tracks are one player; so weights are compared within a track.
     several = {key for key, different in (*spellings.items(), *kinds.items()) if len(different) > 1}
     several |= {key for (key, _), different in weights.items() if len(different) > 1}
@@ -135,17 +135,17 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
         yield "judge such rows by their other columns."
     heading = ""
     for track in manifest.names:
-        on_track = [one for one in marked if one.submission.track == track]
-        rows = sorted(on_track, key=lambda one: -one.submission.figures.mean)
+        on_track = [row for row in marked if row.submission.track == track]
+        rows = sorted(on_track, key=lambda row: -row.submission.figures.mean)
         if not rows:
             continue
-        whole, is_small, _ = track.partition(_SMALL)
-        if whole != heading:
-            yield from ("", f"## {whole}")
-            heading = whole
+        full_track, is_small, _ = track.partition(_SMALL)
+        if full_track != heading:
+            yield from ("", f"## {full_track}")
+            heading = full_track
         table = [*_references(rows, twins), *_table(rows, twins)]
         # A list, since a table of so many columns would scroll sideways on a phone.
-        details = [line for one in rows for line in _details(one, twins)]
+        details = [line for row in rows for line in _details(row, twins)]
         if is_small:
             # One fold for all: a small track takes one line of the page.
             yield from ("", *_folded(_summary(track, rows), [*table, "", *details]))
@@ -167,7 +167,7 @@ def _folded(summary: str, lines: Sequence[str]) -> Iterator[str]:
 
 def _summary(track: str, rows: Sequence[_Row]) -> str:
     """Return the title of a folded track, with its number of players and its best result."""
-    ranked = [one for one in rows if one.submission.kind not in REFERENCES]
+    ranked = [row for row in rows if row.submission.kind not in REFERENCES]
     if not ranked:
         return track
     return f"{track}: {counted(len(ranked), 'player')}, best {_value(ranked[0])}"
@@ -179,14 +179,14 @@ def _value(row: _Row) -> str:
 
 def _references(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
     """Yield the line above a table with the oracle and chance."""
-    found = [
-        f"{about} {_value(one)} ({_player(one.submission, twins)}, {one.mark})"
+    texts = [
+        f"{about} {_value(row)} ({_player(row.submission, twins)}, {row.mark})"
         for kind, about in REFERENCES.items()
-        for one in rows
-        if one.submission.kind == kind
+        for row in rows
+        if row.submission.kind == kind
     ]
-    if found:
-        yield from (f"Lines of reference: {'; '.join(found)}.", "")
+    if texts:
+        yield from (f"Lines of reference: {'; '.join(texts)}.", "")
 
 
 def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
@@ -194,24 +194,24 @@ def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
 
     Equal results share a rank. Each bar also shows chance, as a thin line.
     """
-    ranked = [one for one in rows if one.submission.kind not in REFERENCES]
+    ranked = [row for row in rows if row.submission.kind not in REFERENCES]
     if not ranked:
         return
     is_open_ended = ranked[0].submission.figures.by_plan is None
     result = "known items" if is_open_ended else "success"
     titles = ["rank", "player", result, "by plan", "answers read", "mark"]
-    ends = [one.submission.figures.ci_high for one in rows]
-    most = max(1.0, *ends)
+    ends = [row.submission.figures.ci_high for row in rows]
+    scale_end = max(1.0, *ends)
     lines = []
-    for one in rows:
-        if one.submission.kind == "random":
-            mean = one.submission.figures.mean
-            lines.append(100 * mean / most)
-    means = [one.submission.figures.mean for one in ranked]
+    for row in rows:
+        if row.submission.kind == "random":
+            mean = row.submission.figures.mean
+            lines.append(100 * mean / scale_end)
+    means = [row.submission.figures.mean for row in ranked]
     table = []
-    for one, mean in zip(ranked, means, strict=True):
-        better = sum(other > mean for other in means)
-        table.append([*_cells(one, twins, better + 1, most, lines)])
+    for row, mean in zip(ranked, means, strict=True):
+        num_better = sum(value > mean for value in means)
+        table.append([*_cells(row, twins, num_better + 1, scale_end, lines)])
     # A column without a single entry takes room and says nothing.
     is_shown = [any(column) for column in zip(*table, strict=True)]
     yield _row([*compress(titles, is_shown)])

@@ -296,25 +296,25 @@ def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
     These are paths, language, caches and devices. Tokens and keys are not among them, because a
     program may be foreign. Proxies are passed on unless their address holds a password.
     """
-    kept = {}
+    passed = {}
     for name, value in variables.items():
         is_proxy = name.upper() in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY") and "@" not in value
         # Each program has a tag of its own, so the tag of an outer one is not passed on.
         is_own = name.upper().startswith(_OWN_PREFIXES) and name != TAG
         if name.upper() in _PASSED_ON or is_proxy or is_own:
-            kept[name] = value
-    return kept
+            passed[name] = value
+    return passed
 
 
 def _kill_processes(pid: int | None, tag: str) -> None:
     """Kill a program with all its processes, repeatedly, until no search finds any."""
     for _ in range(_MOST_ROUNDS):
         # A process may have started another between the search and its end, so search again.
-        found = _processes_of(pid, tag)
-        for one in found:
+        pids = _processes_of(pid, tag)
+        for process in pids:
             with suppress(OSError):  # it has ended meanwhile
-                os.kill(one, signal.SIGKILL)
-        if not found:
+                os.kill(process, signal.SIGKILL)
+        if not pids:
             return
 
 
@@ -343,13 +343,16 @@ def _processes_of(pid: int | None, tag: str) -> set[int]:
                 tagged.add(int(folder.name))
         except (OSError, ValueError):  # it has ended, or belongs to another user
             continue
-    found = set(tagged)
+    descendants = set(tagged)
     if pid in parents:
-        found.add(pid)
+        descendants.add(pid)
     # Children, their children, and so on, until a search finds no more.
-    while more := {child for child, parent in parents.items() if parent in found} - found:
-        found |= more
-    return found - {os.getpid()}
+    while (
+        children := {child for child, parent in parents.items() if parent in descendants}
+        - descendants
+    ):
+        descendants |= children
+    return descendants - {os.getpid()}
 
 
 def _message_in(line: str) -> str:

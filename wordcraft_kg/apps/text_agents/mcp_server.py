@@ -28,8 +28,9 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wordcraft_kg import __version__
+from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import HostedGame, HostedGames
+from wordcraft_kg.apps.text_agents.hosted_games import HostedGames
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
 from wordcraft_kg.base.errors import ActionError, EpisodeError, WordCraftKGError
 from wordcraft_kg.base.settings import MAX_SIZE
@@ -84,11 +85,11 @@ class Position(BaseModel, frozen=True):
     )
 
     @classmethod
-    def of(cls, hosted: HostedGame, **more: Any) -> Self:
+    def of(cls, talk: Conversation, **more: Any) -> Self:
         """Return the state of a game; ``more`` are fields of subclasses, such as ``rules``."""
-        game = hosted.talk.game
+        game = talk.game
         return cls(
-            game=hosted.name,
+            game=talk.name,
             goal=game.goal,
             items=list(game.labels),
             attempts_left=game.attempts_left,
@@ -152,12 +153,12 @@ class _Server(MCPServer[Any]):
             ToolError: with a text that tells a player what to do.
         """
         # The SDK drops unknown arguments, so a misspelled optional one would silently do nothing.
-        known: Collection[str] = arguments
+        names: Collection[str] = arguments
         for tool in await self.list_tools():
             if tool.name == name:
-                known = tool.input_schema["properties"]
-        for unknown in arguments.keys() - known:
-            expected = ", ".join(known) or "no arguments"
+                names = tool.input_schema["properties"]
+        for unknown in arguments.keys() - names:
+            expected = ", ".join(names) or "no arguments"
             reason = f"unknown argument '{unknown[:_LONGEST]}': expected {expected}."
             raise ToolError(prompt_text("invalid", reason=reason))
         try:
@@ -172,9 +173,9 @@ class _Server(MCPServer[Any]):
     async def run_stdio_async(self) -> None:
         """Serve on the standard streams until the input ends, and answer every message."""
         streams: tuple[Any, Any] = _messages(), _Answers()
-        async with stdio_server(*streams) as (read, write):
+        async with stdio_server(*streams) as (reader, writer):
             server = self._lowlevel_server
-            await server.run(read, write, server.create_initialization_options())
+            await server.run(reader, writer, server.create_initialization_options())
 
 
 async def _messages() -> AsyncIterator[str]:
@@ -202,8 +203,8 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
     if isinstance(error, ValidationError):
         # Without the input: a player's own text would come back as a part of the prompt.
         details = error.errors(include_url=False, include_context=False, include_input=False)
-        each = (f"'{'.'.join(map(str, one['loc']))}': {one['msg']}" for one in details)
-        return prompt_text("invalid", reason="; ".join(each) + ".")
+        problems = (f"'{'.'.join(map(str, detail['loc']))}': {detail['msg']}" for detail in details)
+        return prompt_text("invalid", reason="; ".join(problems) + ".")
     if isinstance(error, ActionError):
         return prompt_text("invalid", reason=str(error))
     if isinstance(error, OSError):
@@ -263,8 +264,8 @@ def _server(
         has_scorer: whether facts are a scorer's links instead of recipes.
         hosted: function that returns the games; without it the server only lists its tools.
     """
-    known = "the likely links of" if has_scorer else "the known recipes of"
-    about_look_ups = _TOOLS["look_up"].format(known=known, look_ups=counted(look_ups, "look-up"))
+    subject = "the likely links of" if has_scorer else "the known recipes of"
+    about_look_ups = _TOOLS["look_up"].format(known=subject, look_ups=counted(look_ups, "look-up"))
     instructions = [rules, _INSTRUCTIONS]
     if look_ups:
         instructions.insert(1, about_look_ups)
@@ -279,35 +280,36 @@ def _server(
 
     @server.tool(title="Get the game state", description=_TOOLS["state"], annotations=_READS)
     async def state(game: _GameName) -> Annotated[CallToolResult, Position]:
-        playing = hosted().game(game)
-        return _result(playing.talk.game.state, Position.of(playing))
+        talk = hosted().game(game)
+        return _result(talk.game.state, Position.of(talk))
 
     @server.tool(title="Combine two items", description=_TOOLS["combine"], annotations=_PLAYS)
     async def combine(
         game: _GameName, first: _Item, second: _Item
     ) -> Annotated[CallToolResult, Combined]:
-        playing = hosted().game(game)
-        before = playing.talk.game.labels
-        result = playing.combine(first, second)
-        new = [label for label in playing.talk.game.labels if label not in before]
-        return _result(
-            f"{result}\n\n{playing.talk.game.state}", Combined.of(playing, result=result, new=new)
-        )
+        talk = hosted().game(game)
+        labels_before = talk.game.labels
+        result = talk.attempt(first, second)
+        new = [label for label in talk.game.labels if label not in labels_before]
+        text = f"{result}\n\n{talk.game.state}"
+        return _result(text, Combined.of(talk, result=result, new=new))
 
     if look_ups:
 
         @server.tool(title="Look up an item", description=about_look_ups, annotations=_PLAYS)
         async def look_up(game: _GameName, item: _Label) -> Annotated[CallToolResult, Facts]:
-            playing = hosted().game(game)
-            label, facts, reply = playing.look_up(item)
-            left = look_ups - playing.talk.look_ups
-            return _result(reply, Facts(game=game, item=label, facts=facts, look_ups_left=left))
+            talk = hosted().game(game)
+            label, facts, reply = talk.consult(item)
+            look_ups_left = look_ups - talk.look_ups
+            return _result(
+                reply, Facts(game=game, item=label, facts=facts, look_ups_left=look_ups_left)
+            )
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
     async def end(game: _GameName) -> Annotated[CallToolResult, Position]:
-        playing = hosted().game(game)
-        playing.end()
-        return _result(playing.talk.game.state, Position.of(playing))
+        talk = hosted().game(game)
+        talk.end()
+        return _result(talk.game.state, Position.of(talk))
 
     return server
 
@@ -339,11 +341,10 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
         return _begun(hosted().begin(task, distractor_seed))
 
 
-def _begun(hosted: HostedGame) -> CallToolResult:
-    game = hosted.talk.game
-    return _result(
-        f"Game id: {hosted.name}\n{game.rules}\n\n{game.state}", Begun.of(hosted, rules=game.rules)
-    )
+def _begun(talk: Conversation) -> CallToolResult:
+    rules = talk.game.rules
+    text = f"Game id: {talk.name}\n{rules}\n\n{talk.game.state}"
+    return _result(text, Begun.of(talk, rules=rules))
 
 
 def _result(text: str, values: BaseModel) -> CallToolResult:

@@ -85,17 +85,20 @@ def name_of(play: Play, task: int, distractor_seed: int) -> str:
 
 
 def _name_of_games(play: Play) -> str:
-    own = play.settings
+    settings = play.settings
     # A track numbers its tasks anew: its third task is another than the third task of the part.
-    return own.track or f"{own.graph}-{own.part}-{own.depth}-{own.distractors}"
+    return (
+        settings.track
+        or f"{settings.graph}-{settings.part}-{settings.depth}-{settings.distractors}"
+    )
 
 
 def tool_opening(talk: Conversation) -> str:
     """Return the first message to a player with tools: rules, the offer of look-ups, the state."""
     lines = [talk.game.rules, "Use the tool `combine` for each attempt."]
     if talk.offers_look_ups:
-        most = counted(talk.offers_look_ups, "look-up")
-        lines.append(f"The tool `look_up` shows known recipes; there are {most}.")
+        limit = counted(talk.offers_look_ups, "look-up")
+        lines.append(f"The tool `look_up` shows known recipes; there are {limit}.")
     return "\n".join([*lines, "", talk.game.state])
 
 
@@ -160,12 +163,12 @@ class GameList:
                 f"`index` {_shown(index)}: expected a whole number from 0 to {count - 1}, a task "
                 f"of the part {part}."
             )
-        rest = index
+        task = index
         for play in self._plays_of(part):
-            if rest < _size(play):
+            if task < _size(play):
                 break
-            rest -= _size(play)
-        return NamedGame(play, rest, distractor_seed)
+            task -= _size(play)
+        return NamedGame(play, task, distractor_seed)
 
     def named(self, name: Any) -> NamedGame:
         """Return the game with a name.

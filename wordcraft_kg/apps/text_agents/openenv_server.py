@@ -4,15 +4,18 @@ TRL, verifiers and Inspect connect to such servers. A web socket (``/ws``) is a 
 of its own; HTTP describes the games: ``/health``, ``/metadata``, ``/schema``, and the Task API
 below ``/crafting``. OpenEnv itself is not needed here: it wants another version of ``mcp`` than
 this package does.
+
+:class:`CraftingSession` answers one client, and knows nothing of connections.
 """
 
 import asyncio
 import json
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, Router, WebSocketRoute
@@ -20,23 +23,196 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
-from wordcraft_kg.apps.text_agents.hosted_games import KeptGames
-from wordcraft_kg.apps.text_agents.named_games import GameList
-from wordcraft_kg.apps.text_agents.openenv_session import (
-    ACTION_SCHEMA,
-    OBSERVATION_SCHEMA,
-    STATE_SCHEMA,
-    CraftingSession,
-)
-from wordcraft_kg.apps.text_agents.openenv_tasks import NAME, task_routes
+from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.hosted_games import GamesWriter
+from wordcraft_kg.apps.text_agents.named_games import GameList, NamedGame
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard, foreign_host, is_of_another_site
-from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, WordCraftKGError
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 
 _FOREIGN = 1008
 """Code with which a web socket of a foreign page is closed."""
 _LAST = 1.0
 """Seconds for the last message to a silent client."""
 _JSON = "application/json"
+LONGEST_ANSWER = 100_000
+"""Characters at the end of an answer that are read: only its last line counts."""
+_RESET = ("seed", "episode_id", "split", "index", "task_id")
+_STEP = ({"answer"}, {"first", "second"}, {"look_up"})
+# A client for language models shows this schema to the model, so it is a prompt.
+ACTION_SCHEMA: dict[str, Any] = {
+    "title": "CraftingAction",
+    "type": "object",
+    "required": ["answer"],
+    "properties": {
+        "answer": {
+            "type": "string",
+            "description": "text whose last line names two items, such as 'water + earth'",
+        }
+    },
+    "additionalProperties": False,
+}
+_TEXT = {"type": "string"}
+_WHOLE = {"type": "integer"}
+OBSERVATION_SCHEMA: dict[str, Any] = {
+    "title": "CraftingObservation",
+    "type": "object",
+    "properties": {
+        "text": {**_TEXT, "description": "first the rules, then the reply; always the state"},
+        "goal": _TEXT,
+        "table": {"type": "array", "items": _TEXT},
+        "attempts_left": _WHOLE,
+        "task_id": {**_TEXT, "description": "name of the game"},
+    },
+}
+STATE_SCHEMA: dict[str, Any] = {
+    "title": "CraftingState",
+    "type": "object",
+    "properties": {"episode_id": {"type": ["string", "null"]}, "step_count": _WHOLE},
+}
+NAME = "crafting"
+"""Name of the environment, as in the addresses."""
+_KINDS = {"valid": "validation"}
+"""OpenEnv's names of parts, where they differ from ours."""
+
+
+class CraftingSession:
+    """The games of a client, one at a time.
+
+    Attributes:
+        games: the games on offer.
+    """
+
+    def __init__(self, games: GameList, keep: GamesWriter | None = None):
+        """Wait for :meth:`reset`.
+
+        Args:
+            games: the games on offer.
+            keep: file for finished games; None records nothing.
+        """
+        self.games = games
+        self._keep = keep
+        self._game: NamedGame | None = None
+        self._talk: Conversation | None = None
+        self._episode: str | None = None
+        self._steps = 0
+
+    def reset(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Begin a game, and end the one before.
+
+        Args:
+            arguments: ``task_id``, the name of a game; or ``split`` and ``index``, with ``seed``
+                as the distractor seed (0 by default); or neither: then ``seed`` draws the game, and
+                without a seed the system does. ``episode_id`` is only repeated in the state.
+
+        Returns:
+            the first observation; its text has the rules.
+
+        Raises:
+            ConfigError: for another argument, a value out of range, or a game that is not offered.
+            OSError: if a game cannot be recorded, of whatever session: no other may begin before.
+        """
+        unknown = sorted(arguments.keys() - {*_RESET})
+        if unknown:
+            raise ConfigError(f"reset has no argument '{unknown[0][:60]}': {', '.join(_RESET)}.")
+        game = self._chosen({key: value for key, value in arguments.items() if value is not None})
+        # Begun before the last game ends: a refused reset changes nothing.
+        talk = game.begin()
+        self.close()
+        if self._keep is not None:
+            self._keep.save()
+        talk.on_end = self._keep
+        self._game = game
+        self._talk = talk
+        episode = arguments.get("episode_id")
+        self._episode = None if episode is None else str(episode)[:255]
+        self._steps = 0
+        return self._observation(talk, talk.opening, reward=None)
+
+    def step(self, action: Any) -> dict[str, Any]:
+        """Act in the game; an invalid answer is part of the game, and no error.
+
+        Args:
+            action: ``answer``, a text as in all conversations; or ``first`` and ``second``, two
+                items; or ``look_up``, an item. A number is taken for its text.
+
+        Returns:
+            the observation. After the end of the game an action changes nothing.
+
+        Raises:
+            ActionError: for an object with other keys.
+            EpisodeError: before :meth:`reset`.
+        """
+        if not isinstance(action, dict) or action.keys() - {"metadata"} not in _STEP:
+            raise ActionError('the action must be {"answer": "first + second"}.')
+        if self._talk is None:
+            raise EpisodeError("there is no game; send reset first.")
+        talk = self._talk
+        if talk.is_over:
+            return self._observation(talk, talk.after_the_end, reward=0.0)
+        self._steps += 1
+        if "answer" in action:
+            reply = talk.hear(_text(action["answer"])[-LONGEST_ANSWER:])
+        elif "look_up" in action:
+            reply = talk.look_up_item(_text(action["look_up"]))
+        else:
+            reply = talk.combine(_text(action["first"]), _text(action["second"]))
+        return self._observation(talk, reply, reward=talk.reward)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """OpenEnv's state: the episode's id and the number of actions."""
+        return {"episode_id": self._episode, "step_count": self._steps}
+
+    def close(self) -> None:
+        """End the game, as its client leaves: on a track, a game that was begun counts as it is."""
+        talk = self._talk
+        if talk is None or talk.is_over:
+            return
+        assert self._game is not None
+        # Otherwise a client could leave each game that goes wrong, and begin it again.
+        if not (self._game.play.settings.track and self._steps):
+            talk.on_end = None
+        talk.end()
+
+    def _chosen(self, arguments: dict[str, Any]) -> NamedGame:
+        if "task_id" in arguments:
+            return self.games.named(arguments["task_id"])
+        part = arguments.get("split", next(iter(self.games.plays)))
+        if "seed" in arguments:
+            whole("seed", arguments["seed"], 0, MAX_SIZE)
+        if "index" in arguments:
+            return self.games.at(part, arguments["index"], arguments.get("seed", 0))
+        # A generator of its own for each call: a seed always draws the same game.
+        rng = np.random.default_rng(arguments.get("seed"))
+        index = int(rng.integers(self.games.count(part)))
+        return self.games.at(part, index, int(rng.integers(MAX_SIZE)))
+
+    def _observation(
+        self, talk: Conversation, text: str, *, reward: float | None
+    ) -> dict[str, Any]:
+        assert self._game is not None
+        game = talk.game
+        observation = {
+            "text": text,
+            "goal": game.goal,
+            "table": list(game.labels),
+            "attempts_left": game.attempts_left,
+            "task_id": self._game.name,
+        }
+        counts = {"invalid_actions": talk.invalid_actions, "look_ups": talk.look_ups}
+        metadata = {"success": game.is_made, "by_plan": game.by_plan, **counts}
+        return {
+            "observation": observation,
+            "reward": reward,
+            "done": talk.is_over,
+            "metadata": metadata,
+        }
+
+
+def _text(value: Any) -> str:
+    """Return an answer as text: models also write numbers and lists, which the grammar reads."""
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 class _Sessions:
@@ -95,13 +271,13 @@ def _end(session: CraftingSession) -> None:
 def _answer(session: CraftingSession, message: str | bytes) -> str | None:
     """Return the answer to a message; None to close the session."""
     try:
-        asked = json.loads(message)
+        request = json.loads(message)
     except (RecursionError, ValueError):
-        asked = None
-    if not isinstance(asked, dict):
+        request = None
+    if not isinstance(request, dict):
         return _error("INVALID_JSON", "expected a JSON object with type and data.")
-    kind = asked.get("type")
-    data = asked.get("data", {})
+    kind = request.get("type")
+    data = request.get("data", {})
     if kind == "close":
         return None
     try:
@@ -126,7 +302,7 @@ def _error(code: str, message: str) -> str:
 def make_openenv_app(
     games: GameList,
     *,
-    keep: KeptGames | None = None,
+    keep: GamesWriter | None = None,
     sessions: int = 256,
     idle: float = 900.0,
     host: str = LOOPBACK[0],
@@ -178,3 +354,49 @@ def _page(status: int, message: str) -> str:
 
 def _constant(fact: Any) -> Callable[[Request], Response]:
     return lambda request: JSONResponse(fact)
+
+
+def _task(games: GameList, part: str, index: Any) -> dict[str, Any]:
+    game = games.at(part, index)
+    settings = game.play.settings
+    tables = {"depth": settings.depth, "distractors": settings.distractors}
+    return {"id": game.name, "index": index, "split": part, **tables}
+
+
+def _range(games: GameList, query: dict[str, Any]) -> list[dict[str, Any]]:
+    part = query.get("split", "")
+    places = range(games.count(part))[query.get("start") : query.get("stop")]
+    return [_task(games, part, index) for index in places]
+
+
+_TASK_API: dict[str, Callable[[GameList, dict[str, Any]], dict[str, Any]]] = {
+    "num_tasks": lambda games, query: {"num_tasks": games.count(query.get("split", ""))},
+    "task": lambda games, query: {"task": _task(games, query.get("split", ""), query.get("index"))},
+    "tasks": lambda games, query: {"tasks": _range(games, query), "env_name": NAME},
+    "task_range": lambda games, query: {"tasks": _range(games, query)},
+}
+
+
+def task_routes(games: GameList) -> list[Route]:
+    """Return the addresses of the Task API for the games on offer."""
+    parts = [{"name": part, "type": _KINDS.get(part, part)} for part in games.plays]
+    routes = [
+        Route("/list_environments", lambda request: JSONResponse([NAME])),
+        Route(f"/{NAME}/splits", lambda request: JSONResponse(parts)),
+    ]
+    for name, find in _TASK_API.items():
+        routes.append(Route(f"/{NAME}/{name}", _endpoint(games, find), methods=["POST"]))
+    return routes
+
+
+def _endpoint(games: GameList, find: Callable[..., Any]) -> Any:
+    async def endpoint(request: Request) -> Response:
+        try:
+            return JSONResponse(find(games, json.loads(await request.body())))
+        except WordCraftKGError as error:
+            return JSONResponse({"detail": str(error)}, 400)
+        except (ValueError, TypeError, AttributeError, RecursionError):
+            expected = 'expected a JSON object such as {"split": "train", "index": 0}.'
+            return JSONResponse({"detail": expected}, 422)
+
+    return endpoint

@@ -13,7 +13,7 @@ from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
 
-GamesFormat = Literal["wordcraft-kg text games 1"]
+GamesFormat = Literal["wordcraft-kg text games 2"]
 GAMES_FILE = "games.jsonl"
 
 
@@ -114,24 +114,25 @@ class GamesHeader(Record, frozen=True, kw_only=True):
         settings: settings of all games in the file.
     """
 
-    format: GamesFormat = "wordcraft-kg text games 1"
+    format: GamesFormat = "wordcraft-kg text games 2"
     player: str
     settings: PlayedSettings
 
 
-class TaskGameRecord(Record, frozen=True, kw_only=True):
-    """A finished game on a crafting task: a line in ``games.jsonl``.
+class GameRecord(Record, frozen=True, kw_only=True):
+    """A finished game: a line in ``games.jsonl``.
 
     Attributes:
-        task: index of the task in its part.
-        distractor_seed: seed of the distractors on the table.
-        goal: label of the entity to make.
-        table: labels on the table at the start, in slot order.
+        task: index of the task in its part; 0 in the open-ended world.
+        distractor_seed: seed of the distractors on the table, or number of the open-ended game.
+        goal: label of the entity to make; None in the open-ended world.
+        table: labels at the start, in slot order; empty in the open-ended world.
         success: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
-        actions: number of actions (choices of an entity) until the end.
-        termination: how the game ended, as agent evaluation says it.
-        last: labels of the last combined pair; None after a lost attempt.
+        actions: number of actions (choices of an entity) in a task until the end.
+        termination: how a game on a task ended, as agent evaluation says it.
+        known_after: number of known entities after each attempt in the open-ended world.
+        repeated: number of attempts there with a pair that had been tried before.
         invalid_actions: number of messages that were not understood.
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
@@ -139,44 +140,26 @@ class TaskGameRecord(Record, frozen=True, kw_only=True):
         pairs: labels of all combined pairs in turn, None for a lost attempt.
     """
 
-    task: Count
-    distractor_seed: Count
-    goal: str
-    table: tuple[str, ...]
-    success: bool
-    by_plan: bool
-    actions: Count
-    termination: TerminationReason
-    last: tuple[str, str] | None
-    invalid_actions: Count
-    lost_attempts: Count
-    look_ups: Count
-    messages: tuple[str, ...]
+    task: Count = 0
+    distractor_seed: Count = 0
+    goal: str | None = None
+    table: tuple[str, ...] = ()
+    success: bool = False
+    by_plan: bool = False
+    actions: Count = 0
+    termination: TerminationReason | None = None
+    known_after: tuple[Count, ...] = ()
+    repeated: Count = 0
+    invalid_actions: Count = 0
+    lost_attempts: Count = 0
+    look_ups: Count = 0
+    messages: tuple[str, ...] = ()
     pairs: tuple[tuple[str, str] | None, ...]
 
-
-class WorldGameRecord(Record, frozen=True, kw_only=True):
-    """A finished open-ended game: a line in ``games.jsonl``.
-
-    Attributes:
-        game: number of the game.
-        known_after: number of known entities after each attempt.
-        repeated: number of attempts with a pair that had been tried before.
-        invalid_actions: number of messages that were not understood.
-        lost_attempts: number of attempts lost by them.
-        look_ups: number of entities that were looked up.
-        messages: all prompts and answers in turn; empty in Inspect's logs, which have their own.
-        pairs: labels of all combined pairs in turn, None for a lost attempt.
-    """
-
-    game: Count
-    known_after: tuple[Count, ...]
-    repeated: Count
-    invalid_actions: Count
-    lost_attempts: Count
-    look_ups: Count
-    messages: tuple[str, ...]
-    pairs: tuple[tuple[str, str] | None, ...]
+    @property
+    def last(self) -> tuple[str, str] | None:
+        """Labels of the last combined pair; None without one and after a lost attempt."""
+        return self.pairs[-1] if self.pairs else None
 
 
 class TextResult(Record, frozen=True, kw_only=True):

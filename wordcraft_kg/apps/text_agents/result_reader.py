@@ -11,10 +11,9 @@ from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
+    GameRecord,
     GamesFormat,
     PlayedSettings,
-    TaskGameRecord,
-    WorldGameRecord,
 )
 from wordcraft_kg.apps.text_agents.results import read_games
 from wordcraft_kg.apps.text_agents.submission import Submission, check_kind, read_lines
@@ -99,7 +98,7 @@ def _recorded_games(
     name: str,
     kind: str,
     settings: PlayedSettings,
-    played: Sequence[TaskGameRecord | WorldGameRecord],
+    played: Sequence[GameRecord],
 ) -> list[TableGame]:
     """Return the games on tasks among recorded games.
 
@@ -114,10 +113,10 @@ def _recorded_games(
     part = settings.part
     depth = settings.depth
     games = []
-    for one in played:
-        if isinstance(one, TaskGameRecord) and part is not None and depth is not None:
+    for game in played:
+        if game.goal is not None and part is not None and depth is not None:
             games.append(
-                TableGame(name, kind, part, depth, one.goal, one.table, one.pairs, one.success)
+                TableGame(name, kind, part, depth, game.goal, game.table, game.pairs, game.success)
             )
     check_hash(path, "graph", settings.graph_hash, opened.graph.hash)
     check_hash(path, "split", settings.split_hash, opened.split.hash)
@@ -125,8 +124,8 @@ def _recorded_games(
 
 
 READER = GameReader(
-    "a folder of 'evaluate-text' or 'bench run', an 'mcp --out' file, or an Inspect AI log (.eval, "
-    ".json)",
+    "a folder of games by 'evaluate-agent --player' or 'bench run', an 'mcp --out' file, or an "
+    "Inspect AI log (.eval, .json)",
     _knows,
     _games,
 )

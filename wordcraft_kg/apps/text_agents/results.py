@@ -6,9 +6,11 @@ machine may stop at any time.
 
 import logging
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,14 +20,13 @@ import numpy as np
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TableOf, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
+    GameRecord,
     GamesHeader,
     PlayedSettings,
-    TaskGameRecord,
     TextResult,
-    WorldGameRecord,
 )
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.artefacts import read_large_file
@@ -40,6 +41,9 @@ from wordcraft_kg.base.escaping import for_file
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -49,6 +53,7 @@ from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
+    from wordcraft_kg.evaluation.players import ExternalPlayer
 
 REPLACEMENT = "replacement"
 """Folder beside games for those that replace them once complete."""
@@ -75,30 +80,29 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
     return np.arange(most) * number // most
 
 
-def record_of(
-    talk: Conversation, messages: Sequence[str], number: int = 0
-) -> TaskGameRecord | WorldGameRecord:
+def record_of(talk: Conversation, number: int = 0) -> GameRecord:
     """Return the record of the finished game in a conversation.
 
     Args:
         talk: the conversation.
-        messages: all prompts and answers in turn.
         number: number of an open-ended game; a track's own number wins.
     """
     game = talk.game
-    counts = {
-        **{name: getattr(talk, name) for name in COUNTS},
-        # A record is written whatever the player says: a game without one could be played again.
-        "messages": tuple(map(for_file, messages)),
-        "pairs": tuple(game.pairs),
-    }
+    counts = {name: getattr(talk, name) for name in COUNTS}
+    # A record is written whatever the player says: a game without one could be played again.
+    messages = tuple(map(for_file, talk.messages))
+    pairs = tuple(game.pairs)
     if isinstance(game, DiscoveryGame):
-        number = number if game.number is None else game.number
-        return WorldGameRecord(
-            game=number, known_after=tuple(game.known_after), repeated=game.repeated, **counts
+        return GameRecord(
+            distractor_seed=number if game.number is None else game.number,
+            known_after=tuple(game.known_after),
+            repeated=game.repeated,
+            messages=messages,
+            pairs=pairs,
+            **counts,
         )
     assert isinstance(game, TaskGame)
-    return TaskGameRecord(
+    return GameRecord(
         task=game.task,
         distractor_seed=game.distractor_seed,
         goal=game.goal,
@@ -107,7 +111,8 @@ def record_of(
         by_plan=game.by_plan,
         actions=game.actions,
         termination=_termination_of(game),
-        last=game.last,
+        messages=messages,
+        pairs=pairs,
         **counts,
     )
 
@@ -119,17 +124,16 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     # A lost attempt has no pair, so none that makes anything.
     if game.last is None:
         return "no_recipe"
-    one, other = map(game.graph.id_of, game.last)
+    low, high = sorted(map(game.graph.id_of, game.last))
     # The ingredients of each plan's last step, which makes the goal.
     parts: set[int] = set()
     for plan in game.tasks.plans[game.task]:
         parts.update(game.graph.recipes[plan[-1], :2].tolist())
-    if one == other:
+    if low == high:
         return "same_twice"
-    if {one, other} & parts:
+    if {low, high} & parts:
         return "one_right_part"
-    pair = (min(one, other), max(one, other))
-    return "no_right_part" if pair in game.world.outcomes else "no_recipe"
+    return "no_right_part" if (low, high) in game.world.outcomes else "no_recipe"
 
 
 def groups_of(opened: OpenedGraph, settings: PlayedSettings) -> Ids | None:
@@ -146,7 +150,7 @@ def groups_of(opened: OpenedGraph, settings: PlayedSettings) -> Ids | None:
     return World(opened, games.environment).groups
 
 
-def evaluation_of(played: Sequence[TaskGameRecord], groups: Ids | None = None) -> "Evaluation":
+def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "Evaluation":
     """Convert the records of N tasks with D distractor seeds each to an evaluation, shape (N, D).
 
     The last pairs have no ids (-1), because records need no graph; no metric depends on them.
@@ -161,22 +165,22 @@ def evaluation_of(played: Sequence[TaskGameRecord], groups: Ids | None = None) -
     """
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
-    tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
-    seeds = {one.distractor_seed for one in played}
+    tasks = np.array(sorted({game.task for game in played}), dtype=np.int64)
+    seeds = {game.distractor_seed for game in played}
     shape = (len(tasks), len(seeds))
     if len(played) != shape[0] * shape[1]:
         raise ValueError(
             f"{len(played)} games: expected {shape[0]} tasks with {shape[1]} distractor seeds each"
         )
     # Sorted by task, then by seed, so that a reshaping gives a row for each task.
-    games = sorted(played, key=lambda one: (one.task, one.distractor_seed))
-    terminations = [TERMINATION_REASONS.index(one.termination) for one in games]
+    games = sorted(played, key=lambda game: (game.task, game.distractor_seed))
+    terminations = [TERMINATION_REASONS.index(game.termination or "no_recipe") for game in games]
     return Evaluation(
         tasks,
         tasks if groups is None else groups[tasks],
-        np.array([one.success for one in games], dtype=bool).reshape(shape),
-        np.array([one.by_plan for one in games], dtype=bool).reshape(shape),
-        np.array([one.actions for one in games], dtype=np.int64).reshape(shape),
+        np.array([game.success for game in games], dtype=bool).reshape(shape),
+        np.array([game.by_plan for game in games], dtype=bool).reshape(shape),
+        np.array([game.actions for game in games], dtype=np.int64).reshape(shape),
         np.array(terminations, dtype=np.int8).reshape(shape),
         np.full((*shape, 2), -1),
         np.full(shape, -1),
@@ -194,15 +198,15 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
     before = [mark for mark in (*MARKS, *LATER_MARKS) if mark < attempts]
     means: dict[int, float] = {}
     for mark in sorted({attempts, *before}):
-        known = [curve[: mark + 1][-1] for curve in curves]
-        means[mark] = float(np.mean(known))
+        counts = [curve[: mark + 1][-1] for curve in curves]
+        means[mark] = float(np.mean(counts))
     return means
 
 
 def result_of(
     player: str,
     settings: PlayedSettings,
-    played: Sequence[TaskGameRecord | WorldGameRecord],
+    played: Sequence[GameRecord],
     groups: Ids | None = None,
 ) -> TextResult:
     """Return a player's result: metrics and counts over all recorded games.
@@ -218,14 +222,9 @@ def result_of(
         ConfigError: without a game on a task.
         ValueError: if a task lacks a distractor seed that another one has.
     """
-    counts: dict[str, int] = {}
-    for name in COUNTS:
-        counts[name] = sum(getattr(one, name) for one in played)
-    curves = [
-        (len(settings.base), *one.known_after) for one in played if isinstance(one, WorldGameRecord)
-    ]
-    tasks = [one for one in played if isinstance(one, TaskGameRecord)]
-    evaluation = None if settings.is_open_ended else evaluation_of(tasks, groups)
+    counts = {name: sum(getattr(game, name) for game in played) for name in COUNTS}
+    curves = [(len(settings.base), *game.known_after) for game in played]
+    evaluation = None if settings.is_open_ended else evaluation_of(played, groups)
     return TextResult(
         player=player,
         settings=settings,
@@ -237,7 +236,7 @@ def result_of(
     )
 
 
-def read_games(path: Path) -> tuple[GamesHeader, Sequence[TaskGameRecord | WorldGameRecord], bytes]:
+def read_games(path: Path) -> tuple[GamesHeader, Sequence[GameRecord], bytes]:
     """Read a games file without changing it.
 
     Returns:
@@ -248,27 +247,30 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[TaskGameRecord | World
         ArtefactError: if the file is missing, of another kind, or damaged.
     """
     lines, _, torn = read_large_file(path).rpartition(b"\n")
-    first, _, rest = lines.partition(b"\n")
-    header = parse_record(first, GamesHeader, f"{path}, line 1,")
-    kind: type[TaskGameRecord | WorldGameRecord] = (
-        WorldGameRecord if header.settings.is_open_ended else TaskGameRecord
-    )
-    return header, parse_lines(rest, kind, f"{path} (after line 1)"), torn
+    header_line, _, records = lines.partition(b"\n")
+    header = parse_record(header_line, GamesHeader, f"{path}, line 1,")
+    return header, parse_lines(records, GameRecord, f"{path} (after line 1)"), torn
 
 
 _HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
-_NO_OPTION = {"answer_grammar": "the answer grammar"}
+_NO_OPTION = {"answer_grammar": "the answer grammar", "tasks": "the number of tasks"}
 _Speaker = Callable[[Conversation], Callable[[str], str]]
 
 
-def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResult:
-    """Evaluate a player in all games, or continue an interrupted evaluation.
+def play_all(
+    player: str, speak: _Speaker, play: Play, folder: Path, tasks: Sequence[int] | None = None
+) -> list[GameRecord]:
+    """Let a player play all games, or continue an interrupted evaluation.
 
     Args:
         player: the player's name.
         speak: from a conversation at its beginning to the function that answers its prompts.
         play: the games.
         folder: folder for the games.
+        tasks: indices of the tasks; None for those of the settings.
+
+    Returns:
+        The records of all games, in the order in which they were played.
 
     Raises:
         ArtefactError: if the folder's games are damaged or changed, or the folder is in use by
@@ -278,9 +280,10 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
     """
     path = folder / GAMES_FILE
     settings = play.settings
-    tasks = [0]
-    if isinstance(play.games, TaskGames):
-        tasks = chosen_tasks(play.games.world, settings.tasks).tolist()
+    if tasks is None:
+        tasks = [0]
+        if isinstance(play.games, TaskGames):
+            tasks = chosen_tasks(play.games.world, settings.tasks).tolist()
     # An ordered set: games are played seed by seed.
     missing: dict[tuple[int, int], None] = {}
     for distractor_seed in range(settings.distractor_seeds):
@@ -292,12 +295,8 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
         if path.is_symlink():
             raise ArtefactError(f"{path} is a link; expected a file. Choose another `out`.")
         played = open_games(path, GamesHeader(player=player, settings=settings))
-        for line, one in enumerate(played, 2):
-            key = (
-                (one.task, one.distractor_seed)
-                if isinstance(one, TaskGameRecord)
-                else (0, one.game)
-            )
+        for line, game in enumerate(played, 2):
+            key = (game.task, game.distractor_seed)
             # A game twice would count twice; a game of other tasks is not part of the result.
             if key not in missing:
                 raise ArtefactError(
@@ -308,10 +307,10 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
             del missing[key]
         for task, distractor_seed in steps("playing", missing):
             talk = play.begin(task, distractor_seed)
-            played.append(record_of(talk, converse(talk, speak(talk)), distractor_seed))
+            converse(talk, speak(talk))
+            played.append(record_of(talk, distractor_seed))
             append_game(path, played[-1])
-    groups = play.games.world.groups if isinstance(play.games, TaskGames) else None
-    return result_of(player, settings, played, groups)
+    return played
 
 
 @contextmanager
@@ -341,22 +340,91 @@ def continuable(folder: Path) -> Iterator[None]:
             raise ArtefactError(f"{folder}: {error.strerror or error}.{hint}") from None
 
 
-def play_program(
-    program: "LinePlayer", name: str, play: Play, folder: Path, *, is_replacing: bool
-) -> TextResult:
-    """Evaluate a program in all games, see :func:`play_all`.
+def play_program(program: "LinePlayer", play: Play, folder: Path, *, is_replacing: bool) -> None:
+    """Let a program play all games, see :func:`play_all`.
 
     Args:
         program: the running program.
-        name: its name in results.
         play: the games.
         folder: folder for the games.
         is_replacing: whether earlier games stay until the new games are complete.
     """
-    header = GamesHeader(player=name, settings=play.settings)
+    header = GamesHeader(player=program.name, settings=play.settings)
     games = replaced_games(folder, header) if is_replacing else nullcontext(folder)
     with games as new:
-        return play_all(name, program.speaker, play, new)
+        play_all(program.name, program.speaker, play, new)
+
+
+def evaluate_program(
+    player: "ExternalPlayer", worlds: Sequence[World], tables: int, limit: int
+) -> tuple[str, list["Evaluation"]]:
+    """Let a program play the tasks of agent evaluation, on the same tables.
+
+    The games of each world are in a folder of their own; the same call continues them.
+
+    Args:
+        player: the program, as ``program:COMMAND``.
+        worlds: worlds that differ in the number of distractors.
+        tables: tables for each task.
+        limit: most tasks; of more, evenly spaced ones are played.
+
+    Returns:
+        The program's name, and its results in each world.
+
+    Raises:
+        PlayerError: if the program does not start, ends early or does not answer in time.
+        ConfigError: if a folder has games of another player or other settings.
+        ArtefactError: if a folder's games are damaged, or another process plays there.
+    """
+    from wordcraft_kg.apps.text_agents.line_player import LinePlayer  # imports this module
+
+    results = []
+    with LinePlayer(player.name.partition(":")[2], timeout=player.timeout) as program:
+        # A name may hold separators or `..`; the folder is always one below text-agents.
+        file_name = re.sub(r"[^\w.+ -]", "-", program.name).strip(". ") or "player"
+        folder = player.out or Path("text-agents") / file_name
+        with continuable(folder):
+            for world in worlds:
+                tasks = sampled_tasks(world, limit)
+                play = Play(
+                    TaskGames(world, _posed_tables(world, tasks)),
+                    PlayedSettings.of(
+                        world,
+                        world.split,
+                        distractor_seeds=tables,
+                        tasks=None if len(tasks) == len(world.tasks) else len(tasks),
+                    ),
+                )
+                games = folder / f"distractors-{world.config.num_distractors}"
+                played = play_all(program.name, program.speaker, play, games, tasks.tolist())
+                results.append(evaluation_of(played, world.groups))
+                _log_answers(program.name, played)
+    return program.name, results
+
+
+def _posed_tables(world: World, tasks: Ids) -> TableOf:
+    """Return the tables of an evaluation of these tasks, each in an environment of its own."""
+    engine = BatchEngine(world, len(tasks))
+    row_of_task = {task: row for row, task in enumerate(tasks.tolist())}
+
+    @cache
+    def tables(distractor_seed: int) -> list[list[int]]:
+        return engine.pose(tasks, distractor_seed, seed=EVALUATION_SEED).table.tolist()
+
+    def table(task: int, distractor_seed: int) -> list[int]:
+        slots = tables(distractor_seed)[row_of_task[task]]
+        return [entity for entity in slots if entity != world.nothing]
+
+    return table
+
+
+def _log_answers(name: str, played: Sequence[GameRecord]) -> None:
+    invalid = sum(game.invalid_actions for game in played)
+    lost = sum(game.lost_attempts for game in played)
+    if invalid:
+        logging.getLogger(__name__).warning(
+            "%s: %s, %s lost", name, counted(invalid, "invalid answer"), counted(lost, "attempt")
+        )
 
 
 @contextmanager
@@ -390,7 +458,7 @@ def _has_header(path: Path, header: GamesHeader) -> bool:
         return False
 
 
-def open_games(path: Path, header: GamesHeader) -> list[TaskGameRecord | WorldGameRecord]:
+def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
     """Create a games file with this header, or return the games in an existing file.
 
     An incomplete last line is cut off. The file is unchanged on errors.
@@ -412,10 +480,10 @@ def open_games(path: Path, header: GamesHeader) -> list[TaskGameRecord | WorldGa
     # A beginning of the header is an empty file, or one whose writer was killed meanwhile.
     is_unfinished_header = line.startswith(start) and start != line
     if not is_unfinished_header:
-        kept, played, torn = read_games(path)
+        stored_header, played, torn = read_games(path)
         # Without games, nothing is lost by new settings.
-        if played or kept == header:
-            _check_header(path, kept, header)
+        if played or stored_header == header:
+            _check_header(path, stored_header, header)
             if torn:
                 text = "%s ended in a torn line, which was dropped; the game is played again"
                 logging.getLogger(__name__).warning(text, path)
@@ -430,7 +498,7 @@ def open_games(path: Path, header: GamesHeader) -> list[TaskGameRecord | WorldGa
     return []
 
 
-def append_game(path: Path, played: TaskGameRecord | WorldGameRecord) -> None:
+def append_game(path: Path, played: GameRecord) -> None:
     """Append the record of a game; it is on disk when this returns.
 
     Raises:
@@ -464,12 +532,12 @@ def _check_header(path: Path, kept: GamesHeader, own: GamesHeader) -> None:
     # Hashes first: another graph may also differ in settings, and is what the user has to know.
     for name in sorted(names, key=_HASHES.__contains__, reverse=True):
         before = _given(getattr(kept.settings, name))
-        now = _given(getattr(own.settings, name))
-        if before != now:
+        value = _given(getattr(own.settings, name))
+        if before != value:
             kind = GraphMismatchError if name in _HASHES else ConfigError
-            called = (_HASHES | _NO_OPTION).get(name, f"`{name}`")
+            label = (_HASHES | _NO_OPTION).get(name, f"`{name}`")
             raise kind(
-                f"'{path}' holds games with {called} {before}, and this command has {now}. "
+                f"'{path}' holds games with {label} {before}, and this command has {value}. "
                 "Choose another `out`, or use the same settings."
             )
 

@@ -83,8 +83,8 @@ class GameSettings:
         if self.attempts is not None:
             # With fewer attempts than its depth, a task cannot be solved.
             fewest = 1 if self.open_ended else self.depth
-            most = MAX_SIZE if self.open_ended else MAX_ATTEMPTS
-            whole("attempts", self.attempts, fewest, most)
+            max_attempts = MAX_SIZE if self.open_ended else MAX_ATTEMPTS
+            whole("attempts", self.attempts, fewest, max_attempts)
         one_of("knowledge", self.knowledge, get_args(KnowledgeKind))
         whole("look_ups", self.look_ups, 0, MAX_SIZE)
         if self.knowledge == "scorer" and self.scorer is None:

@@ -246,7 +246,7 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
     """
     task, seed = game_of_track(play, number)
     game = play.games.begin(task, seed)
-    made: list[tuple[str, ...]] = []
+    new_labels: list[tuple[str, ...]] = []
     for attempt, pair in enumerate(played.pairs, 1):
         before = game.labels
         if game.is_over:
@@ -261,19 +261,19 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
                     )
             game.combine(*map(before.index, pair))
         # New entities take the next places behind those at hand.
-        made.append(game.labels[len(before) :])
+        new_labels.append(game.labels[len(before) :])
     _check_counts(play, played)
-    own: dict[str, Any] = {"known": len(game.labels)}
+    outcome: dict[str, Any] = {"known": len(game.labels)}
     if isinstance(game, TaskGame):
-        own = {"goal": game.goal, "success": game.is_made, "by_plan": game.by_plan}
+        outcome = {"goal": game.goal, "success": game.is_made, "by_plan": game.by_plan}
     return GameLine(
         number=number,
         pairs=tuple(played.pairs),
-        made=tuple(made),
+        made=tuple(new_labels),
         look_ups=played.look_ups,
         invalid_actions=played.invalid_actions,
         ended=not game.is_over,
-        **own,
+        **outcome,
     )
 
 
@@ -291,18 +291,19 @@ def _check_counts(play: Play, played: Played) -> None:
 
     The messages are not part of a submission, so only bounds can be checked.
     """
-    most = play.settings.look_ups
-    if played.look_ups > most:
+    max_look_ups = play.settings.look_ups
+    if played.look_ups > max_look_ups:
         raise EpisodeError(
-            f"the game has {counted(played.look_ups, 'look-up')}; expected at most {most}"
+            f"the game has {counted(played.look_ups, 'look-up')}; expected at most {max_look_ups}"
         )
     lost = list(played.pairs).count(None)
     # Invalid answers that cost an attempt.
-    each = play.settings.max_invalid + 1
-    if played.invalid_actions < lost * each:
-        few = counted(played.invalid_actions, "invalid answer")
+    answers_per_attempt = play.settings.max_invalid + 1
+    if played.invalid_actions < lost * answers_per_attempt:
+        invalid = counted(played.invalid_actions, "invalid answer")
         raise EpisodeError(
-            f"{counted(lost, 'attempt')} were lost with {few}; expected {each} or more for each"
+            f"{counted(lost, 'attempt')} were lost with {invalid}; expected {answers_per_attempt} "
+            "or more for each"
         )
     if played.invalid_actions > MOST_INVALID:
         raise EpisodeError(
@@ -322,8 +323,8 @@ def metrics_text(figures: TrackMetrics) -> str:
 
 def answers_text(submission: Submission) -> str:
     """Return the share of a player's answers that the grammar reads, such as ``75.0%``."""
-    read = submission.answers_read
-    return "none" if read is None else f"{read:.1%}"
+    share = submission.answers_read
+    return "none" if share is None else f"{share:.1%}"
 
 
 def metrics_of(track: Track, lines: Sequence[GameLine]) -> TrackMetrics:
@@ -336,12 +337,12 @@ def metrics_of(track: Track, lines: Sequence[GameLine]) -> TrackMetrics:
     Returns:
         mean success rate, or mean number of known entities, with its 95 % interval.
     """
-    known: dict[int, float] = {}
+    known_by_mark: dict[int, float] = {}
     by_plan = None
     if track.is_open_ended:
         base = len(track.frozen.orders[0])
         curves = [np.cumsum([base, *map(len, line.made)]).tolist() for line in lines]
-        known = {
+        known_by_mark = {
             mark: _rounded(mean) for mark, mean in mean_known(curves, track.frozen.attempts).items()
         }
         final = [curve[-1] for curve in curves]
@@ -360,7 +361,7 @@ def metrics_of(track: Track, lines: Sequence[GameLine]) -> TrackMetrics:
         ci_low=_rounded(low),
         ci_high=_rounded(high),
         by_plan=by_plan,
-        known=known,
+        known=known_by_mark,
     )
 
 
@@ -425,11 +426,11 @@ def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
     lost = sum(line.pairs.count(None) for line in lines)
     look_ups = sum(line.look_ups for line in lines)
     invalid = sum(line.invalid_actions for line in lines)
-    read = sum(len(line.pairs) for line in lines) - lost + look_ups
+    answers = sum(len(line.pairs) for line in lines) - lost + look_ups
     return {
         "look_ups": look_ups,
         "invalid_actions": invalid,
-        "answers_read": _rounded(read / (read + invalid)) if read + invalid else None,
+        "answers_read": _rounded(answers / (answers + invalid)) if answers + invalid else None,
         "lost_attempts": lost,
         "figures": metrics_of(track, lines),
     }
@@ -468,9 +469,9 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     games_hash = hashlib.sha256(games).hexdigest()
     totals = _totals(track, lines) | {"games_hash": games_hash}
     for name, value in totals.items():
-        given = getattr(submission, name)
-        if given != value:
-            shown = json.dumps(as_values(given))
+        declared = getattr(submission, name)
+        if declared != value:
+            shown = json.dumps(as_values(declared))
             raise _refused(path, name, shown, json.dumps(as_values(value)))
     # The same values in another form, such as other blanks, would have another hash.
     if dump_json(as_values(submission)).encode() != data:
@@ -511,8 +512,8 @@ def acceptable(text: str, most: int = LONGEST_TEXT) -> str:
     A player's own name and folder give such texts, and must not stop a long evaluation at its end.
     """
     # `^[^...]+$` allows other characters than these; `[...]` finds one of them.
-    refused = _PATTERN.replace("[^", "[").replace("+$", "").removeprefix("^")
-    plain = re.sub(refused, "-", text)
+    pattern = _PATTERN.replace("[^", "[").replace("+$", "").removeprefix("^")
+    plain = re.sub(pattern, "-", text)
     printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:most]
     try:
         check_declared("text", printable, most)
@@ -576,10 +577,12 @@ def _check_versions(path: Path, submission: Submission) -> None:
         except ValueError:
             raise _refused(path, "date", submission.date, "a day such as 2026-11-23") from None
     standard = manifest.prompts.values()
-    given = submission.prompt_hash
-    if submission.prompts == "standard" and given not in standard:
-        raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")
-    if (submission.prompts == "none") != (given is None):
+    prompt_hash = submission.prompt_hash
+    if submission.prompts == "standard" and prompt_hash not in standard:
+        raise _refused(
+            path, "prompt_hash", prompt_hash, " or ".join(standard), "declare custom prompts"
+        )
+    if (submission.prompts == "none") != (prompt_hash is None):
         expected = "none without a 'prompt_hash', else standard or custom"
         raise _refused(path, "prompts", submission.prompts, expected)
 
@@ -610,11 +613,11 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
     path = folder / GAMES_FILE
     data = read_submission_file(folder, GAMES_FILE)
     # Counted before they are split: a file of line breaks would take eight times its size.
-    given = data.count(b"\n")
-    if given > len(track):
+    num_lines = data.count(b"\n")
+    if num_lines > len(track):
         raise ArtefactError(
-            f"{path}, line {len(track) + 1}: {given:,} games; expected no more than {len(track)} "
-            "games. Play the track again."
+            f"{path}, line {len(track) + 1}: {num_lines:,} games; expected no more than "
+            f"{len(track)} games. Play the track again."
         )
     texts = data.split(b"\n")
     # The last text is what follows the last line break.
@@ -626,20 +629,20 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
         )
     lines = []
     for number, text in enumerate(texts):
-        where = f"{path}, line {number + 1}"
-        line = parse_record(text, GameLine, f"{where},")
+        place = f"{path}, line {number + 1}"
+        line = parse_record(text, GameLine, f"{place},")
         if line.number != number:
             raise ArtefactError(
-                f"{where}: game {line.number}; expected game {number}. Play the track again."
+                f"{place}: game {line.number}; expected game {number}. Play the track again."
             )
         try:
-            again = replay(play, number, Played(line.pairs, line.look_ups, line.invalid_actions))
+            expected = replay(play, number, Played(line.pairs, line.look_ups, line.invalid_actions))
         except EpisodeError as error:
-            raise ArtefactError(f"{where}: {error}. Play the track again.") from None
-        expected_line = as_lines([again])[0]
+            raise ArtefactError(f"{place}: {error}. Play the track again.") from None
+        expected_line = as_lines([expected])[0]
         if expected_line.encode() != text + b"\n":
             raise ArtefactError(
-                f"{where}: the replay gives {expected_line.strip()[:200]}. Play the track again."
+                f"{place}: the replay gives {expected_line.strip()[:200]}. Play the track again."
             )
         lines.append(line)
     return lines

@@ -94,8 +94,8 @@ class TextEnv(gym.Env[str, str]):
         self.talk: Conversation | None = None
         self._look_ups = whole("look_ups", look_ups, 0, MAX_SIZE)
         self._games = TaskGames(self.world)
-        known = PartialGraphKnowledge(self.world.split) if knowledge == "partial" else None
-        self._knowledge = known
+        facts = PartialGraphKnowledge(self.world.split) if knowledge == "partial" else None
+        self._knowledge = facts
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)
         self.observation_space = spaces.Text(LONGEST_OBSERVATION, min_length=1, charset=charset)
         self.action_space = spaces.Text(LONGEST_ACTION, min_length=0, charset=charset)
@@ -117,8 +117,8 @@ class TextEnv(gym.Env[str, str]):
             ConfigError: for an unknown option, task or seed.
         """
         super().reset(seed=seed)
-        given = options or {}
-        if unknown := sorted(given.keys() - {"task", "distractor_seed"}):
+        choices = options or {}
+        if unknown := sorted(choices.keys() - {"task", "distractor_seed"}):
             raise ConfigError(
                 f"unknown reset option '{unknown[0]}'; expected task or distractor_seed."
             )
@@ -126,7 +126,7 @@ class TextEnv(gym.Env[str, str]):
         task = int(self.np_random.integers(len(self.world.tasks)))
         distractor_seed = int(self.np_random.integers(MAX_SIZE))
         game = self._games.begin(
-            given.get("task", task), given.get("distractor_seed", distractor_seed)
+            choices.get("task", task), choices.get("distractor_seed", distractor_seed)
         )
         self.talk = Conversation(
             game, self._knowledge, max_invalid=MAX_INVALID, look_ups=self._look_ups
@@ -147,10 +147,8 @@ class TextEnv(gym.Env[str, str]):
             raise ActionError(f"action {action!r}: expected a text, such as 'water + earth'.")
         if self.talk is None:
             raise EpisodeError("call reset() before step().")
-        before = self._game.reward
         reply = self.talk.hear(action[-LONGEST_ACTION:])
-        reward = self._game.reward - before
-        return self._in_space(reply), reward, self.talk.is_over, False, self._info()
+        return self._in_space(reply), self.talk.reward, self.talk.is_over, False, self._info()
 
     def render(self) -> str | None:
         """Return the state in words; None without a ``render_mode``.

@@ -20,10 +20,12 @@ from dataclasses import dataclass, fields
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
+from msgspec.structs import replace
+
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.named_games import name_of, open_play, tool_opening
-from wordcraft_kg.apps.text_agents.records import TaskGameRecord
+from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base.errors import ConfigError, EpisodeError
@@ -33,9 +35,6 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
     import datasets
-
-_LONGEST_ITEM = 1_000
-"""Characters of an item that are read: more than the longest label."""
 
 
 @dataclass(frozen=True)
@@ -173,14 +172,14 @@ class CraftingEnvironment:
             What the pair makes, and the new state of the game.
         """
         talk = self._begun
-        return talk.after_the_end or talk.combine(_item(first), _item(second))
+        return talk.after_the_end or talk.combine(str(first), str(second))
 
     def get_reward(self) -> float:
         """Return the reward so far: 1 for the goal, and the row's shaped rewards."""
         return self._begun.game.reward
 
     @property
-    def record(self) -> TaskGameRecord:
+    def record(self) -> GameRecord:
         """The game as a record without messages, given up if it is not over.
 
         Raises:
@@ -189,9 +188,7 @@ class CraftingEnvironment:
         talk = self._begun
         # A trainer may stop a game at its limit of tokens; it then counts as given up.
         talk.game.end()
-        record = record_of(talk, [])
-        assert isinstance(record, TaskGameRecord)
-        return record
+        return replace(record_of(talk), messages=())
 
     @property
     def _begun(self) -> Conversation:
@@ -213,7 +210,7 @@ class LookUpEnvironment(CraftingEnvironment):
             The recipes that use or make the item, and the state of the game.
         """
         talk = self._begun
-        return talk.after_the_end or talk.look_up_item(_item(item))
+        return talk.after_the_end or talk.look_up_item(str(item))
 
 
 def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for a user
@@ -258,11 +255,11 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     depths = (depth,) if isinstance(depth, int) else depth
     numbers = (distractors,) if isinstance(distractors, int) else distractors
     for each_depth, number in product(depths, numbers):
-        most = each_depth if attempts is None else attempts
-        play = open_play(graph, part, each_depth, number, most, reward, knowledge, look_ups)
+        num_attempts = each_depth if attempts is None else attempts
+        play = open_play(graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups)
         assert isinstance(play.games, TaskGames)
-        chosen = chosen_tasks(play.games.world, tasks).tolist()
-        for task, seed in product(chosen, range(tables)):
+        task_numbers = chosen_tasks(play.games.world, tasks).tolist()
+        for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
             talk = play.begin(task, seed)
             row = CraftingRow(
@@ -271,7 +268,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
                 part=part,
                 depth=each_depth,
                 distractors=number,
-                attempts=most,
+                attempts=num_attempts,
                 reward=reward,
                 knowledge=knowledge,
                 look_ups=look_ups,
@@ -298,8 +295,3 @@ def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Data
     except ModuleNotFoundError:
         raise missing_extra("trl", ["datasets"]) from None
     return Dataset.from_list(rows)
-
-
-def _item(written: Any) -> str:
-    """Return the text of an argument; models also write numbers, and texts of any length."""
-    return str(written)[:_LONGEST_ITEM]

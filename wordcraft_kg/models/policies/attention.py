@@ -109,8 +109,8 @@ class AttentionPolicy(Policy):
         if self.sources and self.config.lambda_form == "residual":
             # Attention comes first among the labels, if it is in use.
             lambdas = self.lambdas()
-            of_attention = lambdas.new_ones(len(self.labels) - len(lambdas))
-            mixture = {"lambdas": torch.cat([of_attention, lambdas])}
+            attention_lambdas = lambdas.new_ones(len(self.labels) - len(lambdas))
+            mixture = {"lambdas": torch.cat([attention_lambdas, lambdas])}
         elif self.sources:
             mixture = _head_weights("mixture", self.mixture)
         phases = self.phases.weights() if self.config.sees_attempts else {}
@@ -226,8 +226,8 @@ def phases_of(states: States, nothing: int) -> Tensor:
     """
     if states.attempts is None:
         raise ConfigError("a policy with `sees_attempts` needs the attempts left in its states.")
-    left = states.attempts.left.clamp(1, MOST_ATTEMPTS)
-    return 2 * (left - 1) + (states.selection != nothing)
+    attempts_left = states.attempts.left.clamp(1, MOST_ATTEMPTS)
+    return 2 * (attempts_left - 1) + (states.selection != nothing)
 
 
 def mix_logits(
@@ -319,16 +319,16 @@ class TableAttention(nn.Module):
         vectors = weights.get("vectors")
         if vectors is not None:
             # Both vectors side by side, shape (B, 2 F).
-            both = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
-            projected = torch.addmm(bias, both, query)
+            query_inputs = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
+            projected = torch.addmm(bias, query_inputs, query)
         else:
             # One-hot vectors: the query's upper half has a row for each goal, the lower half for
             # each selection; the row of zeros below each is that of E.
             halves = query.view(2, -1, query.shape[1])
             by_goal, by_selection = nn.functional.pad(halves, (0, 0, 0, 1))
-            of_goal = by_goal.index_select(0, goal)
-            of_selection = by_selection.index_select(0, selection)
-            projected = bias + of_goal + of_selection
+            goal_rows = by_goal.index_select(0, goal)
+            selection_rows = by_selection.index_select(0, selection)
+            projected = bias + goal_rows + selection_rows
         return projected @ weights["key"] if "key" in weights else projected
 
 

@@ -125,9 +125,9 @@ class PolicyConfig:
                 getattr(self, name),
                 get_args(PolicyConfig.__annotations__[name]),
             )
-        for name, allowed in (("policy", PolicyKind), ("mixing", Mixing), ("scale", Scale)):
+        for name, choices in (("policy", PolicyKind), ("mixing", Mixing), ("scale", Scale)):
             if getattr(self, name) is not None:
-                one_of(name, getattr(self, name), get_args(allowed))
+                one_of(name, getattr(self, name), get_args(choices))
         for name in ("key_size", "value_size", "hidden_size", "pair_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
         number_in("vector_noise", self.vector_noise, 0, _MOST_NOISE, f"0 to {_MOST_NOISE:g}")
@@ -207,12 +207,12 @@ class PolicyConfig:
         """
         # The order of λ is fixed, so that "v,u" and "u,v" name the same policy.
         names = self._named
-        known = source_names()
-        unknown = [source for source in names if source not in known]
+        labels = source_names()
+        unknown = [source for source in names if source not in labels]
         if unknown:
-            hint = nearest(unknown[0], (*SPELLED, *known))
+            hint = nearest(unknown[0], (*SPELLED, *labels))
             raise NotRegisteredError(
-                f"`use` {self.use!r}: expected names among {with_letters(known)}, "
+                f"`use` {self.use!r}: expected names among {with_letters(labels)}, "
                 f"comma-separated; the source '{unknown[0]}' is not registered.{hint} {REGISTER}"
             )
-        return tuple(source for source in known if source in names)
+        return tuple(source for source in labels if source in names)

@@ -318,12 +318,12 @@ wordcraft-kg, so training settings are not recorded here and training cannot be 
 
 def usage(entities: tuple[str, ...]) -> str:
     """Return the model card's section on using a policy for these entities."""
-    goal, one, other = (entities * 3)[:3]
+    goal, first, second = (entities * 3)[:3]
     return f"""```python
 from wordcraft_kg import load_policy
 
 policy = load_policy("this folder")
-policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # the first action
+policy.act(goal={goal!r}, table=[{first!r}, {second!r}])  # the first action
 ```"""
 
 

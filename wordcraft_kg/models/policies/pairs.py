@@ -112,18 +112,18 @@ class PairPolicy(Policy):
     ) -> Weights:
         weights: Weights = {}
         # One-hot vectors are never written out.
-        seen = None
+        vectors = None
         if not self.vectors.is_one_hot:
             units = nn.functional.normalize(self.vectors.vectors, dim=1)
             weights["units"] = nn.functional.pad(units, (0, 0, 0, 1))
-            seen = LENGTH * units
+            vectors = LENGTH * units
             if generator is not None and self.config.vector_noise:
                 noise = torch.empty_like(units).normal_(generator=generator)
                 scale = LENGTH * self.config.vector_noise / math.sqrt(self.vectors.dim)
-                seen = seen + scale * noise
+                vectors = vectors + scale * noise
         weights |= {
-            "items": _projected(self.items, seen),
-            "goals": _projected(self.goals, seen),
+            "items": _projected(self.items, vectors),
+            "goals": _projected(self.goals, vectors),
             "words": self.words(),
             "readouts": torch.cat([self.score.weight, self.value.weight]),
             "value.bias": self.value.bias,
@@ -145,13 +145,13 @@ class PairPolicy(Policy):
         noise: Tensor | None = None,
     ) -> PolicyOutput:
         table = states.table
-        used = _used_slots(table, self.num_entities)
+        num_slots = _used_slots(table, self.num_entities)
         phases = None
         if self.config.sees_attempts:
             # That of the attempt, whatever the selection.
             unselected = states._replace(selection=torch.full_like(states.goal, self.num_entities))
             phases = phases_of(unselected, self.num_entities)
-        items = look_up(weights["items"], table[:, :used])
+        items = look_up(weights["items"], table[:, :num_slots])
         goals = weights["goals"].index_select(0, states.goal)
         if phases is not None:
             goals = goals + weights["phases.rows"].index_select(0, phases)
@@ -160,17 +160,17 @@ class PairPolicy(Policy):
         dropout = self.config.dropout
         if noise is not None and dropout:
             # Dropping a unit is the same as a weight of 0.
-            kept = (noise >= dropout) / (1 - dropout)
-            readouts = readouts * kept[:, None]
-        is_filled = table[:, :used] != self.num_entities
+            keep_scale = (noise >= dropout) / (1 - dropout)
+            readouts = readouts * keep_scale[:, None]
+        is_filled = table[:, :num_slots] != self.num_entities
         # Split before the pairs are made: so gradients are put together once.
         parts = [part.split(BLOCK) for part in (items, goals, readouts, is_filled)]
         blocks = [_of_pairs(*block) for block in zip(*parts, strict=True)]
         alpha = torch.cat([block[0] for block in blocks])
-        alpha = alpha + self._of_words(weights, states.goal, table[:, :used])
+        alpha = alpha + self._of_words(weights, states.goal, table[:, :num_slots])
         value = torch.cat([block[1] for block in blocks]) + weights["value.bias"]
         # Pairs with slots that are empty in all tables come last.
-        missing = self.num_choices(table.shape[1]) - self.num_choices(used)
+        missing = self.num_choices(table.shape[1]) - self.num_choices(num_slots)
         alpha = nn.functional.pad(alpha, (0, missing), value=-torch.inf)
         if phases is not None:
             value = value + weights["phases.value"].index_select(0, phases)
@@ -194,36 +194,36 @@ class PairPolicy(Policy):
             cosines = (look_up(weights["units"], table) @ goals[:, :, None])[..., 0]
         else:  # one-hot
             cosines = (table == goal[:, None]).to(weights["words"].dtype)
-        both = _membership(table.shape[1], table.device).to(cosines.dtype)
-        one, other = _pairs(table.shape[1], table.device)
-        is_itself = table[:, one] == table[:, other]
-        of_words, of_itself = weights["words"]
-        return of_words * (cosines @ both.T) + of_itself * is_itself
+        membership = _membership(table.shape[1], table.device).to(cosines.dtype)
+        first, second = _pairs(table.shape[1], table.device)
+        is_itself = table[:, first] == table[:, second]
+        word_weights, self_weight = weights["words"]
+        return word_weights * (cosines @ membership.T) + self_weight * is_itself
 
     def num_choices(self, slots: int) -> int:  # noqa: D102 - inherited
         return slots * (slots + 1) // 2
 
     def slots_of(self, choices: Tensor, slots: int) -> tuple[Tensor, ...]:  # noqa: D102
-        one, other = _pairs(slots, choices.device)
-        return one[choices], other[choices]
+        first, second = _pairs(slots, choices.device)
+        return first[choices], second[choices]
 
     def pairs_of(self, states: States, choices: Tensor) -> tuple[Tensor, Tensor]:  # noqa: D102
-        one, other = self.slots_of(choices, states.table.shape[1])
-        first = states.table.gather(1, one[:, None])[:, 0]
-        second = states.table.gather(1, other[:, None])[:, 0]
+        first_slots, second_slots = self.slots_of(choices, states.table.shape[1])
+        first = states.table.gather(1, first_slots[:, None])[:, 0]
+        second = states.table.gather(1, second_slots[:, None])[:, 0]
         return first, second
 
     def choices_with(self, states: States, is_listed: Tensor) -> Tensor:  # noqa: D102 - inherited
-        one, other = _pairs(states.table.shape[1], is_listed.device)
-        return is_listed[:, one, other]
+        first, second = _pairs(states.table.shape[1], is_listed.device)
+        return is_listed[:, first, second]
 
     def _scores(self, source: Source, states: States) -> Tensor:
         states = self._complete(states)
         table = states.table
-        one, other = _pairs(table.shape[1], table.device)
+        first, second = _pairs(table.shape[1], table.device)
         is_empty = table == self.num_entities
-        scores = source.scores_of_pairs(states)[:, one, other]
-        return scores.masked_fill(is_empty[:, one] | is_empty[:, other], 0)
+        scores = source.scores_of_pairs(states)[:, first, second]
+        return scores.masked_fill(is_empty[:, first] | is_empty[:, second], 0)
 
     # --- slots ------------------------------------------------------------------------------------
 
@@ -240,8 +240,8 @@ class PairPolicy(Policy):
         table = states.table
         square = _square(table.shape[1], table.device)
         is_itself = table[:, :, None] == table[:, None]
-        both = pairs.logits[:, square]
-        ordered = both.where(is_itself, both - math.log(2))
+        square_logits = pairs.logits[:, square]
+        ordered = square_logits.where(is_itself, square_logits - math.log(2))
         logits = self._by_selection(states, ordered.logsumexp(2), ordered)[:, :slots]
         if pairs.sources is None or pairs.lambdas is None:
             return PolicyOutput(logits, pairs.value)
@@ -250,15 +250,15 @@ class PairPolicy(Policy):
         scores = pairs.sources[:, :, square]
         means = (scores * shares[:, None]).sum(3)
         by_slot = self._by_selection(states, means.mT, scores.permute(0, 2, 3, 1))
-        of_slots = by_slot.mT[:, :, :slots]
+        scores_by_slot = by_slot.mT[:, :, :slots]
         # The rest is the network's own: its score, and for a first selection the number of partners
         # that come into question. So contributions add up to the logits.
         lambdas = pairs.lambdas
-        known = torch.bmm(lambdas[:, None, 1:], of_slots[:, 1:])[:, 0]
-        rest = (logits - known) / lambdas[:, :1]
-        rest = rest.masked_fill(logits == -torch.inf, 0)
-        of_slots = torch.cat([rest[:, None], of_slots[:, 1:]], dim=1)
-        return PolicyOutput(logits, pairs.value, of_slots, lambdas)
+        source_logits = torch.bmm(lambdas[:, None, 1:], scores_by_slot[:, 1:])[:, 0]
+        network_logits = (logits - source_logits) / lambdas[:, :1]
+        network_logits = network_logits.masked_fill(logits == -torch.inf, 0)
+        scores_by_slot = torch.cat([network_logits[:, None], scores_by_slot[:, 1:]], dim=1)
+        return PolicyOutput(logits, pairs.value, scores_by_slot, lambdas)
 
     def best_slots(  # noqa: D102 - inherited
         self,
@@ -297,8 +297,8 @@ class PairPolicy(Policy):
         is_missing = ~is_there & (selection != self.num_entities)
         if not is_missing.any():
             return states
-        further = selection.where(is_missing, self.num_entities)
-        return states._replace(table=torch.cat([states.table, further], dim=1))
+        second_ids = selection.where(is_missing, self.num_entities)
+        return states._replace(table=torch.cat([states.table, second_ids], dim=1))
 
 
 def _projected(layer: nn.Linear, vectors: Tensor | None) -> Tensor:
@@ -323,17 +323,17 @@ def _of_pairs(
     """
     p, q, r = items.chunk(3, dim=-1)
     a, b = goals[:, None].chunk(2, dim=-1)
-    both = _membership(items.shape[1], items.device).to(items.dtype)
+    membership = _membership(items.shape[1], items.device).to(items.dtype)
     # As 2 q_i q_j = (q_i + q_j)² - q_i² - q_j², all of a pair follows from sums over its slots, and
     # a product with a constant matrix adds faster than slots are fetched.
-    sums = both @ (p + b * r + a / 2 - q.square() / 2)
-    products = both @ q
+    sums = membership @ (p + b * r + a / 2 - q.square() / 2)
+    products = membership @ q
     inner = torch.addcmul(sums, products, products, value=0.5).relu()
     hidden = nn.functional.layer_norm(inner, inner.shape[2:])
     # (B, P, d) by (B, d, 2).
     alpha, values = (hidden @ readouts.transpose(1, 2)).unbind(2)
-    one, other = _pairs(items.shape[1], items.device)
-    has_empty = ~(is_filled[:, one] & is_filled[:, other])
+    first, second = _pairs(items.shape[1], items.device)
+    has_empty = ~(is_filled[:, first] & is_filled[:, second])
     alpha = alpha.masked_fill(has_empty, -torch.inf)
     # The value learns from the policy's attention, and does not change it.
     shares = torch.softmax(alpha.detach(), dim=1)

@@ -187,9 +187,9 @@ class Policy(nn.Module):
         modules = nn.ModuleDict({source.name: source for source in sources})
         self.sources = cast("Mapping[str, Source]", modules)
         # Without sources nothing is mixed, and the attention logits are the policy's.
-        own = (ALPHA,) if self.sources and not config.kg_only else ()
+        network_labels = (ALPHA,) if self.sources and not config.kg_only else ()
         self.labels: tuple[Label, ...] = (
-            *own,
+            *network_labels,
             *(source.label for source in self.sources.values()),
         )
 
@@ -361,8 +361,8 @@ class Policy(nn.Module):
             return None
         scores = []
         for name, source in self.sources.items():
-            of_source = self._scores(source, states)
-            scores.append(torch.zeros_like(of_source) if name in silent else of_source)
+            source_scores = self._scores(source, states)
+            scores.append(torch.zeros_like(source_scores) if name in silent else source_scores)
         return torch.stack(scores, dim=1)
 
     def _scores(self, source: Source, states: States) -> Tensor:

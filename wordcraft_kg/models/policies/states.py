@@ -82,8 +82,8 @@ class States(NamedTuple):
             tried = None if attempts.tried is None else change(attempts.tried)
             attempts = Attempts(change(attempts.left), tried)
         task = None if self.task is None else change(self.task)
-        kept = change(self.goal), change(self.selection), change(self.table)
-        return States(*kept, task, attempts)
+        tensors = change(self.goal), change(self.selection), change(self.table)
+        return States(*tensors, task, attempts)
 
     @classmethod
     def of_observation(cls, observation: Mapping[str, Any], task: Any = None) -> "States":

@@ -48,7 +48,7 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
         run: run folder of an agent on this graph, or a folder with several seeds; unfinished runs
             update live. May be given several times.
         games: recorded games to show beside an agent's at the same tables: output of `people
-            serve`, `evaluate-text`, `bench run` or `mcp --out`, or an Inspect AI log. May be given
+            serve`, `evaluate-agent`, `bench run` or `mcp --out`, or an Inspect AI log. May be given
             several times.
         export: write a static site to this folder instead.
         host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages

@@ -17,15 +17,15 @@ def bench_list(*, output: Output = Output()) -> None:
 
     manifest, manifest_hash = read_manifest()
     tracks = {
-        name: {"about": one.about, "games": counted(len(one.tasks or one.orders), "game")}
-        for name, one in manifest.tracks.items()
+        name: {"about": track.about, "games": counted(len(track.tasks or track.orders), "game")}
+        for name, track in manifest.tracks.items()
     }
     kinds = {kind.usage(name): kind.about for name, kind in KINDS.items()}
 
     def text() -> Iterator[str]:
         yield f"{manifest.name} of {manifest.date}, {manifest.licence}, {manifest_hash[:12]}"
         yield from aligned(
-            [(f"  {name}", one["games"], one["about"]) for name, one in tracks.items()]
+            [(f"  {name}", track["games"], track["about"]) for name, track in tracks.items()]
         )
         yield "add -lite for 100 tasks, or 100 attempts, and -made-up for made-up words"
         yield "players"

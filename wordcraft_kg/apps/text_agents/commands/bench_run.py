@@ -95,14 +95,14 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     prompts_hash = None
     if prompts is not None:
         prompts_hash = hashlib.sha256(read_small_file(prompts)).hexdigest()
-    opened = open_track(track)
+    benchmark_track = open_track(track)
     begin = time.perf_counter()
     with locked_folder(out, "written"):
         # Once more under the lock: another process may have played meanwhile.
         is_replacing = check_folder()
         with continuable(messages):
             settings = RunSettings(messages, look_ups, timeout, weights, is_replacing)
-            kind, entrant = enter(opened, player, settings)
+            kind, entrant = enter(benchmark_track, player, settings)
         if declared.tokens and entrant.tokens is not None:
             raise ConfigError(
                 f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
@@ -115,13 +115,15 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             "seconds": seconds if measured else None,
             "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
         }
-        written = write_submission(out, opened, entrant.games, look_ups, about)
+        submission = write_submission(out, benchmark_track, entrant.games, look_ups, about)
         if not is_program:
             # A program's prompts and answers belong to the submission. Other players have none, so
             # a folder here is from the player of a submission that was replaced.
             shutil.rmtree(messages, ignore_errors=True)
-    view = {"out": str(out), "submission": written}
-    output.result(view, [*_shown(written), f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
+    view = {"out": str(out), "submission": submission}
+    output.result(
+        view, [*_shown(submission), f"wrote {out}/   next: wordcraft-kg bench verify {out}"]
+    )
 
 
 def _check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> bool:
@@ -188,14 +190,14 @@ class _Declared:
         )
         from wordcraft_kg.base.settings import number_in
 
-        for option, text, most in (
+        for option, text, limit in (
             ("name", self.name, LONGEST_NAME),
             ("training_data", self.training_data, LONGEST_TEXT),
             ("licence", self.licence, LONGEST_NAME),
             ("weights", None if weights is None else weights.name, LONGEST_TEXT),
         ):
             if text is not None:
-                check_declared(option, text, most)
+                check_declared(option, text, limit)
         numbers = f"two numbers of tokens, 0 to {MOST_TOKENS:,}"
         for number in self.tokens or ():
             number_in("tokens", number, 0, MOST_TOKENS, numbers)
@@ -223,15 +225,15 @@ def _prompts(entrant: "Entrant", own: str | None) -> dict[str, Any]:
     """Return the submission's fields about prompts; ``own`` is the hash of the user's prompts."""
     from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 
-    read = entrant.prompt_hash
+    prompt_hash = entrant.prompt_hash
     standard = read_manifest()[0].prompts.values()
-    if own is not None or (read is not None and read not in standard):
+    if own is not None or (prompt_hash is not None and prompt_hash not in standard):
         kind = "custom"
-    elif read is None:
+    elif prompt_hash is None:
         kind = "none"
     else:
         kind = "standard"
-    return {"prompts": kind, "prompt_hash": own or read}
+    return {"prompts": kind, "prompt_hash": own or prompt_hash}
 
 
 def _shown(written: "Submission") -> list[str]:

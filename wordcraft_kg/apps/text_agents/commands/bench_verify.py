@@ -62,4 +62,4 @@ def bench_verify(
         result = f"{metrics_text(checked.figures)} over {games}"
         lines.append(f"{mark}  {checked.track}  {checked.player}  {result}   {folder}")
     output.result({"submissions": marks}, lines)
-    return 1 if any(one["mark"] == "refused" for one in marks) else 0
+    return 1 if any(entry["mark"] == "refused" for entry in marks) else 0

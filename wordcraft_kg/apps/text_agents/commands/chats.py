@@ -61,8 +61,8 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         seed: seed of the player, and of the first table of each task.
     """
     depths = whole_numbers("depth", depth or ["1"])
-    for each in depths:
-        whole("depth", each, 1, MAX_DEPTH)
+    for task_depth in depths:
+        whole("depth", task_depth, 1, MAX_DEPTH)
     numbers = whole_numbers("distractors", distractors or ["8"])
     whole("seed", seed, 0, MAX_SIZE - 1)
     whole("tables", tables, 1, MAX_SIZE - seed)
@@ -84,13 +84,13 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
 
     for file in (out, card_path(out)):
         check_output_file(file, force=force)
-    opened = open_graph(graph)
+    source = open_graph(graph)
     plays = []
-    for each, number in product(depths, numbers):
-        plays.append(open_play(graph, part, each, number, attempts))
+    for task_depth, number in product(depths, numbers):
+        plays.append(open_play(graph, part, task_depth, number, attempts))
     first = plays[0].games
     assert isinstance(first, TaskGames)
-    title, played_by = named_player(player, opened, first.world.tasks)
+    title, played_by = named_player(player, source, first.world.tasks)
     settings = ChatSettings(style, keep, tables, tasks, seed)
     counts = ChatCounts()
     # As it is repeated: the options that decide what is written.
@@ -101,7 +101,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     words += ["--tables", str(tables), "--keep", keep, "--style", style, "--seed", str(seed)]
     words += [] if tasks is None else ["--tasks", str(tasks)]
     command = command_line(*words, "--out", out.name)
-    licence = licence_of(opened.graph)
+    licence = licence_of(source.graph)
 
     def card(digest: str) -> str:
         return card_text(plays, title, settings, counts, licence, command, digest)

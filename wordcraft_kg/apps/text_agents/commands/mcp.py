@@ -71,7 +71,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
     check_extra("mcp")
     from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.conversation import Play
-    from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
+    from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, games_writer
     from wordcraft_kg.apps.text_agents.mcp_server import (
         PATH,
         make_http_app,
@@ -95,7 +95,7 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         hosted = HostedGames(play)
         if out is not None:
             header = GamesHeader(player="MCP clients", settings=hosted.play.settings)
-            hosted.keep = stack.enter_context(kept_games(out, header))
+            hosted.keep = stack.enter_context(games_writer(out, header))
         server = make_server(hosted)
         if listening is None:
             _serve_stdio(server)

@@ -85,11 +85,19 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     for name in parts:
         one_of("part", name, get_args(Parts))
     depths = whole_numbers("depth", depth or ["1"])
-    for each in depths:
-        whole("depth", each, 1, MAX_DEPTH)
+    for task_depth in depths:
+        whole("depth", task_depth, 1, MAX_DEPTH)
     numbers = whole_numbers("distractors", distractors or ["8"])
-    own = (graph, part, depth, distractors, attempts, reward, look_ups)
-    if track is not None and own != ("everyday", None, None, None, None, "sparse", LOOK_UPS):
+    game_options = (graph, part, depth, distractors, attempts, reward, look_ups)
+    if track is not None and game_options != (
+        "everyday",
+        None,
+        None,
+        None,
+        None,
+        "sparse",
+        LOOK_UPS,
+    ):
         raise ConfigError(
             "--track has its own games; omit the graph and the options of games but --knowledge."
         )
@@ -99,7 +107,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             "each, or leave --out out."
         )
     check_extra("openenv")
-    from wordcraft_kg.apps.text_agents.hosted_games import kept_conversations
+    from wordcraft_kg.apps.text_agents.hosted_games import games_writer
     from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
     from wordcraft_kg.apps.text_agents.records import GamesHeader
@@ -107,14 +115,14 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.web.serving import listen, serve
 
     # A quarter of the web sockets is for clients who are told that all sessions are taken.
-    most = most_web_sockets() * 3 // 4
-    if sessions > most:
+    max_sessions = most_web_sockets() * 3 // 4
+    if sessions > max_sessions:
         logging.getLogger(__name__).warning(
             "%d sessions in place of %d: this process may open few files (see ulimit -n).",
-            most,
+            max_sessions,
             sessions,
         )
-        sessions = most
+        sessions = max_sessions
     with ExitStack() as stack:
         # The port first: if it is taken, nobody waits for the tasks.
         listening = stack.enter_context(listen(host, port))
@@ -124,15 +132,17 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         else:
             for name in parts:
                 plays[name] = [
-                    open_play(graph, name, each, number, attempts, reward, knowledge, look_ups)
-                    for each, number in product(depths, numbers)
+                    open_play(
+                        graph, name, task_depth, number, attempts, reward, knowledge, look_ups
+                    )
+                    for task_depth, number in product(depths, numbers)
                 ]
         games = GameList(plays)
         keep = None
         if out is not None:
             ((play,),) = plays.values()
             header = GamesHeader(player="OpenEnv clients", settings=play.settings)
-            keep = stack.enter_context(kept_conversations(out, header))
+            keep = stack.enter_context(games_writer(out, header))
         app = make_openenv_app(
             games, keep=keep, sessions=sessions, idle=idle, host=host, more_hosts=allow_host or ()
         )
@@ -151,7 +161,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
 def _of_track(name: str, knowledge: LookUps) -> "Play":
     from wordcraft_kg.apps.text_agents.benchmark import open_track
 
-    opened = open_track(name)
-    if opened.is_open_ended:
+    benchmark_track = open_track(name)
+    if benchmark_track.is_open_ended:
         raise ConfigError(f"track {name} is open-ended and has no reward; choose another track.")
-    return opened.play(knowledge)
+    return benchmark_track.play(knowledge)

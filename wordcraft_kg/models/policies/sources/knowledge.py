@@ -23,10 +23,10 @@ def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledg
         LeakError: if a left-out model was trained on other recipes than its folds say.
         GraphMismatchError: if the tasks' graph has another number of recipes than the scorer's.
     """
-    whole = whole_of(scorer)
-    assert isinstance(whole, RecipeScorer)
+    main_model = whole_of(scorer)
+    assert isinstance(main_model, RecipeScorer)
     folded = folds_of(scorer)
-    models = [whole.knowledge]
+    models = [main_model.knowledge]
     if folded is not None and view.tasks is not None:
         for fold in range(folded.count):
             folded.trained_on(fold, view.tasks.graph)  # raises LeakError
@@ -40,6 +40,6 @@ def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledg
 def share_lists(sources: Iterable[Source]) -> None:
     """Let sources of the same recipes share neighbour lists, which are made when first needed."""
     every = [source.knowledge for source in sources if hasattr(source, "knowledge")]
-    of_recipes = [each for each in every if isinstance(each, RecipeKnowledge)]
-    for knowledge in of_recipes[1:]:
-        knowledge.share_lists(of_recipes[0])
+    recipe_models = [each for each in every if isinstance(each, RecipeKnowledge)]
+    for knowledge in recipe_models[1:]:
+        knowledge.share_lists(recipe_models[0])

@@ -139,13 +139,13 @@ class PairSource(FoldedSource):
         if view.without_tables and isinstance(whole_of(scorer), RecipeScorer):
             knowledge = knowledge_of_models(scorer, view)
         folded = folds_of(scorer)
-        of_recipe = cls.fold_numbers(scorer, view)
+        fold_numbers = cls.fold_numbers(scorer, view)
         # A train task is scored by the model without its recipe's fold, never in-sample. Without
         # tasks there is nothing to choose by, and the model of all folds is enough.
         if folded is not None and view.tasks is not None:
             constants = _stacked(constants, _without_each_fold(folded, cls.relation, view))
-        if of_recipe is not None:
-            constants = {**constants, "fold_of_recipe": of_recipe}
+        if fold_numbers is not None:
+            constants = {**constants, "fold_of_recipe": fold_numbers}
         return cls(size, constants, knowledge).bound(view)
 
     @classmethod
@@ -160,10 +160,10 @@ class PairSource(FoldedSource):
             layouts = {name: f"models {layout}" for name, layout in layouts.items()}
         check_tensors(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)
         _check_scaling(constants)
-        of_links = with_prefix(constants, _KNOWLEDGE)
+        link_constants = with_prefix(constants, _KNOWLEDGE)
         knowledge = None
-        if of_links:
-            knowledge = RecipeKnowledge(of_links, num_entities, (folds or 0) + 1)
+        if link_constants:
+            knowledge = RecipeKnowledge(link_constants, num_entities, (folds or 0) + 1)
         return cls(num_entities, constants, knowledge)
 
     @classmethod
@@ -210,13 +210,13 @@ class PairSource(FoldedSource):
         # The empty model has the last number, and no lists: another model computes scores, which
         # the next step sets to 0.
         last = knowledge.num_models - 1
-        used = torch.zeros_like(key) if model is None else model.clamp(max=last)
+        models = torch.zeros_like(key) if model is None else model.clamp(max=last)
 
         def compute(rows: Rows) -> Tensor:
-            return knowledge.slot_scores(self.relation, key[rows], table[rows], used[rows])
+            return knowledge.slot_scores(self.relation, key[rows], table[rows], models[rows])
 
         # A slot's score with the goal is the same before and after the first action.
-        return self.kept.scores((key, table, used), compute, table.shape[1:])
+        return self.kept.scores((key, table, models), compute, table.shape[1:])
 
     def _from_factors(
         self,
@@ -230,10 +230,10 @@ class PairSource(FoldedSource):
             first_row = (self.num_entities + 1) * model
             slot_rows = table + first_row[:, None]
             key_rows = key + first_row
-        left = self.left.flatten(0, -2).index_select(0, slot_rows.reshape(-1))
+        left_rows = self.left.flatten(0, -2).index_select(0, slot_rows.reshape(-1))
         right = self.right.flatten(0, -2)[key_rows]
         # One small product for each state: (A, m) by (m, 1).
-        return torch.bmm(left.view(*table.shape, -1), right[:, :, None])[:, :, 0]
+        return torch.bmm(left_rows.view(*table.shape, -1), right[:, :, None])[:, :, 0]
 
     def _scaled(
         self,
@@ -320,8 +320,8 @@ def _layouts(constants: Mapping[str, Tensor]) -> dict[str, str]:
     """Return axis names and types of the buffers of one model, whose kind their names tell."""
     if "scores" in constants:
         return _TABLE
-    of_kind = _FACTORS if "left" in constants else _LINKS
-    return of_kind | _RANKS if "knots" in constants else of_kind
+    layout = _FACTORS if "left" in constants else _LINKS
+    return layout | _RANKS if "knots" in constants else layout
 
 
 def _check_scaling(constants: Mapping[str, Tensor]) -> None:
@@ -333,8 +333,8 @@ def _check_scaling(constants: Mapping[str, Tensor]) -> None:
     if "deviation" in constants:
         deviations = constants["deviation"].flatten()
         # The last of several models is the empty one, whose scores are not used.
-        used = deviations[:-1] if len(deviations) > 1 else deviations
-        if not bool((used > 0).all()):
+        deviation_rows = deviations[:-1] if len(deviations) > 1 else deviations
+        if not bool((deviation_rows > 0).all()):
             raise ValueError("deviation holds a number that is not positive")
     if "knots" in constants:
         knots = constants["knots"]
@@ -362,8 +362,8 @@ def _stacked(whole: dict[str, Tensor], without_folds: list[dict[str, Tensor]]) -
     """Stack buffers along a first axis: the whole model's, the folds', and zeros for no model."""
     stacked = {}
     for name, tensor in whole.items():
-        of_folds = [constants[name] for constants in without_folds]
-        stacked[name] = torch.stack([tensor, *of_folds, torch.zeros_like(tensor)])
+        fold_constants = [constants[name] for constants in without_folds]
+        stacked[name] = torch.stack([tensor, *fold_constants, torch.zeros_like(tensor)])
     return stacked
 
 

@@ -60,15 +60,15 @@ class BestRecipe(FoldedSource):
     def of_scorer(  # noqa: D102 - inherited
         cls, scorer: TripleScorer, view: ScoreView
     ) -> "BestRecipe":
-        whole = whole_of(scorer)
-        if not isinstance(whole, RecipeScorer):
+        main_model = whole_of(scorer)
+        if not isinstance(main_model, RecipeScorer):
             raise ConfigError(
                 "`use` recipe (w) needs recipe scores, and this scorer only has link scores. Use a "
                 "scorer from `wordcraft-kg train-recipes`, or leave out recipe."
             )
         size = len(scorer.entities)
-        of_recipe = cls.fold_numbers(scorer, view)
-        return cls(size, knowledge_of_models(scorer, view), of_recipe).bound(view)
+        fold_numbers = cls.fold_numbers(scorer, view)
+        return cls(size, knowledge_of_models(scorer, view), fold_numbers).bound(view)
 
     @staticmethod
     def serves(scorer: TripleScorer) -> bool:
@@ -98,14 +98,14 @@ class BestRecipe(FoldedSource):
         return model.clamp(max=num_models - 1), model < num_models
 
     def scores_of_pairs(self, states: States) -> Tensor:  # noqa: D102 - inherited
-        used, counts = self._models(states)
-        return self._kept_pair_scores(states, used).masked_fill(~counts[:, None, None], 0)
+        models, counts = self._models(states)
+        return self._kept_pair_scores(states, models).masked_fill(~counts[:, None, None], 0)
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
         selection, table = states.selection, states.table
         nothing = self.num_entities
-        used, counts = self._models(states)
-        scores = self._kept_pair_scores(states, used)
+        models, counts = self._models(states)
+        scores = self._kept_pair_scores(states, models)
         is_first = selection == nothing
         # First action: the best partner on the table.
         best = scores.amax(-1)
@@ -118,7 +118,7 @@ class BestRecipe(FoldedSource):
             if is_absent.any():
                 # A caller may select an entity that is not on the table: it gets a slot at the end.
                 wider = states._replace(table=torch.cat([table, selection[:, None]], dim=1))
-                with_absent = self.pair_scores(wider, used)[:, -1, :-1]
+                with_absent = self.pair_scores(wider, models)[:, -1, :-1]
                 best = best.where(~is_absent[:, None], with_absent)
         return best.masked_fill((table == nothing) | ~counts[:, None], 0)
 
@@ -161,8 +161,8 @@ class BestRecipe(FoldedSource):
         slots = table.shape[1]
         # Free slots for results are a large share of a table, and the cost of pairs is quadratic.
         filled = (table != self.num_entities).any(0).nonzero()
-        used = int(filled[-1]) + 1 if len(filled) else 0
-        narrow = states._replace(table=table[:, :used])
+        num_filled = int(filled[-1]) + 1 if len(filled) else 0
+        narrow = states._replace(table=table[:, :num_filled])
         # Everything that scores depend on. The selection is not among it.
         inputs = [states.goal, narrow.table, model]
         inputs += [part for part in states.attempts or () if part is not None]
@@ -170,7 +170,7 @@ class BestRecipe(FoldedSource):
         def compute(rows: Rows) -> Tensor:
             return self.pair_scores(narrow.of(rows), model[rows])
 
-        scores = self.kept.scores(inputs, compute, (used, used))
-        rest = slots - used
+        scores = self.kept.scores(inputs, compute, (num_filled, num_filled))
+        num_empty = slots - num_filled
         # -inf, so that an empty slot is never the best partner.
-        return nn.functional.pad(scores, (0, rest, 0, rest), value=-torch.inf)
+        return nn.functional.pad(scores, (0, num_empty, 0, num_empty), value=-torch.inf)

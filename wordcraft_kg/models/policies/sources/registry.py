@@ -95,16 +95,16 @@ def tables_are_too_large(
             cross-fitted scorer's tables, one for each fold and two more, do not fit into memory.
     """
     size = len(scorer.entities)
-    needed = sum(source_class(name).num_bytes(scorer) for name in names)
-    if needed <= TABLE_LIMIT:
+    num_bytes = sum(source_class(name).num_bytes(scorer) for name in names)
+    if num_bytes <= TABLE_LIMIT:
         folded = folds_of(scorer)
         if folded is not None:
             # A table each: trained on all folds, without each fold, and the empty model's.
-            in_all = needed * (folded.count + 2)
+            in_all = num_bytes * (folded.count + 2)
             check_memory("folds", folded.count, "score tables, a table for each", in_all)
         return False
     cost = (
-        f"score tables for {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "
+        f"score tables for {size:,} entities take {num_bytes / 2**20:,.0f} MiB; expected at most "
         f"{TABLE_LIMIT / 2**20:.0f} MiB"
     )
     if not isinstance(scorer, FactoredScorer):

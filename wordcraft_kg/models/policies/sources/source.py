@@ -74,8 +74,8 @@ class _KeptRows:
 
     def __init__(self, shape: tuple[int, ...]):
         """Keep nothing yet, for rows of this shape."""
-        most = max(1, KEPT // (WAYS * max(1, math.prod(shape))))
-        self.sets: int = 1 << (most.bit_length() - 1)
+        capacity = max(1, KEPT // (WAYS * max(1, math.prod(shape))))
+        self.sets: int = 1 << (capacity.bit_length() - 1)
         # Memory of zeros is taken from the system only when it is written.
         self.hashes = np.zeros((self.sets, WAYS, 2), dtype=np.int64)
         self.scores = np.zeros((self.sets, WAYS, *shape), dtype=np.float32)
@@ -142,21 +142,21 @@ class KeptScores:
         device = parts[0].device
         hashes = _hashes(parts)
         with self._lock:
-            kept = self._rows.pop(shape, None) or _KeptRows(shape)
+            cache = self._rows.pop(shape, None) or _KeptRows(shape)
             # The shape that was asked for last comes last, and the first one falls off.
-            self._rows[shape] = kept
+            self._rows[shape] = cache
             if len(self._rows) > MOST_SHAPES:
                 del self._rows[next(iter(self._rows))]
-            known, missing = kept.find(hashes)
-        scores = torch.from_numpy(known).to(device)
+            stored_scores, missing = cache.find(hashes)
+        scores = torch.from_numpy(stored_scores).to(device)
         if not len(missing):
             return scores
         is_all = len(missing) == len(hashes)
         rows = slice(None) if is_all else torch.from_numpy(missing).to(device)
-        found = compute(rows)
-        scores[rows] = found
+        values = compute(rows)
+        scores[rows] = values
         with self._lock:
-            kept.keep(hashes[missing], found.cpu().numpy())
+            cache.keep(hashes[missing], values.cpu().numpy())
         return scores
 
     def forget(self, *_: object) -> None:
@@ -351,14 +351,14 @@ class FoldedSource(Source):
         if "fold_of_recipe" not in constants:
             return None
         check_tensors(constants, {"fold_of_recipe": "recipes int64"})
-        of_recipe = constants["fold_of_recipe"]
+        fold_of_recipe = constants["fold_of_recipe"]
         # Without tasks there were no models of folds.
-        if not len(of_recipe):
+        if not len(fold_of_recipe):
             return None
         # Recipes outside train have the number -1.
-        if int(of_recipe.min()) < -1:
-            raise ValueError(f"fold_of_recipe has the number {int(of_recipe.min())}")
-        return int(of_recipe.max()) + 1
+        if int(fold_of_recipe.min()) < -1:
+            raise ValueError(f"fold_of_recipe has the number {int(fold_of_recipe.min())}")
+        return int(fold_of_recipe.max()) + 1
 
     @staticmethod
     def fold_numbers(scorer: TripleScorer, view: ScoreView) -> Tensor | None:

@@ -250,7 +250,7 @@ class OutsideEvidenceFinder:
             evidence = []
             for row in book.recipes[best].tolist():
                 labels = [book.labels[entity] for entity in row]
-                recipe = Recipe(*labels)
+                recipe = Recipe.of(*labels)
                 evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
             return evidence
 

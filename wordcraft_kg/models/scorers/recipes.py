@@ -56,7 +56,7 @@ class Witness(Record):
     @property
     def recipe(self) -> Recipe:
         """The supporting recipe without its weight."""
-        return Recipe(self.ingredient_a, self.ingredient_b, self.result)
+        return Recipe.of(self.ingredient_a, self.ingredient_b, self.result)
 
 
 @runtime_checkable

@@ -401,7 +401,7 @@ def test_what_is_shown_are_tasks_as_an_agent_sees_them(shown, kitchen, part, dep
         == 30
     )
     for task in values["shown"]:
-        plans = tuple(tuple(Recipe(*row) for row in plan) for plan in task["plans"])
+        plans = tuple(tuple(Recipe.of(*row) for row in plan) for plan in task["plans"])
         assert plans == known[task["goal"], tuple(task["start"])].plans
         for plan in plans:
             assert task["goal"] in replay(kitchen, task["start"], plan)

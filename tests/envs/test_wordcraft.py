@@ -152,9 +152,7 @@ def test_every_plan_carried_out_by_picks_makes_its_goal(opened_kitchen):
         env = WordCraftEnv(opened_kitchen, part="all", depth=depth, num_distractors=2, num_tasks=60)
         for index in range(0, len(env.tasks), 7):
             env.reset(seed=index, options={"task": index})
-            attempts = dict.fromkeys(
-                (recipe.ingredient_a, recipe.ingredient_b) for recipe in env.task.plans[0]
-            )
+            attempts = dict.fromkeys(recipe.ingredients for recipe in env.task.plans[0])
             last = [pick(env, *pair) for pair in attempts][-1]
             assert (last[1], last[2], last[4]["outcome"], last[4]["by_plan"]) == (
                 1,

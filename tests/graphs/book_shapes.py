@@ -399,7 +399,6 @@ def _shapes():
             _json([{"name": n, "effects": ["heal", "poison"]} for n in NAMES]),
             says=r"'effects\[\]'",
         ),
-        of("arity", "b.txt", "plank + stick + coal -> torch\n", says="`ingredients` chain"),
         of(
             "no header, few rows",
             "b.csv",

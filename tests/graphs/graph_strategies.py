@@ -29,7 +29,7 @@ def graphs(draw, letters=FEW, min_size=0, max_size=24):
     base = draw(st.none() | st.sets(st.sampled_from(entities))) if entities else None
     book = RecipeBook.of("random", recipes, base=base, listed=listed, keep_self_results=True)
     return RecipeGraph.from_book(
-        replace(book, kinds={recipe: recipe.ingredient_a for recipe in book.recipes})
+        replace(book, kinds={recipe: recipe[0] for recipe in book.recipes})
     )
 
 

@@ -73,17 +73,10 @@ def test_a_chain_is_announced_with_arities_counts_and_outputs(chained):
     assert "rows by number of ingredients: 1 of 1, 14 of 2, 3 of 3, 1 of 4" in reading.line()
     assert reading.rows == 19
     assert reading.left_out == {"with an ingredient as the result": 1}
-    assert Recipe("wood", "wood", "plank") in chained.recipes
-    assert Recipe("wood", "wood", "block") in chained.recipes
+    assert Recipe.of("wood", "wood", "plank") in chained.recipes
+    assert Recipe.of("wood", "wood", "block") in chained.recipes
     halves = [label for label in chained.entities if is_half_product(label)]
     assert halves == ["coal + plank + rope" + HALF, "coal + plank" + HALF]
-
-
-def test_recipes_of_three_are_refused_without_the_option_which_is_named(book_file):
-    with pytest.raises(RecipeFileError, match="only ingredient"):
-        read_book(book_file)
-    with pytest.raises(RecipeFileError, match=r"3 ingredients of 'trap'.*`ingredients` chain"):
-        read_book(book_file, single_ingredient="self")
 
 
 @pytest.mark.parametrize("labels", [["a + b", "c", "d"], ["a", "b", f"x{HALF}"]])

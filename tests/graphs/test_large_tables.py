@@ -148,7 +148,7 @@ def test_rows_with_ids_equal_their_tuple(rows):
 
 @given(st.lists(st.tuples(labels(), labels(), labels())))
 def test_a_book_of_rows_with_ids_equals_a_book_of_labels(rows):
-    numbered = RecipeRows.of([Recipe(*row) for row in rows])
+    numbered = RecipeRows.of([Recipe.of(*row) for row in rows])
     for keep in (False, True):
         book = RecipeBook.of("book", rows, keep_self_results=keep)
         assert RecipeBook.of("book", numbered, keep_self_results=keep) == book

@@ -47,10 +47,10 @@ def replay(graph, derivation, start):
     recipes, known, tree = set(graph.recipe_labels()), set(start), dict.fromkeys(start, 0)
     for step in derivation.steps:
         assert step in recipes
-        assert {step.ingredient_a, step.ingredient_b} <= known
+        assert set(step.ingredients) <= known
         assert step.result not in known
         known.add(step.result)
-        tree[step.result] = 1 + tree[step.ingredient_a] + tree[step.ingredient_b]
+        tree[step.result] = 1 + sum(map(tree.__getitem__, step.ingredients))
     assert derivation.goal in known
     assert tree[derivation.goal] == derivation.cost
     assert len(derivation.steps) <= derivation.cost
@@ -90,7 +90,7 @@ DERIVATIONS = {
 )
 def test_the_cheapest_derivation_is_found(rows, base, goal, steps, cost):
     derivation = Planner(RecipeGraph.from_recipes(rows, base=base)).derivation(goal)
-    assert derivation == Derivation(goal, tuple(Recipe(*row) for row in steps), cost)
+    assert derivation == Derivation(goal, tuple(Recipe.of(*row) for row in steps), cost)
 
 
 def test_long_derivations_have_exact_costs_and_do_not_exhaust_the_stack():
@@ -104,7 +104,7 @@ def test_long_derivations_have_exact_costs_and_do_not_exhaust_the_stack():
         len(Planner(RecipeGraph.from_recipes(chain, base=["0000"])).derivation("3000").steps)
         == 3000
     )
-    steps = [Recipe(f"x{i}", f"x{i}", f"x{i + 1}") for i in range(3_000)]
+    steps = [Recipe.of(f"x{i}", f"x{i}", f"x{i + 1}") for i in range(3_000)]
     assert sum(1 for _ in derivation_tree("x3000", steps)) == 3_000
 
 

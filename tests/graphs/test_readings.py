@@ -325,10 +325,6 @@ REFUSED = {
         {**{x: [["from start."]] for x in "ab"}, **{c: [[a, b]] for a, b, c in ROWS}},
         "name the right columns",
     ),
-    "three of many things": (
-        [{"ingredients": [a, b, "x"], "result": f"{c} salad"} for a, b, c in ROWS],
-        "name the right columns",
-    ),
     "lines in a list of cells": (
         [{"name": c, "recipe": f"{c} = {a} + {b}"} for a, b, c in ROWS],
         "holds the sign of a recipe",

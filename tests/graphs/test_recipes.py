@@ -119,7 +119,7 @@ SAVED = {
 
 @pytest.mark.parametrize("text", SAVED.values(), ids=SAVED)
 def test_tables_are_read_however_they_were_saved(read, text):
-    assert read(text).recipes == (Recipe("a", "b", "c"),)
+    assert read(text).recipes == (Recipe.of("a", "b", "c"),)
 
 
 def test_comments_may_declare_base_and_idle_entities(read):
@@ -139,7 +139,7 @@ def test_labels_are_kept_verbatim_and_matched_exactly(read):
 @pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
 def test_spaces_around_a_cell_do_not_belong_to_it(read, row, ending, delimiter):
     book = read((TABLE + row + "\n" + row).replace(",", delimiter), f"book.{ending}")
-    assert (book.recipes, book.merged_duplicates) == ((Recipe("a b", "c", "d"),), 1)
+    assert (book.recipes, book.merged_duplicates) == ((Recipe.of("a b", "c", "d"),), 1)
 
 
 @given(
@@ -162,9 +162,9 @@ KINDS = TABLE.replace("result", "result,kind")
 
 def test_a_fourth_column_names_kinds(read):
     book = read(KINDS + "b,a,c,making\na,b,d,\n", "book.csv")
-    assert book.kinds == {Recipe("a", "b", "c"): "making"}
+    assert book.kinds == {Recipe.of("a", "b", "c"): "making"}
     single = read(KINDS + "sand,,glass,matter\n", "book.csv", single_ingredient="fire")
-    assert single.kinds == {Recipe("fire", "sand", "glass"): "matter"}
+    assert single.kinds == {Recipe.of("fire", "sand", "glass"): "matter"}
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ def test_self_results_are_dropped_and_counted_unless_kept(read):
         + "rabbit,rabbit,rabbit\nfire,coal,fire\na,b,c\n"
     )
     dropped, kept = read(text), read(text, keep_self_results=True)
-    assert (dropped.recipes, dropped.dropped_self_results) == ((Recipe("a", "b", "c"),), 2)
+    assert (dropped.recipes, dropped.dropped_self_results) == ((Recipe.of("a", "b", "c"),), 2)
     assert (len(kept.recipes), kept.dropped_self_results) == (3, 0)
     assert dropped.base == ("a", "fire", "x")  # entities of a dropped row and listed entities count
 

@@ -69,7 +69,7 @@ def tasks_by_trying(graph, depth):
 
 
 def pairs(plan):
-    return frozenset((recipe.ingredient_a, recipe.ingredient_b) for recipe in plan)
+    return frozenset(recipe.ingredients for recipe in plan)
 
 
 def tasks_made(graph, depth, *arguments, **options):
@@ -116,7 +116,7 @@ def test_ways_are_the_same_if_too_much_is_within_reach_to_look_up(kitchen, monke
 
 def test_a_plan_may_use_both_results_of_one_attempt():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("c", "d", "e")])
-    assert replay(graph, ["a", "b"], [Recipe("a", "b", "c")]) == {"a", "b", "c", "d"}
+    assert replay(graph, ["a", "b"], [Recipe.of("a", "b", "c")]) == {"a", "b", "c", "d"}
     [rows] = SolutionSearch(graph).plans("e", ["a", "b"], 2)
     assert rows == (0, 1, 2)
     assert SolutionSearch(graph).plans("e", ["a", "b"], 1) == []
@@ -156,7 +156,7 @@ def test_ways_are_also_longer_than_the_shortest_but_never_go_in_circles():
 def test_a_plan_that_cannot_be_carried_out_is_refused(plan, says):
     graph = RecipeGraph.from_recipes(["abc", "acd"])
     with pytest.raises(TaskError, match=says):
-        replay(graph, ["a", "b"], [Recipe(*plan)])
+        replay(graph, ["a", "b"], [Recipe.of(*plan)])
 
 
 @pytest.mark.parametrize("depth", [1, 2])
@@ -496,7 +496,7 @@ def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed
     # Those of depth 2 beyond a chain of two different ingredients.
     kinds = Counter()
     for task in everything if depth == 2 else ():
-        doubled = all(plan[-1].ingredient_a == plan[-1].ingredient_b for plan in task.plans)
+        doubled = all(plan[-1][0] == plan[-1][1] for plan in task.plans)
         by_product = all(len(plan) > task.depth for plan in task.plans)
         kinds["doubled" if doubled else "by-product" if by_product else "chain"] += 1
     assert depth == 1 or kinds == {"chain": 26_502, "doubled": 355, "by-product": 2}

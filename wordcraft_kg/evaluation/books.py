@@ -35,7 +35,7 @@ from wordcraft_kg.graphs.library import (
 )
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 
 MAX_COUNTED = 8 * 2**20
@@ -192,7 +192,7 @@ def view_check(
             check = check.adding([Finding("vector", "note", (), message)])
     if graph is not None and other is not None:
         counted = ~graph.makes_half_product
-        shared = len(set(graph.recipe_labels(graph.recipes[counted])) & set(other.recipes))
+        shared = len(set(graph.recipe_labels(graph.sets[counted])) & set(other.recipes))
         share = shared / int(np.sum(counted))
         check = check.adding((), against=other.name, shared_recipes=shared, shared=share)
     return CheckedBook(
@@ -244,16 +244,17 @@ def write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
     first = reading.columns[0]
     for recipe in ordered:
         cells = check.records.get(check.places[recipe], {})
-        a, b, result = recipe
+        *ingredients, result = recipe
         # The order of the file, if its cells are labels as they stand.
-        is_swapped = cells.get(first, "").strip() == b
-        in_order = Recipe(b, a, result) if is_swapped else recipe
-        rows.append((in_order, [cells.get(name, "") for name in reading.ignored]))
+        if cells.get(first, "").strip() == ingredients[-1]:
+            ingredients.reverse()
+        further_cells = [cells.get(name, "") for name in reading.ignored]
+        rows.append(((*ingredients, result), further_cells))
     write_rows(book, path, reading.ignored, rows)
     with suppress(RecipeFileError):
         if read_book(path).recipes == book.recipes:
             return True
-    write_rows(book, path, (), [(recipe, ()) for recipe, _ in rows])
+    write_rows(book, path, (), [(labels, ()) for labels, _ in rows])
     return not reading.ignored
 
 

@@ -358,7 +358,9 @@ def explain_run(
             names = [scorer.entities[row] for row in rows]
             witnesses = scorer.supporting_recipes(names[0], names[1], expected, _EVIDENCE)
             evidence = tuple(
-                SupportingRecipe(*witness.recipe, witness.weight) for witness in witnesses
+                SupportingRecipe(first, second, result, witness.weight)
+                for witness in witnesses
+                for first, second, result in [witness.recipe]
             )
         tried.append(
             TriedPair(

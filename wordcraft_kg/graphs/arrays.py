@@ -81,10 +81,8 @@ def sorted_unique(rows: Ids, columns: Sequence[int]) -> Ids:
     # In Python's integers, which do not overflow.
     num_keys = math.prod(sizes.tolist())
     if num_keys >= 2**63:
-        by_columns = np.unique(rows[:, columns], axis=0)
-        # Back to the order of columns in which the rows came.
-        own_order = np.argsort(columns)
-        return np.ascontiguousarray(by_columns[:, own_order])
+        _, first_rows = np.unique(row_keys((rows - lowest)[:, columns]), return_index=True)
+        return np.ascontiguousarray(rows[first_rows])
     keys = np.zeros(len(rows), dtype=np.int64)
     for column in columns:
         keys *= sizes[column]
@@ -96,6 +94,90 @@ def sorted_unique(rows: Ids, columns: Sequence[int]) -> Ids:
         keys, digits = np.divmod(keys, sizes[column])
         unique[:, column] = digits + lowest[column]
     return unique
+
+
+def row_keys(rows: Ids) -> Ids:
+    """Number rows of ids: equal rows have equal numbers, and numbers sort like the rows.
+
+    Numbers of different calls cannot be compared.
+
+    Args:
+        rows: shape (n, k), with k columns of ids from 0, the most important first.
+
+    Returns:
+        Shape (n,).
+    """
+    keys = np.zeros(len(rows), dtype=np.int64)
+    num_keys = 1  # in Python's integers, which do not overflow
+    for column in rows.T:
+        size = int(column.max(initial=0)) + 1
+        if num_keys * size >= 2**63:
+            # Ranks keep the order, and take fewer digits.
+            _, keys = np.unique(keys, return_inverse=True)
+            num_keys = int(keys.max(initial=0)) + 1
+        keys = keys * size + column
+        num_keys *= size
+    return keys
+
+
+def stacked(ids: Ids, lengths: Sequence[int], padding: int) -> Ids:
+    """Stack recipes of different lengths into rows (ingredients, padding, result).
+
+    Args:
+        ids: the ids of all recipes, one behind the other; the last of each is the result.
+        lengths: number of ids of each recipe, at least 2.
+        padding: value after the last ingredient; no legal id.
+
+    Returns:
+        Shape (len(lengths), columns), with three columns at least.
+    """
+    if all(length == 3 for length in lengths):
+        return ids.reshape(-1, 3)
+    num_ids = np.array(lengths, dtype=np.int64)
+    rows = np.arange(len(num_ids))
+    table = np.full((len(num_ids), max(int(num_ids.max()), 3)), padding, dtype=np.int64)
+    ends = np.cumsum(num_ids)
+    columns = np.arange(len(ids)) - np.repeat(ends - num_ids, num_ids)
+    table[np.repeat(rows, num_ids), columns] = ids
+    # The result moves from behind the last ingredient to the last column.
+    table[rows, num_ids - 1] = padding
+    table[:, -1] = ids[ends - 1]
+    return table
+
+
+def without_empty_columns(recipes: Ids, padding: int) -> Ids:
+    """Return recipes without columns of padding alone; two columns of ingredients stay.
+
+    Args:
+        recipes: shape (n, columns), rows (ingredients, padding, result).
+        padding: value after the last ingredient.
+    """
+    while recipes.shape[1] > 3 and bool(np.all(recipes[:, -2] == padding)):
+        recipes = np.delete(recipes, -2, axis=1)
+    return recipes
+
+
+def different_ingredients(recipes: Ids, padding: int) -> tuple[Ids, Ids]:
+    """Return the different ingredients of recipes: row numbers, and an ingredient for each.
+
+    Args:
+        recipes: shape (n, columns), rows (ingredients, padding, result), ingredients ascending.
+        padding: value after the last ingredient.
+
+    Returns:
+        Two arrays of one length, by column and then by row.
+    """
+    first, *others = recipes[:, :-1].T
+    rows = [np.arange(len(recipes))]
+    entities = [first]
+    before = first
+    for column in others:
+        # Equal ingredients are neighbours, as they are sorted.
+        is_new = (column != before) & (column != padding)
+        rows.append(rows[0][is_new])
+        entities.append(column[is_new])
+        before = column
+    return np.concatenate(rows), np.concatenate(entities)
 
 
 def recipe_keys(a: Ids, b: Ids, result: Ids, *, num_entities: int) -> Ids:

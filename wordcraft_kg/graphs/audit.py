@@ -43,14 +43,14 @@ class TripleCounts(Record):
 
 
 class AmbiguousPair(Record):
-    """Two ingredients that combine into several results, by labels.
+    """Ingredients, mostly two, that combine into several results, by labels.
 
     Attributes:
         pair: the ingredients.
         results: all results.
     """
 
-    pair: tuple[str, str]
+    pair: tuple[str, ...]
     results: tuple[str, ...]
 
 
@@ -367,8 +367,8 @@ def split_summary(split: Split) -> SplitSummary:
     # Triples of test recipes that train or validation recipes give, too, are not evaluated.
     evaluated = split.held_out("test")
     of_test = split.triples_of("test")
-    goals = distinct(split.graph.recipes[split.is_in("test") & kept, 2])
-    is_train_goal = np.isin(goals, split.recipes("train")[:, 2])
+    goals = distinct(split.graph.sets[split.is_in("test") & kept, -1])
+    is_train_goal = np.isin(goals, split.sets("train")[:, -1])
     return SplitSummary(
         **asdict(split.config),
         hash=split.hash,
@@ -397,15 +397,11 @@ def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
         Bool, shape (num_test,), without recipes that make half-products.
     """
     is_counted = split.is_in("test") & ~split.graph.makes_half_product
-    a, b, result = split.graph.recipes[is_counted].T
-    num_entities = split.graph.num_entities
-    relation = np.full_like(result, COMPONENT_OF)
+    rows, triples = split.graph.triples_by_recipe(is_counted)
     # Train recipes share a slot where their triples contain (ingredient, componentOf, result).
-    triples_of_a = np.column_stack([a, relation, result])
-    triples_of_b = np.column_stack([b, relation, result])
-    shares_a = is_in(triples_of_a, split.partial, num_entities)
-    shares_b = is_in(triples_of_b, split.partial, num_entities)
-    return shares_a | shares_b
+    is_slot = triples[:, 1] == COMPONENT_OF
+    is_shared = is_slot & is_in(triples, split.partial, split.graph.num_entities)
+    return np.bincount(rows[is_shared], minlength=int(np.sum(is_counted))) > 0
 
 
 def leakage(split: Split) -> dict[Relation, Leakage]:
@@ -443,10 +439,10 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
     for pair in most_ambiguous[has_several].tolist():
         # Recipes are sorted by pair, so those of a pair follow each other.
         start, stop = graph.pair_starts[pair : pair + 2]
-        a, b = graph.labels(graph.recipes[start, :2])
-        made = graph.recipes[start:stop, 2]
+        ingredients = graph.sets[start, : graph.sizes[start]]
+        made = graph.sets[start:stop, -1]
         whole = made[~graph.is_half_product[made]]
-        examples.append(AmbiguousPair((a, b), graph.labels(whole)))
+        examples.append(AmbiguousPair(graph.labels(ingredients), graph.labels(whole)))
     numbers, pairs = np.unique(num_results[num_results > 0], return_counts=True)
     # Keys of JSON are texts.
     pairs_by_number = dict(zip(map(str, numbers), pairs.tolist(), strict=True))
@@ -536,7 +532,7 @@ def view_entity(graph: RecipeGraph, label: str) -> EntityView:
         base=label in graph.base,
         half_product=bool(graph.is_half_product[entity]),
         layer=layer if layer >= 0 else None,
-        recipes=tuple(graph.recipe_labels(graph.recipes[graph.recipes_of(entity)])),
-        uses=tuple(graph.recipe_labels(graph.recipes[graph.uses_of(entity)])),
+        recipes=tuple(graph.recipe_labels(graph.sets[graph.recipes_of(entity)])),
+        uses=tuple(graph.recipe_labels(graph.sets[graph.uses_of(entity)])),
         derivation=derivation,
     )

@@ -493,12 +493,9 @@ def _unreachable(
     # An arrow from an ingredient to what it makes, among entities out of reach alone.
     needs = nx.DiGraph()
     needs.add_nodes_from(sorted(outside))
-    for a, b, result in graph.recipes.tolist():
-        if result not in outside:
-            continue
-        for ingredient in (a, b):
-            if ingredient in outside:
-                needs.add_edge(ingredient, result)
+    for *ingredients, result in graph.sets.tolist():
+        if result in outside:
+            needs.add_edges_from((one, result) for one in ingredients if one in outside)
     # Entities that need one another are one finding, not one each.
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         # Half-products are no entities of the file. Each needs an ingredient outside that is one.
@@ -527,8 +524,8 @@ def _whole_labels(graph: RecipeGraph, ids: Iterable[int]) -> Sequence[str]:
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
     """Return whether each recipe of the entities needs one of them."""
     for entity in entities:
-        pairs = graph.recipes[graph.recipes_of(entity), :2]
-        if any(entities.isdisjoint(pair) for pair in pairs.tolist()):
+        ingredients = graph.sets[graph.recipes_of(entity), :-1]
+        if any(entities.isdisjoint(row) for row in ingredients.tolist()):
             return False
     return True
 

@@ -67,23 +67,23 @@ def bottlenecks(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> lis
     """
     layer = layers(graph, base)
     is_used = graph.use_counts > 0
-    a, b, result = graph.recipes.T
+    *ingredients, result = graph.sets.T
     reachable = layer >= 0
     number = int(reachable.sum())
     losses = []
     for entity in np.flatnonzero((layer > 0) & is_used).tolist():
         # Entities of the same round and of earlier ones are made without it.
-        is_known = reachable & (layer <= layer[entity])
+        is_known = np.append(reachable & (layer <= layer[entity]), True)  # and the padding
         is_known[entity] = False
         # Round by round, all that can be made without it.
         while True:
-            results = result[is_known[a] & is_known[b]]
+            results = result[np.all([is_known[column] for column in ingredients], axis=0)]
             is_new = ~is_known[results] & (results != entity)
             if not is_new.any():
                 break
             is_known[results[is_new]] = True
         # Without the entity itself, which is not known either.
-        lost = number - int(is_known.sum()) - 1
+        lost = number - int(is_known[:-1].sum()) - 1
         if lost:
             losses.append((entity, lost))
     return sorted(losses, key=lambda pair: (-pair[1], pair[0]))

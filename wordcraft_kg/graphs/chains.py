@@ -16,7 +16,7 @@ HALF = " + …"
 """End of the label of each half-product."""
 
 
-MOST_INGREDIENTS = 1_000
+MOST_IN_CHAIN = 1_000
 """Most ingredients of a recipe, with repetitions.
 
 The labels of a chain grow with the square of their number, and a larger weight in a hypergraph is
@@ -49,7 +49,7 @@ def chain(ingredients: Sequence[str], result: str) -> list[Recipe]:
     """
     first, *others = sorted(ingredients)
     if not others:
-        return [Recipe(first, first, result)]
+        return [Recipe.of(first, first, result)]
     recipes = []
     # What is there after each step, and the same without the mark of a half-product.
     at_hand = first
@@ -69,16 +69,17 @@ def is_step(recipe: Recipe) -> bool:
     :func:`unchained` would take it apart. A recipe for anything else may be the last of a chain.
 
     Example:
-        >>> is_step(Recipe("coal + rope + …", "stick", "coal + rope + stick + …"))
+        >>> is_step(Recipe.of("coal + rope + …", "stick", "coal + rope + stick + …"))
         True
-        >>> is_step(Recipe("x", "y", "coal + rope + …"))
+        >>> is_step(Recipe.of("x", "y", "coal + rope + …"))
         False
     """
     if not is_half_product(recipe.result):
         return True
+    if len(recipe.ingredients) != 2:
+        return False
     # In either order: a recipe sorts its ingredients again, after the half-product has its name.
-    one = recipe.ingredient_a.removesuffix(HALF)
-    other = recipe.ingredient_b.removesuffix(HALF)
+    one, other = (label.removesuffix(HALF) for label in recipe.ingredients)
     return recipe.result.removesuffix(HALF) in (f"{one} + {other}", f"{other} + {one}")
 
 
@@ -106,9 +107,7 @@ def unchained(recipes: Iterable[Recipe]) -> list[tuple[tuple[str, ...], str]]:
     """
     recipes = list(recipes)
     parts_of = {
-        recipe.result: (recipe.ingredient_a, recipe.ingredient_b)
-        for recipe in recipes
-        if is_half_product(recipe.result)
+        recipe.result: recipe.ingredients for recipe in recipes if is_half_product(recipe.result)
     }
 
     def expanded(label: str) -> list[str]:
@@ -126,6 +125,6 @@ def unchained(recipes: Iterable[Recipe]) -> list[tuple[tuple[str, ...], str]]:
     whole = []
     for recipe in recipes:
         if not is_half_product(recipe.result):
-            parts = [*expanded(recipe.ingredient_a), *expanded(recipe.ingredient_b)]
+            parts = [part for label in recipe.ingredients for part in expanded(label)]
             whole.append((tuple(sorted(parts)), recipe.result))
     return whole

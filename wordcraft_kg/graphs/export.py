@@ -18,11 +18,12 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.book_files import write_book
+from wordcraft_kg.graphs.book_files.texts import own_header
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.hif import hif_lines
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, Recipe, RecipeBook
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
 NAMESPACE = "urn:wordcraft-kg:"
 """Prefix of IRIs in RDF; labels in IRIs are percent-encoded.
 
-The rest is ``entity:<label>``, ``recipe:<a>+<b>=<result>``, ``relation:<name>``,
-``role:ingredient`` or ``role:result``.
+The rest is ``entity:<label>``, ``recipe:<a>+<b>=<result>`` with all ingredients,
+``relation:<name>``, ``role:ingredient`` or ``role:result``.
 """
 _RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 _RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
@@ -91,7 +92,7 @@ def export_graph(
         # The train recipes, or all others. All entities stay, so that ids mean the same.
         kept = opened.split.is_in("train") == (part == "partial")
         kinds = None if graph.kinds is None else tuple(compress(graph.kinds, kept))
-        graph = RecipeGraph(graph.entities, graph.recipes[kept], graph.base_ids, graph.name)
+        graph = RecipeGraph(graph.entities, graph.sets[kept], graph.base_ids, graph.name)
         graph.kinds = kinds
     # Some formats are built in memory as a whole: refused before the machine runs out of it.
     needed = graph.num_recipes * exporter.recipe_bytes
@@ -135,10 +136,12 @@ def _graphml(graph: RecipeGraph, triples: Ids, path: Path) -> None:
 def _sentences(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
     """Yield a line with a sentence for each recipe; a self pair names its ingredient once."""
     for recipe in graph.recipe_labels():
-        other = recipe.ingredient_b
-        if other == recipe.ingredient_a:
-            other = "itself"
-        yield f"Combining {recipe.ingredient_a} with {other} makes {recipe.result}.\n"
+        first, *others = recipe.ingredients
+        if others == [first]:
+            others = ["itself"]
+        *between, last = others or [""]
+        with_others = f" with {' and '.join(filter(None, (', '.join(between), last)))}"
+        yield f"Combining {first}{with_others if others else ''} makes {recipe.result}.\n"
 
 
 def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
@@ -156,15 +159,17 @@ def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
     recipe_class = f"<{NAMESPACE}Recipe>"
     has_ingredient = f"<{NAMESPACE}role:ingredient>"
     has_result = f"<{NAMESPACE}role:result>"
-    for a, b, result in graph.recipes.tolist():
+    for row, size in zip(graph.sets.tolist(), graph.sizes.tolist(), strict=True):
+        ingredients = row[:size]
         # Named after its labels, so that equal recipes of two graphs are one node.
-        recipe = f"<{NAMESPACE}recipe:{names[a]}+{names[b]}={names[result]}>"
+        sum_of_names = "+".join(names[entity] for entity in ingredients)
+        recipe = f"<{NAMESPACE}recipe:{sum_of_names}={names[row[-1]]}>"
         yield f"{recipe} <{_RDF_TYPE}> {recipe_class} .\n"
-        yield f"{recipe} {has_ingredient} {entities[a]} .\n"
-        # RDF is a set of statements: the same ingredient twice would be one statement anyway.
-        if b != a:
-            yield f"{recipe} {has_ingredient} {entities[b]} .\n"
-        yield f"{recipe} {has_result} {entities[result]} .\n"
+        # RDF is a set of statements: the same ingredient twice would be one statement anyway; the
+        # name of the recipe has it twice.
+        for entity in dict.fromkeys(ingredients):
+            yield f"{recipe} {has_ingredient} {entities[entity]} .\n"
+        yield f"{recipe} {has_result} {entities[row[-1]]} .\n"
 
 
 def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
@@ -173,7 +178,7 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
     Entity nodes have ``kind="entity"``, ``base``, ``recipes`` (number of recipes for the entity),
     ``uses`` (number of recipes with the entity as ingredient) and, if reachable from the base,
     ``layer`` (crafting rounds). A recipe has a node ``recipe <index>`` with ``kind="recipe"``, and
-    edges ``ingredient -> recipe -> result``, two for an entity combined with itself. If a label
+    edges ``ingredient -> recipe -> result``, one for each time an ingredient is needed. If a label
     begins like the name of a recipe node, underscores precede these names.
     """
     import networkx as nx
@@ -196,8 +201,8 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
     for index, recipe in enumerate(graph.recipe_labels()):
         node = f"{prefix}{index}"
         view.add_node(node, kind="recipe")
-        view.add_edge(recipe.ingredient_a, node, "ingredient_a", role="ingredient")
-        view.add_edge(recipe.ingredient_b, node, "ingredient_b", role="ingredient")
+        for name, ingredient in zip(own_header(MOST_INGREDIENTS), recipe.ingredients, strict=False):
+            view.add_edge(ingredient, node, name, role="ingredient")
         view.add_edge(node, recipe.result, "result", role="result")
     return view
 

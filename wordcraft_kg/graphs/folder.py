@@ -25,7 +25,7 @@ from wordcraft_kg.base.artefacts import (
 from wordcraft_kg.base.errors import ArtefactError, GraphError, RecipeFileError, SplitError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, stacked
 from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.book_files import ReadOptions, book_json, read_book, recipe_table
 from wordcraft_kg.graphs.chains import is_half_product
@@ -58,13 +58,13 @@ class _GraphFile(msgspec.Struct):
         format: name and version of the layout.
         base: labels of the base entities.
         entities: labels of all entities, sorted.
-        recipes: labels (ingredient, ingredient, result).
+        recipes: labels (*ingredients, result).
     """
 
     format: Literal["wordcraft-kg recipe book 1"]
     base: list[str]
     entities: list[str]
-    recipes: list[tuple[str, str, str]]
+    recipes: list[list[str]]
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
             version does not know are not compared.
         RecipeFileError: if ``graph.json`` cannot be read.
     """
-    book = read_book(folder / "graph.json", keep_self_results=True)
+    book = read_book(folder / "graph.json", keep_self_results=True, single_ingredient="alone")
     for name, lines in _derived_files(opened.split, book).items():
         if read_large_file(folder / name) != "".join(lines).encode():
             raise ArtefactError(
@@ -229,7 +229,7 @@ def write_graph_folder(
         if book.reading is not None:
             source["reading"] = as_values(book.reading)
         # Labels of the graph's recipes, in id order, so that equal graphs give equal files.
-        recipes = RecipeRows(graph.entities, graph.recipes)
+        recipes = RecipeRows(graph.entities, graph.sets)
         of_graph = RecipeBook(graph.name, recipes, graph.base, book.idle, kinds=book.kinds)
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
@@ -299,7 +299,9 @@ def _read_graph(folder: Path) -> RecipeGraph:
             # A book with kinds or half-products, or a fault, which is named. The book was
             # validated when the folder was written, and may have been told to keep these. In one
             # encoding, which is no guess, as it was written.
-            book = read_book(path, keep_self_results=True, encoding="utf-8")
+            book = read_book(
+                path, keep_self_results=True, encoding="utf-8", single_ingredient="alone"
+            )
         except RecipeFileError as error:
             raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
         graph = RecipeGraph.from_book(book)
@@ -347,10 +349,13 @@ def _usual_graph(recorded: Any) -> RecipeGraph | None:
         return None
     id_of = {label: entity for entity, label in enumerate(book.entities)}
     labels = chain.from_iterable(book.recipes)
+    lengths = list(map(len, book.recipes))
+    if min(lengths, default=2) < 2:
+        return None
     try:
         ids = np.fromiter(map(id_of.__getitem__, labels), np.int64)
         base = [id_of[label] for label in book.base]
-        graph = RecipeGraph(book.entities, ids.reshape(-1, 3), base)
+        graph = RecipeGraph(book.entities, stacked(ids, lengths, len(id_of)), base)
     # KeyError: a label that is no entity; GraphError: entities that are not in order.
     except (KeyError, GraphError):
         return None

@@ -86,16 +86,21 @@ class Folds:
         """Return the train sample outside the ``left_out`` folds, as trained on, shape (n, 3).
 
         A wrong recipe has its wrong result.
+
+        Raises:
+            GraphError: if a recipe of the graph has more than two ingredients, or one.
         """
+        _ = self.split.graph.recipes
         return self.train_sample.among(self.seen(left_out))
 
     def recipes_of(self, fold: int) -> Ids:
-        """Return the train sample in a fold, as trained on, shape (n, 3)."""
+        """Return the train sample in a fold, as trained on, as rows of ``graph.sets``."""
         return self.train_sample.among(self.of_recipe == fold)
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:
-        """Return the triples that :meth:`recipes` give, shape (T, 3), sorted."""
-        return frozen(recipe_triples(self.recipes(left_out)))
+        """Return the triples of the train sample outside the ``left_out`` folds, sorted."""
+        seen = self.train_sample.among(self.seen(left_out))
+        return frozen(recipe_triples(seen, self.split.graph.num_entities))
 
     @cached_property
     def hash(self) -> str:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.chains import MOST_INGREDIENTS
+from wordcraft_kg.graphs.chains import MOST_IN_CHAIN
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import check_label, shown
 
@@ -90,9 +90,8 @@ def _described_edges(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
 
 def _incidences(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
     for edge, recipe in enumerate(graph.recipe_labels()):
-        ingredients = (recipe.ingredient_a, recipe.ingredient_b)
         # A node is once in an edge; an entity with itself has the weight 2.
-        for label, count in Counter(ingredients).items():
+        for label, count in Counter(recipe.ingredients).items():
             tail: dict[str, Any] = {"edge": edge, "node": label, "direction": "tail"}
             if count > 1:
                 tail["weight"] = count
@@ -195,9 +194,9 @@ def _edges(document: Mapping[str, Any], nodes: "_Nodes", where: str) -> dict[str
             lacks = "head, the result" if edge.tail else "tail, the ingredients"
             raise RecipeFileError(f"{subject} no {lacks}; a recipe needs both. Nothing was read.")
         num_ingredients = edge.tail.total()
-        if num_ingredients > MOST_INGREDIENTS:
+        if num_ingredients > MOST_IN_CHAIN:
             raise RecipeFileError(
-                f"{subject} {num_ingredients:,} ingredients; the limit is {MOST_INGREDIENTS:,}."
+                f"{subject} {num_ingredients:,} ingredients; the limit is {MOST_IN_CHAIN:,}."
             )
     return edges
 
@@ -276,10 +275,10 @@ def _count(incidence: Mapping[str, Any], place: str) -> int:
     weight = incidence.get("weight", 1)
     is_number = isinstance(weight, int | float) and not isinstance(weight, bool)
     # The range first: int() refuses infinity and NaN.
-    is_count = is_number and 1 <= weight <= MOST_INGREDIENTS and weight == int(weight)
+    is_count = is_number and 1 <= weight <= MOST_IN_CHAIN and weight == int(weight)
     if not is_count:
         raise RecipeFileError(
             f"{place}: the weight of an ingredient is {shown(weight)}; expected how often it is "
-            f"needed, a whole number from 1 to {MOST_INGREDIENTS:,}."
+            f"needed, a whole number from 1 to {MOST_IN_CHAIN:,}."
         )
     return int(weight)

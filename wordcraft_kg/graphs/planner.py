@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import GraphError
 from wordcraft_kg.base.wording import approximate, counted, quoted
-from wordcraft_kg.graphs.arrays import Ids, distinct
+from wordcraft_kg.graphs.arrays import Ids, different_ingredients, distinct
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
@@ -22,7 +22,7 @@ def layers(
 ) -> Ids:
     """Return the round in which each entity can first be made.
 
-    In a round, every pair of entities known before is combined.
+    In a round, all entities known before are combined, as pairs and as larger sets.
 
     Args:
         graph: the recipe graph.
@@ -36,7 +36,7 @@ def layers(
         UnknownEntityError: if an entity in ``start`` is not in the graph.
     """
     starts, order = graph.by_ingredient
-    a, b, result = graph.recipes.T
+    *ingredients, result = graph.sets.T
     layer = np.full(graph.num_entities, -1, dtype=np.int64)
     frontier = np.array(_ids(graph, start), dtype=np.int64)
     depth = 0
@@ -47,8 +47,10 @@ def layers(
         # checked at most twice, whatever the number of rounds.
         uses = [_group(starts, order, entity) for entity in frontier.tolist()]
         recipes = np.concatenate(uses)
-        is_known = layer >= 0
-        is_possible = is_known[a[recipes]] & is_known[b[recipes]]
+        is_known = np.append(layer >= 0, True)  # the padding of small recipes is there, too
+        is_possible = np.ones(len(recipes), dtype=bool)
+        for column in ingredients:
+            is_possible &= is_known[column[recipes]]
         if usable is not None:
             is_possible &= usable[recipes]
         made = result[recipes[is_possible]]
@@ -112,7 +114,7 @@ class Derivation:
 def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
     """Yield a derivation as a tree of text, line by line.
 
-    A line has an entity and its two ingredients; below are the ingredients' trees. A tree that was
+    A line has an entity and its ingredients; below are the ingredients' trees. A tree that was
     shown before is not repeated, and a starting entity below the goal has no line.
 
     Args:
@@ -135,9 +137,9 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
             yield f"{own}{label}{note}"
             continue
         shown.add(label)
-        one, other, _ = made_by[label]
-        yield f"{own}{label} = {one} + {other}"
-        made = [part for part in dict.fromkeys((one, other)) if part in made_by]
+        ingredients = made_by[label].ingredients
+        yield f"{own}{label} = {' + '.join(ingredients)}"
+        made = [part for part in dict.fromkeys(ingredients) if part in made_by]
         for part in reversed(made):  # a stack returns the last first
             if part == made[-1]:
                 stack.append((part, f"{below}└─ ", f"{below}   "))
@@ -148,7 +150,8 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
 class Planner:
     """The cheapest derivations of all entities from the starting entities.
 
-    Making an entity from a and b costs 1 + cost(a) + cost(b), the size of the derivation tree. With
+    Making an entity from a and b costs 1 + cost(a) + cost(b), the size of the derivation tree; the
+    costs of more ingredients are added, and those of one that is needed twice count twice. With
     this additive cost the minimum is exact and found for all entities at once, by Knuth's
     generalisation of Dijkstra's algorithm (Knuth, "A generalization of Dijkstra's algorithm",
     1977). Counting shared intermediates once would be NP-hard. Ties go to the earlier recipe in the
@@ -174,16 +177,21 @@ class Planner:
         self.graph = graph
         # Lists, because single numbers of arrays are slow.
         starts, order = map(np.ndarray.tolist, graph.by_ingredient)
-        recipes = graph.recipes.tolist()
+        recipes = graph.sets.tolist()
+        # Ingredients of each recipe that are not settled yet.
+        users, _ = different_ingredients(graph.sets, graph.num_entities)
+        missing = np.bincount(users, minlength=len(recipes)).tolist()
         initial = _ids(graph, start)
         self.start = graph.labels(initial)
-        self.costs: list[float] = [math.inf] * graph.num_entities
+        # The padding of small recipes costs nothing.
+        costs: list[float] = [*[math.inf] * graph.num_entities, 0]
+        cost_of = costs.__getitem__
         self._recipe: list[int] = [-1] * graph.num_entities
         settled = [False] * graph.num_entities
         # Entries (cost, row of the recipe, entity): of equal costs the earlier recipe comes first.
         queue: list[tuple[float, int, int]] = []
         for entity in initial:
-            self.costs[entity] = 0
+            costs[entity] = 0
             queue.append((0, -1, entity))
         while queue:
             _, recipe, entity = heapq.heappop(queue)
@@ -193,16 +201,17 @@ class Planner:
             settled[entity] = True
             self._recipe[entity] = recipe
             for index in order[starts[entity] : starts[entity + 1]]:
-                a, b, result = recipes[index]
-                is_possible = settled[a] and settled[b]
-                if not is_possible or settled[result]:
+                missing[index] -= 1
+                *ingredients, result = recipes[index]
+                if missing[index] or settled[result]:
                     continue
-                candidate = 1 + self.costs[a] + self.costs[b]
+                candidate = 1 + sum(map(cost_of, ingredients))
                 # Equal costs too, for the tie; an entry that is beaten later stays in the queue
                 # and is passed over, because its entity is settled by then.
-                if candidate <= self.costs[result]:
-                    self.costs[result] = candidate
+                if candidate <= costs[result]:
+                    costs[result] = candidate
                     heapq.heappush(queue, (candidate, index, result))
+        self.costs = costs[:-1]
 
     def derivation(self, goal: Entity) -> Derivation:
         """Return the cheapest derivation for an entity, with its steps.
@@ -217,14 +226,14 @@ class Planner:
             known = ", ".join(map(quoted, self.start)) or "nothing"
             raise GraphError(f"'{graph.entities[target]}' cannot be made from {known}.")
         steps: list[int] = []
-        done: set[int] = set()
+        done = {graph.num_entities}  # the padding of small recipes
         # Depth first with a stack of its own: chains are longer than Python's recursion limit.
         stack = [target]
         while stack:
             entity = stack[-1]
             index = self._recipe[entity]
             is_start = index < 0
-            ingredients = [] if is_start else graph.recipes[index, :2].tolist()
+            ingredients = [] if is_start else graph.sets[index, :-1].tolist()
             missing = [part for part in ingredients if part not in done]
             if missing:
                 stack.extend(reversed(missing))
@@ -234,5 +243,5 @@ class Planner:
             if entity not in done and not is_start:
                 steps.append(index)
             done.add(entity)
-        labels = graph.recipe_labels(graph.recipes[steps])
+        labels = graph.recipe_labels(graph.sets[steps])
         return Derivation(graph.entities[target], tuple(labels), int(self.costs[target]))

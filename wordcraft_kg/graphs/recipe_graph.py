@@ -1,6 +1,13 @@
 """The recipe graph for a crafting game: entities, recipes and base entities, with lookups.
 
 All other data (triples, splits, tasks, dynamics of environments) are derived from this class.
+
+A recipe is a multiset of one to eight ingredients and a result. All recipes are one array,
+:attr:`RecipeGraph.sets`, with a column for each place of an ingredient and one for the result: a
+graph of pairs has the rows (a, b, result), and a graph of larger sets as many columns as its
+largest set needs, with a padding that is no entity. Code for sets reads ``sets`` and asks for
+:attr:`~RecipeGraph.sizes` where it matters; code for pairs reads :attr:`RecipeGraph.recipes`, which
+refuses a graph of other sets with one message.
 """
 
 import hashlib
@@ -14,18 +21,34 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.graphs.arrays import Ids, absent, frozen, sorted_unique
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.arrays import (
+    Ids,
+    absent,
+    different_ingredients,
+    frozen,
+    row_keys,
+    sorted_unique,
+    without_empty_columns,
+)
 from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows, check_label
-from wordcraft_kg.graphs.triples import recipe_triples
+from wordcraft_kg.graphs.recipes import (
+    MOST_INGREDIENTS,
+    Recipe,
+    RecipeBook,
+    RecipeRows,
+    check_label,
+    recipes_of_ids,
+)
+from wordcraft_kg.graphs.triples import COMBINES_WITH, recipe_triples, triples_by_recipe
 
 Entity = int | str
 """An entity, by id or by label."""
 
 
 class RecipeGraph:
-    """An immutable graph of recipes; each recipe combines two entities into a result.
+    """An immutable graph of recipes; each recipe combines one to eight entities into a result.
 
     Entities have ids ``0 .. num_entities - 1`` by sorted label, so equal graphs have equal ids.
     Equality and hash depend on entities, base and recipes, not on the name. A pair may have several
@@ -35,8 +58,9 @@ class RecipeGraph:
         name: name in reports.
         entities: labels in id order.
         base_ids: shape (num_base,), int64, ascending: entities known at the start of play.
-        recipes: shape (num_recipes, 3), int64, rows ``(ingredient, ingredient, result)`` with
-            ascending ingredients; sorted, unique.
+        sets: shape (num_recipes, columns), int64, rows ``(ingredients, padding, result)`` with
+            ascending ingredients; sorted, unique. There are two columns of ingredients, or as many
+            as the largest recipe has; ``num_entities`` is the padding after the last ingredient.
         base_is_inferred: whether no base was given, so that the base is the entities without a
             recipe; not part of the content.
         kinds: each recipe's kind of reasoning, empty if unknown; None for a book without kinds;
@@ -62,13 +86,14 @@ class RecipeGraph:
 
         Args:
             entities: labels, sorted, unique.
-            recipes: shape (num_recipes, 3), rows ``(ingredient, ingredient, result)`` of ids, rows
-                and ingredients in any order.
+            recipes: shape (num_recipes, columns), rows ``(ingredients, padding, result)`` of ids,
+                rows and ingredients in any order; the padding is the number of entities.
             base_ids: ids of the base entities, in any order.
             name: name in reports.
 
         Raises:
-            GraphError: if labels are not sorted and unique, or an id is out of range.
+            GraphError: if labels are not sorted and unique, an id is out of range, or a recipe has
+                more than :data:`~wordcraft_kg.graphs.recipes.MOST_INGREDIENTS` ingredients.
         """
         self.name = name
         self.base_is_inferred = False
@@ -77,18 +102,26 @@ class RecipeGraph:
         self.entities = tuple(entities)
         if any(left >= right for left, right in pairwise(self.entities)):
             raise GraphError("entity labels must be sorted and unique.")
-        # A graph without recipes may come as an empty list, which has another shape.
-        recipes = np.asarray(recipes, dtype=np.int64).reshape(-1, 3)
+        # A copy, whose ingredients are sorted below. A graph without recipes may come as an empty
+        # list, which has another shape.
+        rows = np.array(recipes, dtype=np.int64, order="C")
+        rows = rows if rows.size else rows.reshape(0, 3)
         base = np.unique(np.asarray(base_ids, dtype=np.int64))
-        highest = len(self.entities) - 1
-        for what, ids in (("recipe", recipes), ("base", base)):
-            if ids.size and (ids.min() < 0 or ids.max() > highest):
-                raise GraphError(f"a {what} id is outside 0 .. {highest}.")
-        # Ingredients are unordered: each pair is stored once, the smaller id first.
-        pairs = np.sort(recipes[:, :2], axis=1)
-        rows = np.column_stack([pairs, recipes[:, 2]])
-        self.recipes: Ids = frozen(sorted_unique(rows, (0, 1, 2)))
+        padding = len(self.entities)
+        rows[:, :-1].sort(axis=1)
+        is_padding = rows == padding
+        # Each recipe has a first ingredient and a result.
+        is_padding[:, [0, -1]] = False
+        for what, ids in (("recipe", rows[~is_padding]), ("base", base)):
+            if ids.size and (ids.min() < 0 or ids.max() >= padding):
+                raise GraphError(f"a {what} id is outside 0 .. {padding - 1}.")
+        rows = without_empty_columns(rows, padding)
+        self.sets: Ids = frozen(sorted_unique(rows, range(rows.shape[1])))
         self.base_ids: Ids = frozen(base)
+        if rows.shape[1] > MOST_INGREDIENTS + 1:
+            raise GraphError(
+                f"a recipe has {rows.shape[1] - 1} ingredients; the most are {MOST_INGREDIENTS}."
+            )
 
     @classmethod
     def from_book(cls, book: RecipeBook, base: Iterable[str] | None = None) -> "RecipeGraph":
@@ -108,10 +141,11 @@ class RecipeGraph:
         # A label that no recipe mentions may be no entity; its place is never looked up.
         ids = (index.get(label, -1) for label in rows.labels)
         id_of_label = np.fromiter(ids, np.int64, len(rows.labels))
-        recipes = id_of_label[rows.ids]
+        # The padding of the rows becomes that of the graph.
+        recipes = np.append(id_of_label, len(entities))[rows.ids]
         labels = book.base if base is None else sorted(set(base))
         if labels is None:
-            base_ids = absent(recipes[:, 2], len(entities))
+            base_ids = absent(recipes[:, -1], len(entities))
         else:
             unknown = [label for label in labels if label not in index]
             if unknown:
@@ -123,8 +157,7 @@ class RecipeGraph:
         graph.base_is_inferred = labels is None
         graph.reading = book.reading
         if book.kinds:
-            # Both are sorted by labels, so the book's order is the graph's.
-            graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in book.recipes)
+            graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in graph.recipe_labels())
         return graph
 
     @classmethod
@@ -137,8 +170,8 @@ class RecipeGraph:
         """Build a graph from labels, in memory; also of recipes that a recipe book leaves out.
 
         Args:
-            recipes: rows ``(ingredient, ingredient, result)`` of labels, in any order. A row whose
-                result is among its ingredients is kept.
+            recipes: rows ``(*ingredients, result)`` of labels, in any order. A row whose result is
+                among its ingredients is kept.
             base: labels of the base entities; None for the entities that no recipe makes.
             name: name in reports.
 
@@ -148,7 +181,7 @@ class RecipeGraph:
         Raises:
             RecipeFileError: if a label cannot name an entity.
             UnknownEntityError: if a base label is in no recipe.
-            TypeError: if a row does not have three labels.
+            TypeError: if a row does not have two labels or more.
         """
         rows: list[list[str]] = []
         for index, row in enumerate(recipes):
@@ -164,10 +197,36 @@ class RecipeGraph:
         """Number of entities."""
         return len(self.entities)
 
+    @cached_property
+    def recipes(self) -> Ids:
+        """All recipes of a graph of pairs, shape (num_recipes, 3), rows (a, b, result), as sorted.
+
+        Code that cannot take sets of other sizes reads this, and refuses them so.
+
+        Raises:
+            GraphError: if a recipe has more than two ingredients, or one.
+        """
+        size = self.sizes
+        other_sizes = np.flatnonzero(size != 2)
+        if len(other_sizes):
+            row = other_sizes[np.argmax(size[other_sizes])]
+            (recipe,) = self.recipe_labels(self.sets[[row]])
+            raise GraphError(
+                f"the recipe {recipe} has {counted(int(size[row]), 'ingredient')}; environments, "
+                "players, the planner and recipe scorers take recipes of 2 so far. Build the graph "
+                "with `ingredients` chain for these."
+            )
+        return self.sets
+
+    @cached_property
+    def sizes(self) -> Ids:
+        """Number of ingredients of each recipe, shape (num_recipes,)."""
+        return frozen(np.sum(self.sets[:, :-1] != self.num_entities, axis=1))
+
     @property
     def num_recipes(self) -> int:
         """Number of recipes; an ingredient pair with two results counts twice."""
-        return len(self.recipes)
+        return len(self.sets)
 
     @cached_property
     def is_half_product(self) -> NDArray[np.bool_]:
@@ -182,7 +241,7 @@ class RecipeGraph:
     @cached_property
     def makes_half_product(self) -> NDArray[np.bool_]:
         """Mark the recipes that make a half-product, shape (num_recipes,), bool."""
-        return self.is_half_product[self.recipes[:, 2]]
+        return self.is_half_product[self.sets[:, -1]]
 
     @cached_property
     def num_results(self) -> Ids:
@@ -197,21 +256,20 @@ class RecipeGraph:
 
     @property
     def num_pairs(self) -> int:
-        """Number of distinct unordered ingredient pairs in the recipes."""
+        """Number of distinct pairs, or larger sets, of ingredients in the recipes."""
         return len(self.pair_starts) - 1
 
     @property
     def has_self_results(self) -> bool:
         """Whether a recipe makes one of its ingredients; books drop such recipes by default."""
-        is_self_result = self.recipes[:, :2] == self.recipes[:, 2:]
+        is_self_result = self.sets[:, :-1] == self.sets[:, -1:]
         return bool(is_self_result.any())
 
     @property
     def num_self_pairs(self) -> int:
         """Number of entities that combine with themselves."""
-        # The first recipe of each pair: a pair with two results counts once.
-        a, b, _ = self.recipes[self.pair_starts[:-1]].T
-        return int(np.sum(a == b))
+        heads, relations, tails = self.triples.T
+        return int(np.sum((heads == tails) & (relations == COMBINES_WITH)))
 
     @property
     def base(self) -> tuple[str, ...]:
@@ -221,10 +279,13 @@ class RecipeGraph:
     @cached_property
     def hash(self) -> str:
         """SHA-256 hash of entities, base and recipes, equal for equal graphs on any machine."""
-        # The first line is a version: another way to hash would get another number.
-        digest = hashlib.sha256(b"wordcraft-kg recipe graph 1\n")
-        digest.update(json.dumps([self.entities, self.base]).encode())
-        digest.update(self.recipes.astype("<i8").tobytes())  # little-endian on any machine
+        # The first line is a version: another way to hash gets another number. Pairs have 1.
+        num_columns = self.sets.shape[1]
+        version = 1 if num_columns == 3 else 2
+        facts: list[object] = [self.entities, self.base, num_columns][: version + 1]
+        digest = hashlib.sha256(f"wordcraft-kg recipe graph {version}\n".encode())
+        digest.update(json.dumps(facts).encode())
+        digest.update(self.sets.astype("<i8").tobytes())  # little-endian on any machine
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -290,11 +351,8 @@ class RecipeGraph:
         return tuple(map(self.entities.__getitem__, ids))
 
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
-        """Convert recipes from ids, shape (n, 3), to labels; None converts all."""
-        rows = self.recipes if recipes is None else recipes
-        # By column: a million short lists would cost the garbage collector more time than the work.
-        ingredients_a, ingredients_b, results = map(self.labels, rows.T.tolist())
-        return list(map(Recipe, ingredients_a, ingredients_b, results))
+        """Convert recipes from ids, rows of :attr:`sets`, to labels; None converts all."""
+        return list(recipes_of_ids(self.entities, self.sets if recipes is None else recipes))
 
     # --- lookups ---------------------------------------------------------------------------------
 
@@ -302,11 +360,12 @@ class RecipeGraph:
     def pair_starts(self) -> Ids:
         """First row of each ingredient pair, then ``num_recipes``; shape (num_pairs + 1,).
 
-        Pair ``p`` has the rows ``pair_starts[p] : pair_starts[p + 1]``.
+        Pair ``p`` has the rows ``pair_starts[p] : pair_starts[p + 1]``. In a graph of larger sets,
+        each distinct set of ingredients counts as a pair.
         """
         # Recipes are sorted by pair, so a new pair begins where a row differs from the row before.
         is_first = np.ones(self.num_recipes, dtype=bool)
-        changes = np.diff(self.recipes[:, :2], axis=0)
+        changes = np.diff(self.sets[:, :-1], axis=0)
         is_first[1:] = np.any(changes != 0, axis=1)
         first_rows = np.flatnonzero(is_first)
         return frozen(np.append(first_rows, self.num_recipes))
@@ -318,18 +377,12 @@ class RecipeGraph:
         return frozen(np.repeat(np.arange(self.num_pairs), recipes_of_pair))
 
     @cached_property
-    def _pair_keys(self) -> Ids:
-        """The number ``a * num_entities + b`` of each pair, ascending like the pairs."""
-        a, b, _ = self.recipes[self.pair_starts[:-1]].T
-        return a * self.num_entities + b
-
-    @cached_property
     def by_result(self) -> tuple[Ids, Ids]:
         """Recipe index by result: rows ``order[starts[i] : starts[i + 1]]`` make entity i.
 
         Two arrays ``(starts, order)`` of shapes (num_entities + 1,) and (num_recipes,).
         """
-        return _group(self.recipes[:, 2], np.arange(self.num_recipes), self.num_entities)
+        return _group(self.sets[:, -1], np.arange(self.num_recipes), self.num_entities)
 
     @cached_property
     def by_ingredient(self) -> tuple[Ids, Ids]:
@@ -337,39 +390,59 @@ class RecipeGraph:
 
         Two arrays ``(starts, order)``; the first has the shape (num_entities + 1,).
         """
-        # A self pair uses its ingredient once: the second column is skipped where both are equal.
-        rows = np.arange(self.num_recipes)
-        a, b, _ = self.recipes.T
-        distinct = a != b
-        entities = np.concatenate([a, b[distinct]])
-        users = np.concatenate([rows, rows[distinct]])
+        # A self pair uses its ingredient once.
+        users, entities = different_ingredients(self.sets, self.num_entities)
         return _group(entities, users, self.num_entities)
 
-    def results(self, one: Entity, other: Entity) -> Ids:
-        """Return the ids of all results from combining two entities, ascending, possibly empty.
+    def results(self, *ingredients: Entity) -> Ids:
+        """Return the ids of all results from combining entities, ascending, possibly empty.
+
+        ``outcomes`` is a dictionary, for callers that ask often.
 
         Args:
-            one: id or label of an ingredient.
-            other: id or label of the other ingredient; may be the same.
+            ingredients: ids or labels, one that is needed twice stands twice.
 
         Raises:
             UnknownEntityError: if the graph has no such entity.
         """
-        a, b = sorted((self.id_of(one), self.id_of(other)))
-        # Binary search in an array; ``outcomes`` is the dictionary, for callers that ask often.
-        key = a * self.num_entities + b
-        known = self._pair_keys
-        pair = int(np.searchsorted(known, key))
-        is_pair = pair < len(known) and known[pair] == key
-        if not is_pair:
+        ids = sorted(map(self.id_of, ingredients))
+        num_places = self.sets.shape[1] - 1
+        if not 0 < len(ids) <= num_places:
             return np.empty(0, dtype=np.int64)
-        start, stop = self.pair_starts[pair : pair + 2]
-        return self.recipes[start:stop, 2]
+        # The recipes of the ingredient with the fewest uses.
+        rows = min(map(self.uses_of, ids), key=len)
+        padding = [self.num_entities] * (num_places - len(ids))
+        is_equal = (self.sets[rows, :-1] == [*ids, *padding]).all(axis=1)
+        return frozen(self.sets[rows[is_equal], -1])
 
     @cached_property
     def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
-        """Result ids by ingredient ids ``(a, b)`` with ``a <= b``, for many fast lookups."""
+        """Result ids by ingredient ids ``(a, b)`` with ``a <= b``, for many fast lookups.
+
+        Raises:
+            GraphError: if a recipe has more than two ingredients, or one.
+        """
         return outcomes_of(self.recipes)
+
+    def rows_of(self, recipes: Ids) -> Ids:
+        """Return the row of each recipe in :attr:`sets`, or -1 for a recipe that is not there.
+
+        Args:
+            recipes: shape (n, columns), rows (ingredients, padding, result), ingredients ascending.
+        """
+        tables = [self.sets, recipes]
+        width = max(table.shape[1] for table in tables)
+        for index, table in enumerate(tables):
+            # Tables of smaller sets get columns of padding before the result.
+            lacking = np.full((len(table), width - table.shape[1]), self.num_entities)
+            tables[index] = np.column_stack([table[:, :-1], lacking, table[:, -1]])
+        # In one call, so that the numbers can be compared; the first ones ascend like the recipes.
+        known, keys = np.split(row_keys(np.concatenate(tables)), [self.num_recipes])
+        rows = np.searchsorted(known, keys)
+        # Behind the last recipe is none: the last one itself differs then.
+        rows = np.minimum(rows, max(len(known) - 1, 0))
+        is_known = known[rows] == keys if len(known) else np.zeros(len(keys), dtype=bool)
+        return np.where(is_known, rows, -1)
 
     def recipes_of(self, result: Entity) -> Ids:
         """Return the row indices of recipes that make ``result``, ascending.
@@ -400,7 +473,18 @@ class RecipeGraph:
     @cached_property
     def triples(self) -> Ids:
         """All triples ``(head, relation, tail)`` of the recipes, shape (num_triples, 3), sorted."""
-        return frozen(recipe_triples(self.recipes))
+        return frozen(recipe_triples(self.sets, self.num_entities))
+
+    def triples_by_recipe(self, is_chosen: NDArray[np.bool_]) -> tuple[Ids, Ids]:
+        """Return the triples that each of some recipes gives.
+
+        Args:
+            is_chosen: shape (num_recipes,).
+
+        Returns:
+            Numbers of the recipes among the chosen ones, shape (M,), and triples, shape (M, 3).
+        """
+        return triples_by_recipe(self.sets[is_chosen], self.num_entities)
 
 
 def outcomes_of(recipes: Ids) -> dict[tuple[int, int], tuple[int, ...]]:

@@ -6,62 +6,114 @@ Labels are matched exactly: "Fire" and "fire" are two entities, which ``book_che
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, count
 from operator import eq
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.spelling import case_key, grouped, spelling_key
-from wordcraft_kg.graphs.arrays import Ids, frozen, sorted_unique
+from wordcraft_kg.graphs.arrays import (
+    Ids,
+    frozen,
+    sorted_unique,
+    stacked,
+    without_empty_columns,
+)
 from wordcraft_kg.graphs.reading import Reading
 
+MOST_INGREDIENTS = 8
+"""Most ingredients of a recipe; one that is needed twice counts twice."""
 MAX_LABEL_LENGTH = 1_000
 """Most characters in a label; a longer label suggests another kind of file."""
 _PIECE = 2**14  # recipes that are made at once from ids
 _CONTROLS = "\x7f\x85\u2028\u2029"  # delete and line ends, beside those below 32
 
 
-class Recipe(NamedTuple):
-    """Two unordered ingredients and a result, by labels.
+class Recipe(tuple[str, ...]):
+    """A multiset of ingredients and a result, by labels: the tuple ``(*ingredients, result)``.
 
-    Attributes:
-        ingredient_a: the ingredient whose label comes first; make recipes with :meth:`of`.
-        ingredient_b: the other ingredient; equal for an entity combined with itself.
-        result: what the ingredients make.
+    Ingredients are in the order of their labels, one that is needed twice stands twice. A recipe of
+    two ingredients unpacks as ``a, b, result``.
+
+    Example:
+        >>> recipe = Recipe(["water", "flour", "salt"], "dough")
+        >>> print(recipe, recipe == Recipe.of("salt", "water", "flour", "dough"))
+        flour + salt + water -> dough True
     """
 
-    ingredient_a: str
-    ingredient_b: str
-    result: str
+    __slots__ = ()
 
-    @classmethod
-    def of(
-        cls,
-        one: str,
-        other: str,
-        result: str,
-    ) -> "Recipe":
-        """Create a recipe from ingredients in any order.
+    def __new__(cls, ingredients: Iterable[str], result: str) -> "Recipe":
+        """Create a recipe.
 
         Args:
-            one: label of an ingredient.
-            other: label of the other ingredient; may be the same.
+            ingredients: labels of the ingredients, in any order, with repetitions.
             result: label of what they make.
+
+        Raises:
+            TypeError: if there is no ingredient.
         """
-        if one <= other:
-            return cls(one, other, result)
-        return cls(other, one, result)
+        labels = (*sorted(ingredients), result)
+        if len(labels) < 2:
+            raise TypeError(f"{result!r} has no ingredient; a recipe needs one.")
+        return super().__new__(cls, labels)
+
+    @classmethod
+    def of(cls, *labels: str) -> "Recipe":
+        """Create a recipe from the labels of the ingredients, in any order, and of the result.
+
+        Raises:
+            TypeError: if there is no ingredient.
+        """
+        *ingredients, result = labels
+        return cls(ingredients, result)
+
+    def __getnewargs__(self) -> tuple[tuple[str, ...], str]:
+        return self.ingredients, self.result
 
     def __str__(self) -> str:
-        return f"{self.ingredient_a} + {self.ingredient_b} -> {self.result}"
+        return f"{' + '.join(self.ingredients)} -> {self.result}"
+
+    def __repr__(self) -> str:
+        return f"Recipe({self.ingredients!r}, {self.result!r})"
+
+    @property
+    def ingredients(self) -> tuple[str, ...]:
+        """The ingredients, in the order of their labels."""
+        return self[:-1]
+
+    @property
+    def result(self) -> str:
+        """What the ingredients make."""
+        return self[-1]
 
     @property
     def is_self_result(self) -> bool:
         """Whether the result is also an ingredient."""
-        return self.result in (self.ingredient_a, self.ingredient_b)
+        return self.result in self.ingredients
+
+
+def recipes_of_ids(labels: Sequence[str], rows: Ids) -> tuple[Recipe, ...]:
+    """Return the recipes of rows of ids.
+
+    Args:
+        labels: the label of each id.
+        rows: shape (n, columns), rows (ingredients, padding, result); the padding is no id of a
+            label, but their number.
+    """
+    is_padded = bool((rows[:, :-1] == len(labels)).any())
+    # No label is empty, so that the filter takes the padding alone.
+    label_of = (*labels, "").__getitem__ if is_padded else labels.__getitem__
+    # By column: a million short lists would cost the garbage collector more time than the work.
+    columns = [map(label_of, column) for column in rows.T.tolist()]
+    recipes: Iterable[tuple[str, ...]] = zip(*columns, strict=True)
+    if is_padded:
+        recipes = (tuple(filter(None, recipe)) for recipe in recipes)
+    # The ingredients are in order already.
+    return tuple(map(partial(tuple.__new__, Recipe), recipes))
 
 
 class RecipeRows(Sequence[Recipe]):
@@ -72,11 +124,13 @@ class RecipeRows(Sequence[Recipe]):
 
     Attributes:
         labels: the label of each id, unique; recipes need not mention all of them.
-        ids: shape (num_recipes, 3), int64, rows (ingredient, ingredient, result).
+        ids: shape (num_recipes, columns), int64, rows (ingredients, padding, result), with two
+            columns of ingredients or as many as the largest recipe has. The padding after the last
+            ingredient is ``len(labels)``.
 
     Example:
         >>> rows = RecipeRows(("earth", "mud", "water"), np.array([[0, 2, 1]]))
-        >>> print(rows[0], rows == (Recipe("earth", "water", "mud"),))
+        >>> print(rows[0], rows == (Recipe.of("earth", "water", "mud"),))
         earth + water -> mud True
     """
 
@@ -85,7 +139,7 @@ class RecipeRows(Sequence[Recipe]):
 
         Args:
             labels: the label of each id, unique.
-            ids: shape (num_recipes, 3), int64, rows (ingredient, ingredient, result). The array
+            ids: shape (num_recipes, columns), int64, rows (ingredients, padding, result). The array
                 becomes read-only.
         """
         self.labels = tuple(labels)
@@ -101,28 +155,33 @@ class RecipeRows(Sequence[Recipe]):
         if isinstance(recipes, RecipeRows):
             return recipes
         number_of: defaultdict[str, int] = defaultdict(count().__next__)
+        lengths: list[int] = []
+
+        def counted(recipe: Recipe) -> Recipe:
+            lengths.append(len(recipe))
+            return recipe
+
         # One stream of ids, without a list for each of perhaps a million recipes.
-        ids = map(number_of.__getitem__, chain.from_iterable(recipes))
-        numbered = np.fromiter(ids, np.int64).reshape(-1, 3)
-        return cls(number_of, numbered)
+        labels = chain.from_iterable(map(counted, recipes))
+        ids = np.fromiter(map(number_of.__getitem__, labels), np.int64)
+        return cls(number_of, stacked(ids, lengths, len(number_of)))
 
     def in_order(self) -> "RecipeRows":
         """Return the same rows with ids by sorted label, and ascending ingredients in each row."""
         label_of = self.labels.__getitem__
         order = sorted(range(len(self.labels)), key=label_of)
-        # New id by old id: the inverse of the order.
-        new_id = np.empty(len(order), dtype=np.int64)
+        # New id by old id: the inverse of the order; the padding stays behind all ids.
+        new_id = np.empty(len(order) + 1, dtype=np.int64)
         new_id[order] = np.arange(len(order))
-        a, b, result = new_id[self.ids].T
-        smaller = np.minimum(a, b)
-        larger = np.maximum(a, b)
-        rows = np.column_stack([smaller, larger, result])
+        new_id[-1] = len(order)
+        rows = new_id[self.ids]
+        rows[:, :-1].sort(axis=1)
         return RecipeRows(map(label_of, order), rows)
 
     @cached_property
     def mentioned(self) -> tuple[str, ...]:
         """Labels that the recipes mention, in id order."""
-        uses = np.bincount(self.ids.ravel(), minlength=len(self.labels))
+        uses = np.bincount(self.ids.ravel(), minlength=len(self.labels))[: len(self.labels)]
         if uses.all():
             return self.labels
         return tuple(map(self.labels.__getitem__, np.flatnonzero(uses).tolist()))
@@ -138,22 +197,13 @@ class RecipeRows(Sequence[Recipe]):
 
     def __getitem__(self, index: int | slice) -> Recipe | tuple[Recipe, ...]:
         if isinstance(index, slice):
-            return self._made(self.ids[index])
-        return self._made(self.ids[index][None])[0]
+            return recipes_of_ids(self.labels, self.ids[index])
+        return recipes_of_ids(self.labels, self.ids[index][None])[0]
 
     def __iter__(self) -> Iterator[Recipe]:
         # In pieces: a reader of the first few recipes does not wait for millions.
         for start in range(0, len(self.ids), _PIECE):
-            yield from self._made(self.ids[start : start + _PIECE])
-
-    def _made(self, rows: Ids) -> tuple[Recipe, ...]:
-        """Return the recipes of rows of ids, shape (n, 3); by column, which is faster."""
-        ids_a, ids_b, ids_of_results = rows.T.tolist()
-        label_of = self.labels.__getitem__
-        ingredients_a = map(label_of, ids_a)
-        ingredients_b = map(label_of, ids_b)
-        results = map(label_of, ids_of_results)
-        return tuple(map(Recipe, ingredients_a, ingredients_b, results))
+            yield from recipes_of_ids(self.labels, self.ids[start : start + _PIECE])
 
     def __eq__(self, other: object) -> bool:
         if isinstance(other, RecipeRows) and self.labels == other.labels:
@@ -212,8 +262,8 @@ class RecipeBook:
 
         Args:
             name: name in reports.
-            rows: rows (ingredient, ingredient, result) of valid labels, in any order; or numbered
-                rows, in which ingredients may be in any order, too.
+            rows: rows (*ingredients, result) of valid labels, in any order; or numbered rows, in
+                which ingredients may be in any order, too.
             base: base entities; None if the book declares none.
             listed: further entities, which recipes need not mention.
             keep_self_results: keep rows whose result is among their ingredients. By default they
@@ -221,21 +271,21 @@ class RecipeBook:
             sha256: hash of the file's bytes; None without a file.
 
         Raises:
-            TypeError: if a row does not have three labels.
+            TypeError: if a row does not have two labels or more.
         """
         numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(map(_recipe_of, rows))
         ordered = numbered.in_order()
         kept = ordered.ids
         num_dropped = 0
         if not keep_self_results:
-            a, b, result = kept.T
-            is_self_result = (result == a) | (result == b)
+            is_self_result = (kept[:, :-1] == kept[:, -1:]).any(axis=1)
             num_dropped = int(np.sum(is_self_result))
             # No copy of a large book that has no such row.
             if num_dropped:
                 kept = kept[~is_self_result]
         # By id, which is by label here: texts are compared once, when their ids are given.
-        recipes = RecipeRows(ordered.labels, sorted_unique(kept, (0, 1, 2)))
+        kept = without_empty_columns(kept, len(ordered.labels))
+        recipes = RecipeRows(ordered.labels, sorted_unique(kept, range(kept.shape[1])))
         num_merged = len(kept) - len(recipes)
         declared = None if base is None else tuple(sorted(set(base)))
         # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
@@ -254,7 +304,7 @@ class RecipeBook:
 
 
 def _recipe_of(row: Sequence[str]) -> Recipe:
-    """Return the recipe of a row (ingredient, ingredient, result)."""
+    """Return the recipe of a row (*ingredients, result)."""
     return row if isinstance(row, Recipe) else Recipe.of(*row)
 
 

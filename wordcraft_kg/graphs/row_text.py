@@ -61,14 +61,16 @@ def json_recipes(recipes: Ids, texts: Sequence[str]) -> Iterator[str]:
     """Yield the lines of a JSON array of recipes, with a comma between two of them.
 
     Args:
-        recipes: shape (n, 3), ids.
+        recipes: shape (n, columns), rows (ingredients, padding, result) of ids; the padding after
+            the last ingredient is the number of texts.
         texts: each entity's label as JSON.
     """
     if not len(recipes):
         return
     first = [f"[{text}, " for text in texts]
-    second = [f"{text}, " for text in texts]
-    third = [f"{text}],\n" for text in texts]
-    yield from row_text(recipes[:-1], (first, second, third))
-    a, b, result = recipes[-1].tolist()
-    yield f"[{texts[a]}, {texts[b]}, {texts[result]}]\n"
+    others = [*(f"{text}, " for text in texts), ""]
+    last = [f"{text}],\n" for text in texts]
+    columns = [first, *[others] * (recipes.shape[1] - 2), last]
+    yield from row_text(recipes[:-1], columns)
+    labels = [texts[entity] for entity in recipes[-1].tolist() if entity < len(texts)]
+    yield f"[{', '.join(labels)}]\n"

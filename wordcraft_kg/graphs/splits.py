@@ -1,7 +1,7 @@
 """Split recipes into train, validation and test parts, and derive each part's triples.
 
-Recipes are split, not triples: a recipe gives four triples, and one of them in train would give
-the others away. Add a kind of split to :data:`SPLITS`, here or in your own code:
+Recipes are split, not triples: a recipe of two gives four triples, and one of them in train would
+give the others away. Add a kind of split to :data:`SPLITS`, here or in your own code:
 ``SPLITS["mood"] = SplitKind(moods, "...")``.
 """
 
@@ -28,7 +28,7 @@ from wordcraft_kg.base.errors import (
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of, require, whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.arrays import Ids, absent, frozen, recipe_keys
+from wordcraft_kg.graphs.arrays import Ids, absent, different_ingredients, frozen, stacked
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.row_text import json_recipes
@@ -172,9 +172,18 @@ class Split:
         Rows are (ingredient, ingredient, result).
 
         Raises:
+            GraphError: if a recipe of the graph has more than two ingredients, or one.
             ValueError: if the part is unknown.
         """
         return self.graph.recipes[self.is_in(part)]
+
+    def sets(self, part: Part) -> Ids:
+        """Return a part's recipes as rows of ``graph.sets``, in the graph's order.
+
+        Raises:
+            ValueError: if the part is unknown.
+        """
+        return self.graph.sets[self.is_in(part)]
 
     @property
     def partial(self) -> Ids:
@@ -197,7 +206,8 @@ class Split:
             ValueError: if the part is unknown.
         """
         if part not in self._triples:
-            self._triples[part] = frozen(recipe_triples(self.recipes(part)))
+            triples = recipe_triples(self.sets(part), self.graph.num_entities)
+            self._triples[part] = frozen(triples)
         return self._triples[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
@@ -271,7 +281,7 @@ class Split:
         """
         is_train = self.is_in("train")
         entities = self.graph.entities
-        graph = RecipeGraph(entities, self.graph.recipes[is_train], self.graph.base_ids)
+        graph = RecipeGraph(entities, self.graph.sets[is_train], self.graph.base_ids)
         if self.graph.kinds is not None:
             graph.kinds = tuple(compress(self.graph.kinds, is_train))
         return frozen(groups_of(graph, self.config.kind))
@@ -284,7 +294,7 @@ class Split:
     @cached_property
     def uncovered(self) -> Ids:
         """Ids of all entities without a train recipe."""
-        return frozen(absent(self.recipes("train").ravel(), self.graph.num_entities))
+        return frozen(absent(self.sets("train").ravel(), self.graph.num_entities))
 
     @cached_property
     def train_uses(self) -> Ids:
@@ -292,9 +302,9 @@ class Split:
 
         A self pair counts once.
         """
-        a, b, _ = self.recipes("train").T
-        users = np.concatenate([a, b[b != a]])
-        return frozen(np.bincount(users, minlength=self.graph.num_entities))
+        num_entities = self.graph.num_entities
+        _, ingredients = different_ingredients(self.sets("train"), num_entities)
+        return frozen(np.bincount(ingredients, minlength=num_entities))
 
     @cached_property
     def pairs_on_both_sides(self) -> int:
@@ -340,7 +350,7 @@ class Split:
             yield f"{dump(key)}: {dump(value)},\n"
         for index, part in enumerate(get_args(Part)):
             yield f"{dump(part)}: [\n"
-            yield from json_recipes(self.recipes(part), texts)
+            yield from json_recipes(self.sets(part), texts)
             yield "]\n" if index == len(PARTS) - 1 else "],\n"
         yield "}\n"
 
@@ -483,22 +493,18 @@ def _rows_of(graph: RecipeGraph, recipes: Sequence[Sequence[str]]) -> Ids:
 
     Raises:
         KeyError: if the graph has no such recipe; names it.
-        TypeError: if it is not three labels.
+        TypeError: if it is not two labels or more.
     """
-    if any(len(recipe) != 3 for recipe in recipes):
-        raise TypeError("a recipe is two ingredients and a result")
+    lengths = list(map(len, recipes))
+    if min(lengths, default=2) < 2:
+        raise TypeError("a recipe is at least one ingredient and a result")
     labels = chain.from_iterable(recipes)
-    a, b, result = graph.ids_of(labels).reshape(-1, 3).T
-    keys = recipe_keys(a, b, result, num_entities=graph.num_entities)
-    # Ascending, as the graph's recipes are sorted.
-    known = recipe_keys(*graph.recipes.T, num_entities=graph.num_entities)
-    rows = np.searchsorted(known, keys)
-    # Behind the last recipe is none: the last one itself differs then.
-    rows = np.minimum(rows, len(known) - 1)
-    unknown = np.flatnonzero(known[rows] != keys)
+    rows_of_ids = stacked(graph.ids_of(labels), lengths, graph.num_entities)
+    rows_of_ids[:, :-1].sort(axis=1)
+    rows = graph.rows_of(rows_of_ids)
+    unknown = np.flatnonzero(rows < 0)
     if len(unknown):
-        first_unknown = recipes[unknown[0]]
-        raise KeyError(Recipe(*first_unknown))
+        raise KeyError(Recipe.of(*recipes[unknown[0]]))
     return rows
 
 
@@ -545,8 +551,9 @@ def _by_recipe(
     """
     parts = by_groups(graph, config, rng).parts
     # A model cannot place an entity that it has never seen, so every entity gets a train recipe.
-    covered = np.zeros(graph.num_entities, dtype=bool)
-    covered[graph.recipes[parts == TRAIN]] = True
+    covered = np.zeros(graph.num_entities + 1, dtype=bool)
+    covered[graph.sets[parts == TRAIN]] = True
+    covered[-1] = True  # the padding of small recipes is no entity
     moved = 0
     for entity in np.flatnonzero(~covered).tolist():
         around = np.concatenate([graph.recipes_of(entity), graph.uses_of(entity)])
@@ -557,13 +564,13 @@ def _by_recipe(
         # The whole pair moves: results of a pair in two parts would give each other away.
         rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
         parts[rows] = TRAIN
-        covered[graph.recipes[rows]] = True
+        covered[graph.sets[rows]] = True
         moved += rows.stop - rows.start
     return Draw(parts, int(moved))
 
 
 def _goals(graph: RecipeGraph) -> Ids:
-    return graph.recipes[:, 2]
+    return graph.sets[:, -1]
 
 
 def _slots(graph: RecipeGraph) -> Ids:
@@ -577,19 +584,17 @@ def _slots(graph: RecipeGraph) -> Ids:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    recipes = np.arange(graph.num_recipes)
-    ingredient_a, ingredient_b, result = graph.recipes.T
-    # Two slots for each recipe, as numbers: the digits (ingredient, result).
-    ingredients = np.concatenate([ingredient_a, ingredient_b])
-    keys = ingredients * graph.num_entities + np.tile(result, 2)
+    recipes, ingredients = different_ingredients(graph.sets, graph.num_entities)
+    # The slots of each recipe, as numbers: the digits (ingredient, result).
+    keys = ingredients * graph.num_entities + graph.sets[recipes, -1]
     slots, slot = np.unique(keys, return_inverse=True)
     # A bipartite graph: nodes are the recipes, then the slots; an edge links a recipe and its slot.
     num_nodes = graph.num_recipes + len(slots)
-    edges = (np.tile(recipes, 2), graph.num_recipes + slot)
+    edges = (recipes, graph.num_recipes + slot)
     links = coo_array((np.ones(len(keys)), edges), shape=(num_nodes, num_nodes))
     _, component = connected_components(links, directed=False)
     # Numbers from 0 without gaps, which components of the recipes alone may have.
-    _, group = np.unique(component[recipes], return_inverse=True)
+    _, group = np.unique(component[: graph.num_recipes], return_inverse=True)
     return group.astype(np.int64)
 
 

@@ -208,10 +208,9 @@ def replay(
     """
     at_hand = {graph.entities[graph.id_of(entity)] for entity in start}
     for recipe in plan:
-        a, b, _ = recipe
-        missing = {a, b} - at_hand
+        missing = set(recipe.ingredients) - at_hand
         # Before the check below, so that an unknown entity is named as such.
-        results = graph.labels(graph.results(a, b))
+        results = graph.labels(graph.results(*recipe.ingredients))
         if missing:
             names = ", ".join(map(quoted, sorted(missing)))
             raise TaskError(f"{recipe}: {names} is not at hand.")

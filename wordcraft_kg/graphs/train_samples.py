@@ -44,7 +44,7 @@ class TrainSample:
             graph: the recipe graph.
             rows: bool, shape (num_recipes,), True for recipes in the sample.
         """
-        return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], _OUTSIDE)))
+        return cls(graph, frozen(np.where(rows, graph.sets[:, -1], _OUTSIDE)))
 
     @property
     def is_trained_on(self) -> NDArray[np.bool_]:
@@ -54,7 +54,7 @@ class TrainSample:
     @property
     def is_wrong(self) -> NDArray[np.bool_]:
         """Whether each recipe has a wrong result in the sample, shape (num_recipes,)."""
-        return self.is_trained_on & (self.results != self.graph.recipes[:, 2])
+        return self.is_trained_on & (self.results != self.graph.sets[:, -1])
 
     def among(self, rows: NDArray[np.bool_]) -> Ids:
         """Return the sample's recipes where ``rows`` is True, with their results in the sample.
@@ -63,20 +63,30 @@ class TrainSample:
             rows: bool, shape (num_recipes,).
 
         Returns:
-            Shape (n, 3), in the graph's order; wrong results are not sorted.
+            Shape (n, columns) as ``graph.sets``, in its order; wrong results are not sorted.
         """
         chosen = self.is_trained_on & rows
-        return np.column_stack([self.graph.recipes[chosen, :2], self.results[chosen]])
+        return np.column_stack([self.graph.sets[chosen, :-1], self.results[chosen]])
 
     @cached_property
-    def recipes(self) -> Ids:
-        """All recipes of the sample, with their results in the sample, shape (n, 3)."""
+    def sets(self) -> Ids:
+        """All recipes of the sample, with their results in the sample, as ``graph.sets``."""
         return frozen(self.among(self.is_trained_on))
+
+    @property
+    def recipes(self) -> Ids:
+        """All recipes of a sample of pairs, shape (n, 3), rows (a, b, result).
+
+        Raises:
+            GraphError: if a recipe of the graph has more than two ingredients, or one.
+        """
+        _ = self.graph.recipes
+        return self.sets
 
     @cached_property
     def triples(self) -> Ids:
         """Triples that the sample's recipes give, shape (T, 3), sorted."""
-        return frozen(recipe_triples(self.recipes))
+        return frozen(recipe_triples(self.sets, self.graph.num_entities))
 
     @cached_property
     def hash(self) -> str:
@@ -205,14 +215,14 @@ def draw_train_sample(
             f"at least one of the {len(taken)} recipes with a wrong result, or 0",
         )
     results = np.full(graph.num_recipes, _OUTSIDE, dtype=np.int64)
-    results[train[taken]] = graph.recipes[train[taken], 2]
+    results[train[taken]] = graph.sets[train[taken], -1]
     heads, _, tails = split.partial[split.partial[:, 1] == COMPONENT_OF].T.tolist()
     right = set(zip(heads, tails, strict=True))
     for fold in np.unique(folds[wrong]).tolist():
         rows = np.sort(wrong[folds[wrong] == fold])
         # A result stands in the pool once for each recipe, so frequent results stay frequent.
-        pool = graph.recipes[(results != _OUTSIDE) & (folds == fold), 2]
-        results[rows] = _wrong_results(graph.recipes[rows], pool, right, rng, label_noise)
+        pool = graph.sets[(results != _OUTSIDE) & (folds == fold), -1]
+        results[rows] = _wrong_results(graph.sets[rows], pool, right, rng, label_noise)
     return TrainSample(graph, frozen(results))
 
 
@@ -226,19 +236,20 @@ def _wrong_results(
     """Draw a wrong result for each recipe.
 
     Args:
-        recipes: shape (n, 3), the recipes to make wrong.
+        recipes: shape (n, columns), rows of ``graph.sets``: the recipes to make wrong.
         pool: shape (m,), results to draw from.
         right: (ingredient, result) of all train recipes.
         rng: draws the results.
         label_noise: the setting, for the error.
     """
-    drawn: dict[tuple[int, int, int], None] = {}
-    for a, b, _ in recipes.tolist():
+    drawn: dict[tuple[int, ...], None] = {}
+    for *ingredients, _ in recipes.tolist():
         for result in pool[rng.integers(len(pool), size=_TRIES)].tolist():
-            is_right = result in (a, b) or (a, result) in right or (b, result) in right
+            is_right = any((one, result) in right for one in ingredients)
+            recipe = (*ingredients, result)
             # A pair with two recipes gets two wrong results.
-            if not is_right and (a, b, result) not in drawn:
-                drawn[a, b, result] = None
+            if not is_right and result not in ingredients and recipe not in drawn:
+                drawn[recipe] = None
                 break
         else:
             raise ConfigError(
@@ -246,4 +257,4 @@ def _wrong_results(
                 "results, no result is wrong for another recipe. Use a larger `train_fraction`, "
                 "fewer `folds` or another `seed`."
             )
-    return [result for _, _, result in drawn]
+    return [result for *_, result in drawn]

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from wordcraft_kg.graphs.arrays import Ids, are_among, sorted_unique
 from wordcraft_kg.graphs.row_text import row_text
 
 COMBINES_WITH = 0
-"""Id of the relation ``combinesWith``: head and tail are the ingredients of a recipe; symmetric."""
+"""Id of the relation ``combinesWith``: head and tail are ingredients of one recipe; symmetric."""
 COMPONENT_OF = 1
 """Id of the relation ``componentOf``: the head is an ingredient of a recipe for the tail."""
 Relation = Literal["combinesWith", "componentOf"]
@@ -20,14 +21,16 @@ RELATIONS: tuple[Relation, Relation] = ("combinesWith", "componentOf")
 """Labels of the relations, in id order."""
 
 
-def recipe_triples(recipes: Ids) -> Ids:
-    """Convert recipes to triples: four for each recipe, with duplicates merged.
+def recipe_triples(recipes: Ids, padding: int | None = None) -> Ids:
+    """Convert recipes to triples, four for a recipe of two ingredients, with duplicates merged.
 
     ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and
-    (b, componentOf, c).
+    (b, componentOf, c). In a larger set each pair of ingredients is combined; a set of one has
+    nothing to combine.
 
     Args:
-        recipes: shape (N, 3), rows (a, b, c) of entity ids.
+        recipes: shape (N, columns), rows (ingredients, padding, result) of entity ids.
+        padding: value after the last ingredient; None if all recipes have as many ingredients.
 
     Returns:
         Shape (T, 3), rows (head, relation, tail), sorted by relation, head, tail.
@@ -35,12 +38,34 @@ def recipe_triples(recipes: Ids) -> Ids:
     Source: Jiang et al. 2020, section "Link Prediction Model"; the fourth triple there is
     misprinted as (b, componentOf, b).
     """
-    a, b, result = recipes.T
-    heads = np.concatenate([a, b, a, b])
-    tails = np.concatenate([b, a, result, result])
-    relations = np.repeat([COMBINES_WITH, COMPONENT_OF], 2 * len(recipes))
-    triples = np.column_stack([heads, relations, tails])
-    return sorted_unique(triples, (1, 0, 2))
+    return sorted_unique(triples_by_recipe(recipes, padding)[1], (1, 0, 2))
+
+
+def triples_by_recipe(recipes: Ids, padding: int | None = None) -> tuple[Ids, Ids]:
+    """Return the triples of each recipe, in no fixed order.
+
+    Args:
+        recipes: as in :func:`recipe_triples`.
+        padding: as in :func:`recipe_triples`.
+
+    Returns:
+        Row numbers of recipes, shape (M,), and a triple for each, shape (M, 3), some repeatedly.
+    """
+    *ingredients, result = recipes.T
+    every_row = np.arange(len(recipes))
+    links = [(COMPONENT_OF, one, result) for one in ingredients]
+    for one, other in combinations(ingredients, 2):
+        links += [(COMBINES_WITH, one, other), (COMBINES_WITH, other, one)]
+    rows = []
+    triples = []
+    for relation, heads, tails in links:
+        triple = np.column_stack([heads, np.full_like(heads, relation), tails])
+        # A table of pairs alone has no padding, and needs no copy without it.
+        is_real = np.True_ if padding is None else (heads != padding) & (tails != padding)
+        has_padding = not np.all(is_real)
+        rows.append(every_row[is_real] if has_padding else every_row)
+        triples.append(triple[is_real] if has_padding else triple)
+    return np.concatenate(rows), np.concatenate(triples)
 
 
 def triple_keys(triples: Ids, num_entities: int) -> Ids:

@@ -110,7 +110,7 @@ def test_the_view_says_what_unmakeable_entities_lack():
         ("gone", "lost", "two"),
     ]
     view = path_to("goal", *rows, base=["a"])
-    assert [(row.recipe.ingredient_a, row.missing) for row in view.blocked] == [
+    assert [(row.recipe.ingredients[0], row.missing) for row in view.blocked] == [
         ("a", ("two",)),
         ("one", ("one",)),
     ]

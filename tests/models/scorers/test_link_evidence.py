@@ -88,7 +88,9 @@ def test_a_witness_names_its_recipes_and_a_learned_link_its_own(evidence):
     learned = 0
     for head, relation, tail in product(range(SIZE), range(len(RELATIONS)), range(SIZE)):
         reason = evidence.reason(head, relation, tail)
-        own = [Recipe(*GRAPH.labels(KNOWN[row])) for row in links.get((head, relation, tail), [])]
+        own = [
+            Recipe.of(*GRAPH.labels(KNOWN[row])) for row in links.get((head, relation, tail), [])
+        ]
         assert list(reason.learned_from) == own[:RECIPES]
         assert reason.more == max(len(own) - RECIPES, 0)
         assert reason.is_in_sample == ((head, relation, tail) in links)
@@ -97,7 +99,7 @@ def test_a_witness_names_its_recipes_and_a_learned_link_its_own(evidence):
             link = (of_label[witness.head], relation, of_label[witness.tail])
             rows = links[link]
             assert len(witness.recipes) + witness.more == len(rows)
-            assert set(witness.recipes) <= {Recipe(*GRAPH.labels(KNOWN[row])) for row in rows}
+            assert set(witness.recipes) <= {Recipe.of(*GRAPH.labels(KNOWN[row])) for row in rows}
     assert 0 < learned < 2 * SIZE**2
 
 
@@ -107,7 +109,7 @@ def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
     )
     water, ice = graph.id_of("water"), graph.id_of("ice")
     reason = LinkEvidence(scorer_of(graph), graph.recipes).reason(water, COMPONENT_OF, ice)
-    assert [str(recipe.ingredient_a) for recipe in reason.learned_from] == ["air", "cold", "snow"]
+    assert [recipe.ingredients[0] for recipe in reason.learned_from] == ["air", "cold", "snow"]
     assert reason.more == 2
 
 

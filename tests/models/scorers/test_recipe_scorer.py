@@ -139,7 +139,7 @@ def test_a_scorer_made_from_its_tensors_scores_the_same(scorer):
 
 def test_a_known_recipe_is_its_own_evidence(scorer, cross_fitted, kitchen):
     """A known recipe speaks for itself and the scorer without it names others."""
-    known = {Recipe(*kitchen.labels(row)) for row in scorer.recipes.tolist()}
+    known = {Recipe.of(*kitchen.labels(row)) for row in scorer.recipes.tolist()}
     row = next(row for row, fold in enumerate(cross_fitted.of_recipe) if fold == 1)
     a, b, result = kitchen.labels(kitchen.recipes[row])
     first, *others = scorer.supporting_recipes(a, b, result)
@@ -150,7 +150,7 @@ def test_a_known_recipe_is_its_own_evidence(scorer, cross_fitted, kitchen):
     assert scorer.supporting_recipes(b, a, result) == [first, *others]
     found = cross_fitted.left_out(1).supporting_recipes(a, b, result, limit=100)
     assert found
-    assert {one.recipe for one in found} <= known - {Recipe(a, b, result)}
+    assert {one.recipe for one in found} <= known - {Recipe.of(a, b, result)}
     assert all(0 < one.weight <= 1 and 0 < one.share <= 1 for one in found)
     # Shares and strengths tell the same, beside all evidence or beside the strongest.
     assert max(one.strength for one in found) == 1

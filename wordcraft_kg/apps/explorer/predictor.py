@@ -415,8 +415,8 @@ def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
     recipes = split.graph.recipe_labels(split.graph.recipes[rows])
     parts = (PARTS[part] for part in split.parts[rows].tolist())
     return tuple(
-        PlacedRecipe(*recipe, part)  # type: ignore[arg-type]
-        for recipe, part in zip(recipes, parts, strict=True)
+        PlacedRecipe(one, other, result, part)  # type: ignore[arg-type]
+        for (one, other, result), part in zip(recipes, parts, strict=True)
     )
 
 

@@ -42,7 +42,7 @@ Names = Mapping[str, str | None]
 _OWN_NAMES = "ingredient_a,ingredient_b,result"
 OWN_COLUMNS = (
     "Write each ingredient in a column of its own, as in ingredient_a,ingredient_b,ingredient_c,"
-    "result, which `ingredients` chain reads, and one recipe in each row."
+    "result, and one recipe in each row."
 )
 """Remedy for a cell with several things."""
 

@@ -92,7 +92,6 @@ class Located(NamedTuple):
     key: str = ""
 
 
-_OWN_PATHS = ((EACH, ".ingredient_a"), (EACH, ".ingredient_b"), (EACH, ".result"))
 _MOST_KEYS = 40  # of an object that is no map of labels
 _DENSE = 0.5  # share of an object's keys that its siblings have as well
 _MOST_PATHS = 12  # in a refusal
@@ -170,11 +169,13 @@ def read_document(
     if columns is not None:
         best = read(_given(document, columns, texts), is_given=True)
     elif source.is_exact:
-        way = Way(_OWN_PATHS[:2], _OWN_PATHS[2:])
+        names_of_columns = [name for name in document.value[0] if name != KIND]
+        *parts, made = ((EACH, f".{name}") for name in names_of_columns)
+        way = Way(tuple(parts), (made,))
         if source.numbered is not None:
             # Row by row only if somebody asks.
             source.entries = chain.from_iterable(read(each).entries for each in [way])
-            source.reading = replace(source.reading, columns=tuple(p[-1][1:] for p in _OWN_PATHS))
+            source.reading = replace(source.reading, columns=tuple(names_of_columns))
             return source
         best = read(way)
     else:

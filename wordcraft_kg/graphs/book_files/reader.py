@@ -50,28 +50,30 @@ from wordcraft_kg.graphs.book_files.texts import (
     read_lines,
     read_table,
 )
-from wordcraft_kg.graphs.chains import (
-    HALF,
-    MOST_INGREDIENTS,
-    chain,
-    is_step,
-    makes_nothing,
-)
+from wordcraft_kg.graphs.chains import HALF, MOST_IN_CHAIN, chain, is_step, makes_nothing
 from wordcraft_kg.graphs.label_notes import notes_about
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows, check_label, label_fault
+from wordcraft_kg.graphs.recipes import (
+    MOST_INGREDIENTS,
+    Recipe,
+    RecipeBook,
+    RecipeRows,
+    check_label,
+    label_fault,
+)
 
 CASES = ("keep", "fold")
-INGREDIENTS = ("two", "chain")
+INGREDIENTS = ("sets", "chain")
 _JSON_ENDINGS = (".json", ".jsonl", ".ndjson", ".ic")
 _TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]?", re.IGNORECASE)
 """A row of totals at the end of a table, which is no recipe of one ingredient."""
 SELF_RESULT = "with an ingredient as the result"
 REPEATED = "that repeat a recipe"
 """Reasons of rows that no book keeps."""
-_CHAIN = "Read it as a chain of half-products with `ingredients` chain."
 _COLUMNS = "If they are no recipes, name the right columns with `columns`."
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
+_ALONE = "alone"  # the `single_ingredient` that keeps a set of one
+_TOO_MANY = f"with more than {MOST_INGREDIENTS} ingredients"
 
 
 class ReadOptions(TypedDict, total=False):
@@ -83,7 +85,7 @@ class ReadOptions(TypedDict, total=False):
         delimiter: column delimiter.
         encoding: encoding of the text.
         case: ``keep`` or ``fold``.
-        ingredients: ``two`` or ``chain``.
+        ingredients: ``sets`` or ``chain``.
     """
 
     single_ingredient: str | None
@@ -100,16 +102,17 @@ class BookOptions:
 
     Attributes:
         single_ingredient: second ingredient for recipes of one: ``self`` repeats the ingredient,
-            another text names a second one, such as furnace; None refuses such recipes, or repeats
-            the ingredient if ``ingredients`` is chain.
+            ``alone`` adds none, another text names a second one, such as furnace. None adds none in
+            a book of larger sets and refuses such recipes in a book of pairs, where a cell may be
+            missing; it repeats the ingredient if ``ingredients`` is chain.
         columns: names, or numbers from 1, of the columns of ingredients and, last, of the result;
             in JSON paths such as ``recipes[].out.name``; None for documented words.
         delimiter: column delimiter, a character or comma, semicolon, tab, pipe, space; None to
             guess.
         encoding: encoding of the text; None for UTF-8, or that of a byte order mark.
         case: ``keep``, or ``fold`` for labels in lower case.
-        ingredients: ``two`` refuses recipes of three and more, ``chain`` makes them chains of
-            half-products, see :mod:`~wordcraft_kg.graphs.chains`.
+        ingredients: ``sets`` keeps recipes of one to eight ingredients, ``chain`` makes those of
+            three and more chains of half-products, see :mod:`~wordcraft_kg.graphs.chains`.
 
     Raises:
         ConfigError: for a value outside of these.
@@ -121,7 +124,7 @@ class BookOptions:
     delimiter: str | None = None
     encoding: str | None = None
     case: str = "keep"
-    ingredients: str = "two"
+    ingredients: str = "sets"
 
     def __post_init__(self) -> None:
         one_of("case", self.case, CASES)
@@ -288,7 +291,7 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
 
 
 class BookRows:
-    """The recipes of a file's rows, with two ingredients each; iterate once.
+    """The recipes of a file's rows; iterate once.
 
     Attributes:
         content: the file's bytes and container.
@@ -395,16 +398,15 @@ class BookRows:
         if self.options.case == "fold":
             ingredients = [label.lower() for label in ingredients]
             result = result.lower()
-        if len(ingredients) != 2:
-            recipes = self._of_other_arity(place, ingredients, result)
-        else:
-            recipes = [Recipe.of(ingredients[0], ingredients[1], result)]
-            if not is_step(recipes[0]):
-                message = (
-                    f"the label {result[:80]!r} ends like a half-product, in{HALF!r}, and is not "
-                    f"that of {ingredients[0][:80]!r} and {ingredients[1][:80]!r}; rename it."
-                )
-                return fault_at(place, "label", message)
+        is_chain = self.options.ingredients == "chain"
+        make = self._chained if is_chain and len(ingredients) > 2 else self._set
+        recipes = make(place, ingredients, result)
+        if isinstance(recipes, list) and not is_step(recipes[-1]):
+            message = (
+                f"the label {result[:80]!r} ends like a half-product, in{HALF!r}, and is not that "
+                f"of {' and '.join(map(repr, ingredients))[:160]}; rename it."
+            )
+            return fault_at(place, "label", message)
         if kind and isinstance(recipes, list):
             known = self.kinds.setdefault(recipes[-1], kind)
             if known != kind:
@@ -412,49 +414,52 @@ class BookRows:
                 return fault_at(place, "row", message)
         return recipes
 
-    def _of_other_arity(
+    @cached_property
+    def _has_sets(self) -> bool:
+        """Whether a recipe of the file has three ingredients or more."""
+        return any(len(row.ingredients) > 2 for row in self.whole)
+
+    def _set(
         self, place: Place, ingredients: Sequence[str], result: str
     ) -> list[Recipe] | Fault | LeftOut:
-        """Return the recipes of two ingredients for a row of one, or of three and more."""
-        is_chain = self.options.ingredients == "chain"
-        number = f"{len(ingredients):,} ingredients of '{result[:80]}'"
+        """Return the recipe of a row's ingredients, each as often as it is there."""
         if len(ingredients) > MOST_INGREDIENTS:
-            message = f"{number}; the limit is {MOST_INGREDIENTS:,}."
-            return fault_at(place, "row", message, "many ingredients")
-        if len(ingredients) > 2 and not is_chain:
-            remedy = _CHAIN if self._hangs_together else _COLUMNS
-            message = (
-                f"{' + '.join(ingredients)[:80]!r} are {number}; a recipe needs two. {remedy} "
-                f"See {GUIDE}#arities."
-            )
-            return fault_at(place, "row", message, f"{len(ingredients)} ingredients")
-        distinct = list(dict.fromkeys(ingredients))
-        self._counts_dropped += len(ingredients) - len(distinct)
-        if len(distinct) > 1:
-            return self._chained(place, distinct, result)
-        (one,) = distinct
+            return LeftOut(place, _TOO_MANY)
+        if len(ingredients) > 1:
+            return [Recipe(ingredients, result)]
+        (one,) = ingredients
         if _TOTAL.fullmatch(one):
             message = f"'{one}' alone is rather a total than an ingredient; remove it."
             return fault_at(place, "row", message, "total")
         single = self.options.single_ingredient
-        if len(ingredients) > 1:
-            # Several pieces of one thing, not a single ingredient that something else makes into.
+        if single is None and self.options.ingredients == "chain":
             single = _SELF
-        elif single is None and not is_chain:
+        if single is None and not self._has_sets:
             remedy = _COLUMNS
             if self._hangs_together:
                 remedy = (
                     f"Write it twice, or build the graph with `single_ingredient` {_SELF}, which "
-                    f"reads {one} + {one}, or the name of what it is combined with."
+                    f"reads {one} + {one}, {_ALONE}, or the name of what it is combined with."
                 )
-            message = f"'{one}' is the only ingredient; a recipe needs two. {remedy}"
+            message = f"'{one}' is the only ingredient, in a book of pairs. {remedy}"
             return fault_at(place, "label", message)
-        return [Recipe.of(one, one if single in (None, _SELF) else str(single), result)]
+        second = {None: (), _ALONE: (), _SELF: (one,)}.get(single, (single,))
+        return [Recipe((one, *second), result)]
 
     def _chained(
         self, place: Place, ingredients: Sequence[str], result: str
     ) -> list[Recipe] | Fault | LeftOut:
         """Return a chain without the half-products of earlier rows, which are no repetition."""
+        if len(ingredients) > MOST_IN_CHAIN:
+            number = f"{len(ingredients):,} ingredients of '{result[:80]}'"
+            message = f"{number}; the limit is {MOST_IN_CHAIN:,}."
+            return fault_at(place, "row", message, "many ingredients")
+        repeated = ingredients
+        ingredients = list(dict.fromkeys(repeated))
+        self._counts_dropped += len(repeated) - len(ingredients)
+        if len(ingredients) == 1:
+            # Several pieces of one thing.
+            return [Recipe(2 * ingredients, result)]
         if result in ingredients:
             # As a whole, like a pair that makes one of its ingredients; never as part of a chain.
             return LeftOut(place, SELF_RESULT)

@@ -24,7 +24,7 @@ SHAPES = {
     "minecraft": "a data pack with JSON files in a folder recipe or recipes",
     "compressed": "a file that is gzip, or a zip archive with one recipe book",
     "encodings": "text in UTF-8",
-    "arities": "recipes of two ingredients, or any number with `--ingredients chain`",
+    "arities": "recipes of one to eight ingredients",
 }
 """Readable shapes by the anchor of their section in the guide."""
 MAX_LINE_LENGTH = 100_000

@@ -137,8 +137,7 @@ class ReadingCandidate:
     @property
     def command(self) -> str:
         """The options that read the file so."""
-        is_chain = any(len(row.ingredients) != 2 for row in self.rows)
-        return f"--columns '{','.join(self.columns)}'{' --ingredients chain' if is_chain else ''}"
+        return f"--columns '{','.join(self.columns)}'"
 
     def __str__(self) -> str:
         first = self.rows[0]

@@ -14,6 +14,7 @@ from functools import cache
 from itertools import chain, takewhile
 from operator import ne
 from pathlib import Path
+from string import ascii_lowercase
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -51,15 +52,32 @@ from wordcraft_kg.graphs.book_files.words import (
 )
 from wordcraft_kg.graphs.plain_rows import number_plain_rows
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import label_fault
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, label_fault
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
+
+
+def own_header(num_ingredients: int) -> tuple[str, ...]:
+    """Return the columns of our own table for recipes of up to as many ingredients, from two.
+
+    Example:
+        >>> own_header(3)
+        ('ingredient_a', 'ingredient_b', 'ingredient_c', 'result')
+    """
+    letters = ascii_lowercase[: max(num_ingredients, 2)]
+    return (*(f"ingredient_{letter}" for letter in letters), CSV_HEADER[-1])
+
+
 ENDINGS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
 """Usual column delimiters by file ending."""
 DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "pipes"}
 """Column delimiters that are tried, with their names."""
 _SPELT = {"comma": ",", "semicolon": ";", "tab": "\t", "\\t": "\t", "pipe": "|", "space": " "}
-_OWN = (CSV_HEADER, (*CSV_HEADER, KIND))
+_OWN = {
+    (*own_header(number), *kind)
+    for number in range(2, MOST_INGREDIENTS + 1)
+    for kind in ((), (KIND,))
+}
 _SAMPLE_ROWS = 200
 _EVEN = 0.9  # share of rows with the most frequent number of cells
 _FEWEST_BELOW = 3  # rows below a header of other words
@@ -321,18 +339,14 @@ def read_table(
         raise refusal(path, f"no table: {too_long(first[1])[:-1]}", "table")
     sample = [line for _, line in lines[:_SAMPLE_ROWS] if line.strip()]
     dialect = Dialect(delimiter or usual)
-    is_own = tuple(_tolerant_cells(first[1], dialect)) in _OWN
+    header = tuple(_tolerant_cells(first[1], dialect))
+    is_own = header in _OWN
     if not is_own:
         dialect = _dialect(sample, delimiter) if delimiter else _guess_dialect(path, sample, usual)
     source.reading = Reading(shape="table", delimiter=dialect.delimiter)
     source.is_exact = is_own
     # Blanks at the ends that cannot be seen are slips, unless they are in quotes.
-    if (
-        is_own
-        and KIND not in first[1]
-        and not faults
-        and (text.isascii() or not HIDDEN.search(text))
-    ):
+    if header == CSV_HEADER and not faults and (text.isascii() or not HIDDEN.search(text)):
         source.numbered = number_plain_rows(text, start, dialect.delimiter, _is_odd)
     return source, _document(path, source, [*faults, *_parsed(source, lines, dialect)], is_named)
 

@@ -9,7 +9,7 @@ from typing import Any
 from wordcraft_kg.base.artefacts import output_target, write_atomically
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
-from wordcraft_kg.graphs.book_files.texts import CSV_HEADER
+from wordcraft_kg.graphs.book_files.texts import own_header
 from wordcraft_kg.graphs.book_files.words import KIND
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 from wordcraft_kg.graphs.row_text import json_recipes, row_text
@@ -47,7 +47,7 @@ def write_rows(
     book: RecipeBook,
     path: Path,
     columns: Sequence[str],
-    rows: Iterable[tuple[Recipe, Sequence[str]]],
+    rows: Iterable[tuple[Sequence[str], Sequence[str]]],
 ) -> None:
     """Write a book as a table whose rows have an order and further cells.
 
@@ -55,19 +55,27 @@ def write_rows(
         book: the book, for its base, idle entities and kinds.
         path: a .csv or .tsv file. A link is followed.
         columns: names of the further columns.
-        rows: each recipe with its further cells; ingredients stand in the recipe's order.
+        rows: each recipe as labels of ingredients, in their order in the table, and of the result,
+            with its further cells.
 
     Raises:
         OutputExistsError: if the path is a device, a pipe or a socket, or leads nowhere.
         OSError: if the file cannot be written.
     """
     delimiter = "," if path.suffix.lower() == ".csv" else "\t"
-    names = (*CSV_HEADER, KIND) if book.kinds else CSV_HEADER
+    header = own_header(max(map(len, book.recipes)) - 1)
+    names = (*header, KIND) if book.kinds else header
     lines = [csv_line((*names, *columns), delimiter)]
-    for recipe, cells in rows:
-        kind = (book.kinds.get(Recipe.of(*recipe), ""),) if book.kinds else ()
-        lines.append(csv_line((*recipe, *kind, *cells), delimiter))
+    for labels, cells in rows:
+        kind = (book.kinds.get(Recipe.of(*labels), ""),) if book.kinds else ()
+        lines.append(csv_line((*_in_columns(labels, header), *kind, *cells), delimiter))
     write_atomically(output_target(path), chain(_directives(book), lines))
+
+
+def _in_columns(labels: Sequence[str], header: Sequence[str]) -> tuple[str, ...]:
+    """Return the cells of a recipe, with blank ones after the last ingredient."""
+    *ingredients, result = labels
+    return (*ingredients, *[""] * (len(header) - len(labels)), result)
 
 
 def _directives(book: RecipeBook) -> Iterator[str]:
@@ -82,25 +90,26 @@ def _directives(book: RecipeBook) -> Iterator[str]:
 def recipe_table(
     recipes: Iterable[Recipe], delimiter: str = ",", kinds: Mapping[Recipe, str] | None = None
 ) -> Iterator[str]:
-    """Yield table lines: a header, then (ingredient, ingredient, result), with kinds if any.
+    """Yield table lines: a header, then ingredients and result, with kinds if any.
 
     Args:
         recipes: the recipes, in the order of the lines.
         delimiter: one character between cells.
         kinds: kind of reasoning by recipe; None or empty for a table without this column.
     """
-    header = (*CSV_HEADER, KIND) if kinds else CSV_HEADER
-    yield delimiter.join(header) + "\n"
     rows = RecipeRows.of(recipes)
+    num_ingredients = rows.ids.shape[1] - 1
+    header = own_header(num_ingredients)
+    yield delimiter.join((*header, KIND) if kinds else header) + "\n"
     if kinds:
         for recipe in rows:
-            yield csv_line((*recipe, kinds.get(recipe, "")), delimiter)
+            yield csv_line((*_in_columns(recipe, header), kinds.get(recipe, "")), delimiter)
         return
-    # A label is looked at once, not in each of its recipes.
-    texts = [_cell(label, delimiter) for label in rows.labels]
+    # A label is looked at once, not in each of its recipes; the padding is a blank cell.
+    texts = [*(_cell(label, delimiter) for label in rows.labels), ""]
     cells = [text + delimiter for text in texts]
     last_cells = [text + "\n" for text in texts]
-    yield from row_text(rows.ids, (cells, cells, last_cells))
+    yield from row_text(rows.ids, (*[cells] * num_ingredients, last_cells))
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:

@@ -1,0 +1,344 @@
+"""Recipes of one to eight ingredients: files, graphs, triples, splits, folders."""
+
+import json
+import pickle
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.base.errors import GraphError, RecipeFileError, SplitError
+from wordcraft_kg.graphs import (
+    Planner,
+    Recipe,
+    RecipeBook,
+    RecipeGraph,
+    SplitConfig,
+    audit,
+    layers,
+    make_split,
+    open_graph,
+    read_book,
+    write_book,
+    write_graph_folder,
+)
+from wordcraft_kg.graphs.book_check import check_book
+from wordcraft_kg.graphs.bottlenecks import bottlenecks
+from wordcraft_kg.graphs.folder import check_derived_files
+from wordcraft_kg.graphs.task_search import make_tasks
+from wordcraft_kg.graphs.triples import RELATIONS
+
+LETTERS = "abcdefgh"
+ROWS = [
+    ("water", "earth", "mud"),
+    ("mud", "straw", "fire", "brick"),
+    ("brick", "brick", "mud", "wall"),
+    ("wall", "wall", "wall", "wall", "straw", "house"),
+    ("ore", "iron"),
+    ("ice", "water"),
+]
+RECIPES = sorted(Recipe.of(*row) for row in ROWS)
+
+
+@st.composite
+def graphs_of_sets(draw, min_size=1):
+    """Graphs with sets of one to eight ingredients, self results and repetitions."""
+    row = st.tuples(st.lists(st.sampled_from(LETTERS), min_size=1, max_size=8))
+    rows = draw(st.lists(st.tuples(row, st.sampled_from(LETTERS)), min_size=min_size, max_size=20))
+    recipes = [Recipe(parts, result) for (parts,), result in rows]
+    base = draw(st.none() | st.sets(st.sampled_from(sorted({x for row in recipes for x in row}))))
+    book = RecipeBook.of("sets", recipes, base=base, keep_self_results=True)
+    return RecipeGraph.from_book(replace(book, kinds={each: each[0] for each in book.recipes}))
+
+
+def test_a_recipe_is_a_multiset_and_a_result():
+    recipe = Recipe(["egg", "flour", "egg"], "dough")
+    assert recipe == ("egg", "egg", "flour", "dough")
+    assert (recipe.ingredients, recipe.result) == (("egg", "egg", "flour"), "dough")
+    assert recipe != Recipe.of("egg", "flour", "dough")
+    assert str(recipe) == "egg + egg + flour -> dough"
+    assert pickle.loads(pickle.dumps(recipe)) == recipe
+    assert isinstance(pickle.loads(pickle.dumps(recipe)), Recipe)
+    with pytest.raises(TypeError, match="no ingredient"):
+        Recipe([], "dough")
+
+
+SHAPES = {
+    "a.csv": "ingredient_a,ingredient_b,ingredient_c,ingredient_d,ingredient_e,result\n"
+    + "".join(",".join([*row[:-1], *[""] * (6 - len(row)), row[-1]]) + "\n" for row in ROWS),
+    "columns.csv": "result;item 1;item 2;item 3;item 4;item 5\n"
+    + "".join(";".join([row[-1], *row[:-1], *[""] * (6 - len(row))]) + "\n" for row in ROWS),
+    "cells.csv": "ingredients,result\n"
+    + "".join(f"{' + '.join(row[:-1])},{row[-1]}\n" for row in ROWS[:4]),
+    "lists.csv": "ingredients,result\n"
+    + "".join(f'"{list(row[:-1])}",{row[-1]}\n' for row in ROWS),
+    "lines.txt": "".join(f"{' + '.join(row[:-1])} -> {row[-1]}\n" for row in ROWS[:4]),
+    "by-result.json": json.dumps({row[-1]: [row[:-1]] for row in ROWS}),
+    "records.json": json.dumps([{"ingredients": row[:-1], "result": row[-1]} for row in ROWS]),
+    "objects.json": json.dumps(
+        {
+            "recipes": [
+                {"ingredients": [{"item": x} for x in row[:-1]], "output": {"item": row[-1]}}
+                for row in ROWS
+            ]
+        }
+    ),
+    "parts.json": json.dumps(
+        {
+            "train": {row[-1]: [row[:-1]] for row in ROWS[:4]},
+            "test": {row[-1]: [row[:-1]] for row in ROWS[4:]},
+        }
+    ),
+    "graph.hif.json": json.dumps(
+        {
+            "network-type": "directed",
+            "incidences": [
+                incidence
+                for edge, row in enumerate(ROWS)
+                for incidence in (
+                    *(
+                        {
+                            "edge": edge,
+                            "node": x,
+                            "direction": "tail",
+                            "weight": row[:-1].count(x),
+                        }
+                        for x in dict.fromkeys(row[:-1])
+                    ),
+                    {"edge": edge, "node": row[-1], "direction": "head"},
+                )
+            ],
+        }
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_sets_are_read_from_files_of_each_shape(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(SHAPES[name])
+    book = read_book(path)
+    num_rows = book.reading.rows
+    assert list(book.recipes) == sorted(Recipe.of(*row) for row in ROWS[:num_rows])
+    assert num_rows >= 4
+    assert "1 of 2, 2 of 3, 1 of 5" in book.reading.line().replace("2 of 1, ", "")
+
+
+def test_a_pack_of_minecraft_is_read_as_sets(tmp_path):
+    folder = tmp_path / "pack" / "data" / "demo" / "recipes"
+    folder.mkdir(parents=True)
+    shapes = {
+        "torch": ["demo:stick", "demo:coal"],
+        "lamp": ["demo:torch", "demo:iron", "demo:glass"],
+        "glass": ["demo:sand"],
+    }
+    for result, items in shapes.items():
+        content = {"ingredients": [{"item": item} for item in items], "result": f"demo:{result}"}
+        (folder / f"{result}.json").write_text(json.dumps(content))
+    book = read_book(tmp_path / "pack")
+    assert list(book.recipes) == sorted(
+        Recipe(items, f"demo:{result}") for result, items in shapes.items()
+    )
+
+
+def test_nine_ingredients_are_left_out_and_counted(tmp_path):
+    path = tmp_path / "book.json"
+    rows = [(["iron"] * 9, "block"), (["iron"] * 8, "block"), (["ore", "coal"], "iron")]
+    path.write_text(json.dumps([{"ingredients": parts, "result": made} for parts, made in rows]))
+    book = read_book(path)
+    assert Recipe(["iron"] * 8, "block") in book.recipes
+    assert book.reading.left_out == {"with more than 8 ingredients": 1}
+    assert (book.reading.rows, book.reading.kept, len(book.recipes)) == (3, 2, 2)
+    assert any("more than 8" in finding.message for finding in check_book(path).findings)
+    with pytest.raises(GraphError, match="9 ingredients; the most are 8"):
+        RecipeGraph.from_recipes([("a",) * 9 + ("b",)])
+
+
+def test_bad_sets_are_counted_and_nothing_is_lost(tmp_path):
+    path = tmp_path / "book.json"
+    path.write_text(
+        json.dumps(
+            [
+                {"ingredients": ["a", "b", "c"], "result": "d"},
+                {"ingredients": ["c", "b", "a"], "result": "e"},  # one set with two results
+                {"ingredients": ["b", "c", "a"], "result": "d"},  # a repetition
+                {"ingredients": ["d", "b", "c"], "result": "d"},  # a set that contains its result
+                {"ingredients": [], "result": "f"},
+                {"ingredients": ["e", "d"], "result": "g"},
+            ]
+        )
+    )
+    book = read_book(path)
+    assert list(book.recipes) == [("a", "b", "c", "d"), ("a", "b", "c", "e"), ("d", "e", "g")]
+    assert book.reading.left_out == {
+        "without ingredients or result": 1,
+        "that repeat a recipe": 1,
+        "with an ingredient as the result": 1,
+    }
+    graph = RecipeGraph.from_book(book)
+    ambiguity = audit(graph, make_split(graph, SplitConfig("none"))).ambiguity
+    assert ambiguity.examples[0].pair == ("a", "b", "c")
+    assert ambiguity.examples[0].results == ("d", "e")
+
+
+def test_a_single_ingredient_is_refused_in_a_book_of_pairs_unless_its_meaning_is_told(tmp_path):
+    path = tmp_path / "book.json"
+    path.write_text(
+        json.dumps({"iron": [["ore"]], "axe": [["iron", "wood"]], "wood": [["axe", "tree"]]})
+    )
+    with pytest.raises(RecipeFileError, match="only ingredient, in a book of pairs"):
+        read_book(path)
+    alone = read_book(path, single_ingredient="alone")
+    assert Recipe.of("ore", "iron") in alone.recipes
+    assert Recipe.of("ore", "ore", "iron") in read_book(path, single_ingredient="self").recipes
+    graph = RecipeGraph.from_book(alone)
+    assert graph.labels(graph.results("ore")) == ("iron",)
+    assert ("ore", "combinesWith") not in {triple[:2] for triple in labelled(graph)}
+
+
+def labelled(graph):
+    heads, relations, tails = graph.triples.T.tolist()
+    names = [RELATIONS[relation] for relation in relations]
+    return set(zip(graph.labels(heads), names, graph.labels(tails), strict=True))
+
+
+@given(graphs_of_sets())
+def test_triples_lookups_and_layers_are_those_of_loops(graph):
+    recipes = graph.recipe_labels()
+    assert len(set(recipes)) == len(recipes)
+    expected = set()
+    for *ingredients, result in recipes:
+        expected |= {(one, "componentOf", result) for one in ingredients}
+        for one, other in combinations(ingredients, 2):
+            expected |= {(one, "combinesWith", other), (other, "combinesWith", one)}
+    assert labelled(graph) == expected
+    for recipe in recipes:
+        makes = {each.result for each in recipes if each.ingredients == recipe.ingredients}
+        assert set(graph.labels(graph.results(*recipe.ingredients[::-1]))) == makes
+        assert recipe in [recipes[row] for row in graph.uses_of(recipe[0])]
+    assert not len(graph.results(*[graph.entities[0]] * 9))
+    assert graph.rows_of(graph.sets[::-1]).tolist() == list(range(graph.num_recipes))[::-1]
+    groups = dict.fromkeys(recipe.ingredients for recipe in recipes)
+    assert graph.num_pairs == len(groups)
+
+
+def known_after_rounds(recipes, start, without=""):
+    known = [set(start)]
+    while True:
+        made = {each.result for each in recipes if known[-1].issuperset(each.ingredients)}
+        if made - {without} <= known[-1]:
+            return known
+        known.append((known[-1] | made) - {without})
+
+
+@given(graphs_of_sets())
+def test_layers_and_bottlenecks_are_those_of_loops(graph):
+    recipes = graph.recipe_labels()
+    known = known_after_rounds(recipes, graph.base)
+    layer = dict(zip(graph.entities, layers(graph).tolist(), strict=True))
+    lost = {graph.entities[entity]: number for entity, number in bottlenecks(graph)}
+    for label in graph.entities:
+        rounds = [number for number, labels in enumerate(known) if label in labels]
+        assert layer[label] == min(rounds, default=-1)
+        if layer[label] > 0:
+            left = known_after_rounds(recipes, graph.base, without=label)[-1]
+            assert lost.get(label, 0) == len(known[-1]) - len(left) - 1
+
+
+@given(graphs_of_sets())
+def test_the_cheapest_derivations_add_the_costs_of_all_ingredients(graph):
+    planner = Planner(graph)
+    recipes = graph.recipe_labels()
+    cost = dict.fromkeys(graph.entities, float("inf")) | dict.fromkeys(graph.base, 0)
+    for _ in graph.entities:
+        for *ingredients, result in recipes:
+            cost[result] = min(cost[result], 1 + sum(map(cost.__getitem__, ingredients)))
+    assert dict(zip(graph.entities, planner.costs, strict=True)) == cost
+    for label in graph.entities:
+        if cost[label] < float("inf"):
+            at_hand = set(graph.base)
+            for step in planner.derivation(label).steps:
+                assert at_hand.issuperset(step.ingredients)
+                at_hand.add(step.result)
+            assert label in at_hand
+
+
+@pytest.mark.parametrize("kind", ["by-recipe-plain", "by-goal", "by-slot", "by-kind"])
+@given(graph=graphs_of_sets(min_size=3))
+def test_splits_keep_sets_goals_slots_and_kinds_together(graph, kind):
+    try:
+        split = make_split(graph, SplitConfig(kind, 0.5))
+    except SplitError:  # too few groups
+        return
+    part_of = {}
+    parts = split.parts.tolist()
+    for recipe, row_kind, part in zip(graph.recipe_labels(), graph.kinds, parts, strict=True):
+        keys = {
+            "by-recipe-plain": [recipe.ingredients],
+            "by-goal": [recipe.result],
+            "by-slot": [(one, recipe.result) for one in recipe.ingredients],
+            "by-kind": [row_kind],
+        }
+        for key in keys[kind]:
+            assert part_of.setdefault(key, part) == part
+    evaluated = {tuple(row) for row in split.held_out("test").tolist()}
+    assert evaluated.isdisjoint(map(tuple, split.partial.tolist()))
+    assert evaluated <= set(map(tuple, split.triples_of("test").tolist()))
+
+
+@given(graphs_of_sets(min_size=3))
+def test_every_entity_of_a_split_by_recipe_has_a_train_recipe(graph):
+    try:
+        split = make_split(graph, SplitConfig("by-recipe", 0.5))
+    except SplitError:  # too few recipes
+        return
+    assert not len(split.uncovered)
+
+
+def test_sets_survive_files_and_folders(tmp_path):
+    book = RecipeBook.of("sets", RECIPES, base=["water", "ore"], listed=["idle"])
+    book = replace(book, kinds={book.recipes[0]: "making", book.recipes[1]: "changing"})
+    for name in ("sets.csv", "sets.tsv", "sets.json"):
+        write_book(book, tmp_path / name)
+        again = read_book(tmp_path / name)
+        assert (again.recipes, again.base, again.kinds) == (book.recipes, book.base, book.kinds)
+    graph = RecipeGraph.from_book(book)
+    for given_book in (book, replace(book, kinds={})):
+        split = make_split(graph, SplitConfig("by-goal", 0.5))
+        write_graph_folder(tmp_path / "graph", given_book, split, force=True)
+        opened = open_graph(tmp_path / "graph")
+        check_derived_files(tmp_path / "graph", opened)
+        assert (opened.graph, opened.split.hash) == (graph, split.hash)
+    assert graph.hash != RecipeGraph.from_recipes(ROWS[:3]).hash
+
+
+def test_code_for_pairs_refuses_sets_with_one_message():
+    graph = RecipeGraph.from_recipes(ROWS)
+    message = (
+        r"straw \+ wall \+ wall \+ wall \+ wall -> house has 5 ingredients; .*`ingredients` chain"
+    )
+    for use in (
+        lambda: graph.recipes,
+        lambda: graph.outcomes,
+        lambda: make_tasks(graph, 1),
+        lambda: make_split(graph, SplitConfig("none")).recipes("train"),
+    ):
+        with pytest.raises(GraphError, match=message):
+            use()
+
+
+def test_a_graph_of_pairs_has_the_same_array_as_recipes_and_as_sets(kitchen):
+    assert kitchen.recipes is kitchen.sets
+    assert np.array_equal(kitchen.sizes, np.full(kitchen.num_recipes, 2))
+    # The width of a table with sets does not matter.
+    wide = np.column_stack(
+        [
+            kitchen.sets[:, :2],
+            np.full(kitchen.num_recipes, kitchen.num_entities),
+            kitchen.sets[:, 2],
+        ]
+    )
+    assert RecipeGraph(kitchen.entities, wide, kitchen.base_ids) == kitchen

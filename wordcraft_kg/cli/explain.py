@@ -64,7 +64,7 @@ def explain(
 
 
 def _legend(step: "ExplainedStep", lines: Sequence[str]) -> Iterator[str]:
-    from wordcraft_kg.evaluation.recipe_scores import BECAUSE
+    from wordcraft_kg.evaluation.scores import BECAUSE
     from wordcraft_kg.models.policies.sources import label_of
 
     labels = [label_of(name) for name in step.slots[0].sources]
@@ -97,7 +97,7 @@ def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
 
 
 def _step(step: "ExplainedStep") -> Iterator[str]:
-    from wordcraft_kg.evaluation.recipe_scores import because
+    from wordcraft_kg.evaluation.scores import because
     from wordcraft_kg.models.policies.sources import label_of
 
     lambdas = []

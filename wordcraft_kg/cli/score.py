@@ -15,8 +15,7 @@ from wordcraft_kg.cli.options import Force, MovedGraph
 
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
-    from wordcraft_kg.evaluation.queries import Query, RecipeQuery
-    from wordcraft_kg.evaluation.scores import ScoringModel
+    from wordcraft_kg.evaluation.queries import Query
     from wordcraft_kg.graphs.folder import TrainedOn
 
 EXAMPLES = (
@@ -69,7 +68,13 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     """
     from wordcraft_kg.cli.failures import with_options
     from wordcraft_kg.evaluation.queries import parse_query, read_queries
-    from wordcraft_kg.evaluation.scores import ScoringModel, note_of_words, with_new_words
+    from wordcraft_kg.evaluation.scores import (
+        ScoringModel,
+        note_of_words,
+        scoring_of,
+        view_file,
+        with_new_words,
+    )
 
     whole("top", top, 1)
     words = [word for word in (head, relation) if word is not None] + [
@@ -85,12 +90,34 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     if queries is not None:
         file_queries = read_queries(queries, entities)
         loaded = with_new_words(loaded, model, file_queries, queries)
-        _score_file(loaded, file_queries, top, new_only, out, force, output)
+        check_file(out, force=force)
+        scoring = scoring_of(loaded, file_queries[0])
+        rows = list(scoring.score_queries(file_queries, top, new_only=new_only))
+        # Scores that go into a file are not printed as well; what qualifies them always is.
+        lines = [] if out else list(_lines(rows))
+        lines += [*note_of_words(loaded), *_notes(loaded.kg, rows)]
+        if out is not None:
+            table = _table(scoring.row_type.__struct_fields__, rows, out)
+            write_file(out, table, force=force)
+            lines.append(f"wrote {out}: {len(rows):,} scores for {len(file_queries):,} queries")
+        output.result(view_file(loaded, file_queries, rows, out), lines)
         return
     query = parse_query(words, entities)
+    if new_only and not query.is_open:
+        raise ConfigError(
+            "--new-only filters a ranking; leave a slot open, or give a query file with --in."
+        )
     loaded = with_new_words(loaded, model, [query])
-    view, scored, lines = _score_query(loaded, query, top, new_only)
-    output.result(view, [*lines, *note_of_words(loaded), *_notes(loaded.kg, scored)])
+    scoring = scoring_of(loaded, query)
+    view: Any
+    if query.is_open:
+        view = scoring.view_open(query, top, new_only=new_only)
+        scored = view.top
+    else:
+        view = scoring.view(query)
+        scored = [view]
+    text = _text_of(view, query, len(loaded.scorer.entities))
+    output.result(view, [*text, *note_of_words(loaded), *_notes(loaded.kg, scored)])
 
 
 def _check_query(
@@ -110,87 +137,31 @@ def _check_query(
         )
 
 
-def _score_query(
-    model: "ScoringModel", query: "Query | RecipeQuery", top: int, new_only: bool
-) -> "tuple[Record, Sequence[Any], list[str]]":
-    from wordcraft_kg.evaluation.queries import RecipeQuery
-    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
-    from wordcraft_kg.evaluation.scores import view_open_slot, view_triple
-
-    if query.is_open:
-        if isinstance(query, RecipeQuery):
-            recipes = view_open_recipe(RecipeScoring.of(model), query, top, new_only=new_only)
-            return recipes, recipes.top, [*_lines(recipes.top)]
-        slot = view_open_slot(model, query, top, new_only=new_only)
-        triples = [
-            f"{slot.head or best.entity} {slot.relation} {slot.tail or best.entity}"
-            for best in slot.top
-        ]
-        return slot, slot.top, [*_lines(slot.top, triples)]
-    if new_only:
-        raise ConfigError(
-            "--new-only filters a ranking; leave a slot open, or give a query file with --in."
-        )
-    view: Any
-    if isinstance(query, RecipeQuery):
-        view = view_recipe(RecipeScoring.of(model), query)
-        slots = {
-            "result": "result",
-            view.ingredient_a: "ingredient_a",
-            view.ingredient_b: "ingredient_b",
-        }
+def _text_of(view: Any, query: "Query", num_entities: int) -> Iterator[str]:
+    """Yield the answers to a query, and for a whole one the ranks of its entities."""
+    if not query.is_open:
+        yield from _lines([view])
+        # A dictionary by what is printed: for a + a, both ingredients are one slot.
+        ranks = {}
+        for place in (2, 0, 1):
+            name = query.columns[place]
+            if name != "relation":
+                # Ingredients are told apart by their labels.
+                role = query.slots[place] if name.startswith("ingredient") else name
+                ranks[role] = f"{role} {getattr(view, f'rank_as_{name}'):,}"
+        ranking = ", ".join(ranks.values())
+        yield f"rank among all {num_entities:,} entities, unfiltered: {ranking}"
+    elif hasattr(view, "relation"):
+        triples = []
+        for best in view.top:
+            triples.append(f"{view.head or best.entity} {view.relation} {view.tail or best.entity}")
+        yield from _lines(view.top, triples)
     else:
-        view = view_triple(model, query)
-        slots = {"tail": "tail", "head": "head"}
-    # A dictionary by what is printed: for a + a, both ingredients are one slot.
-    ranks = []
-    for name, role in slots.items():
-        rank = getattr(view, f"rank_as_{role}")
-        ranks.append(f"{name} {rank:,}")
-    entities = f"{len(model.scorer.entities):,} entities"
-    ranking = f"rank among all {entities}, unfiltered: {', '.join(ranks)}"
-    return view, [view], [*_lines([view]), ranking]
-
-
-def _score_file(
-    model: "ScoringModel",
-    queries: Any,
-    top: int,
-    new_only: bool,
-    out: Path | None,
-    force: bool,
-    output: Output,
-) -> None:
-    from wordcraft_kg.evaluation.queries import RecipeQuery
-    from wordcraft_kg.evaluation.recipe_scores import (
-        RecipeScoring,
-        ScoredRecipeRow,
-        score_recipe_queries,
-    )
-    from wordcraft_kg.evaluation.scores import ScoredRow, note_of_words, score_queries, view_file
-
-    check_file(out, force=force)
-    kind: type[Any] = ScoredRow
-    if isinstance(queries[0], RecipeQuery):
-        kind = ScoredRecipeRow
-        scored: list[Any] = list(
-            score_recipe_queries(RecipeScoring.of(model), queries, top, new_only=new_only)
-        )
-    else:
-        scored = list(score_queries(model, queries, top, new_only=new_only))
-    # Scores that go into a file are not printed as well; what qualifies them always is.
-    text = [] if out else list(_lines(scored))
-    text += note_of_words(model)
-    text += _notes(model.kg, scored)
-    if out is not None:
-        delimiter = "\t" if out.suffix.lower() in (".tsv", ".tab") else ","
-        write_file(out, _table(kind.__struct_fields__, scored, delimiter), force=force)
-        text.append(f"wrote {out}: {len(scored):,} scores for {len(queries):,} queries")
-    output.result(view_file(model, queries, scored, out), text)
+        yield from _lines(view.top)
 
 
 def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:
-    from wordcraft_kg.evaluation.recipe_scores import because
+    from wordcraft_kg.evaluation.scores import because
 
     if not scored:
         yield "no answer: nothing is left to propose"
@@ -245,7 +216,7 @@ def _chance(row: Any) -> str:
 
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
-    from wordcraft_kg.evaluation.recipe_scores import BECAUSE
+    from wordcraft_kg.evaluation.scores import BECAUSE
 
     if any(getattr(row, "because", ()) for row in scored):
         yield f"because: {BECAUSE}."
@@ -262,19 +233,21 @@ def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
         yield "The model was trained on the full graph, test triples included."
 
 
-def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
+def _table(columns: Sequence[str], rows: Sequence["Record"], out: Path) -> str:
+    """Return records as the text of a table: TSV or CSV, by the ending of the file."""
     import pandas as pd
 
-    values = {}
-    for column in columns:
-        values[column] = [getattr(row, column) for row in rows]
-    frame: Any = pd.DataFrame(values)
+    frame = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in columns})
     if "in_sample" in frame:
         # As in JSON, and as readers in other languages expect.
         frame["in_sample"] = frame["in_sample"].astype(str).str.lower()
-    # Labels hold no tab, so that tables with tabs need no quotes.
-    quoting = csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL
+    is_tsv = out.suffix.lower() in (".tsv", ".tab")
     text: str = frame.to_csv(
-        sep=delimiter, index=False, float_format="%.9g", lineterminator="\n", quoting=quoting
+        sep="\t" if is_tsv else ",",
+        index=False,
+        float_format="%.9g",
+        lineterminator="\n",
+        # Labels hold no tab, so that tables with tabs need no quotes.
+        quoting=csv.QUOTE_NONE if is_tsv else csv.QUOTE_MINIMAL,
     )
     return text

@@ -10,7 +10,7 @@ Schema of ``report.json`` is derived from the view's type and checked when the f
 
 - Links: ``ranked_links`` ranks, ``links`` and ``link_sections`` make the view, ``link_comparison``
   compares models, ``probabilities`` checks calibration.
-- Single scores: ``queries`` parses, ``scores`` and ``recipe_scores`` answer.
+- Single scores: ``queries`` parses, ``scores`` answers for triples and recipes.
 - Play: ``agents``, ``agent_metrics`` and ``training_curves`` for trained agents, ``players`` for
   one agent or scripted players, ``discovery`` for open-ended play, ``tasks`` for examples.
 - Other results to compare with: ``reference`` reads published ones in ``references/``,

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.base.escaping import for_html
-from wordcraft_kg.evaluation.recipe_scores import BECAUSE, main_support, strength
+from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
 from wordcraft_kg.evaluation.training_curves import (
     CurvePoint,
     LambdaCurve,

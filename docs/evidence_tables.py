@@ -17,8 +17,7 @@ from wordcraft_kg.base.statistics import holm, split_interval, student_interval
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import signed
 from wordcraft_kg.studies.results import StudyResults
-from wordcraft_kg.studies.variants import VariantMetrics
-from wordcraft_kg.studies.view import view_study
+from wordcraft_kg.studies.view import VariantMetrics, view_study
 
 HERE = Path(__file__).parent
 Row = dict[str, Any]

@@ -35,8 +35,14 @@ from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.store import collect_study, studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
-from wordcraft_kg.studies.variants import PointMetrics, ScorerScatter, VariantMetrics
-from wordcraft_kg.studies.view import StudyView, title_of, view_study
+from wordcraft_kg.studies.view import (
+    PointMetrics,
+    ScorerScatter,
+    StudyView,
+    VariantMetrics,
+    title_of,
+    view_study,
+)
 
 HERE = Path(__file__).parent
 BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"

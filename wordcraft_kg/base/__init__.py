@@ -4,7 +4,7 @@ Read ``errors`` first: every error that a user can cause is one of its classes. 
 ``records`` (typed JSON, read strictly) and ``artefacts`` (files that are written whole or not at
 all). ``settings`` checks the values of settings, ``registry`` lets other packages add named
 objects, ``extras`` names missing packages, ``progress`` reports long work to a listener, if one
-is set. ``labels``, ``feature_spec`` and ``wording`` read and write texts; ``statistics`` and
+is set. ``labels``, ``spelling``, ``feature_spec`` and ``wording`` read and write texts; ``statistics`` and
 ``tensors`` compute.
 
 This package imports no other package of wordcraft-kg. Texts of errors and new helpers may change

@@ -17,9 +17,8 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.artefacts import check_output_file, json_text, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError, StdoutError
-from wordcraft_kg.base.escaping import code_point, for_json, for_terminal
 from wordcraft_kg.base.progress import listening
-from wordcraft_kg.base.wording import quoted
+from wordcraft_kg.base.wording import code_point, for_json, for_terminal, quoted
 from wordcraft_kg.cli.progress import Progress, Stages
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from cyclopts import (
 )
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
-from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.extras import missing_package
+from wordcraft_kg.base.wording import for_terminal
 from wordcraft_kg.cli.console import Output, json_line
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from wordcraft_kg.base.escaping import for_terminal
+from wordcraft_kg.base.wording import for_terminal
 
 if TYPE_CHECKING:
     from rich.console import Console

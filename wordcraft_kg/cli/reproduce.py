@@ -170,8 +170,7 @@ def _list(changes: Changes, output: Output) -> int:
 
 def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -> int:
     from wordcraft_kg.base.artefacts import check_output
-    from wordcraft_kg.studies.report import write_study_report
-    from wordcraft_kg.studies.tables import lines_of
+    from wordcraft_kg.studies.report import lines_of, write_study_report
     from wordcraft_kg.studies.view import view_study
 
     file = Path(study) if study is not None and Path(study).is_file() else None
@@ -254,7 +253,7 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
 
 def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyProgress":
     """Run a study's tasks in processes on this machine or on a Ray cluster."""
-    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+    from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
     from wordcraft_kg.studies.engine import Pool, run_plan
     from wordcraft_kg.studies.perform import perform
 
@@ -306,10 +305,9 @@ def _reported(
         options: where and how the study ran.
     """
     from wordcraft_kg.base.artefacts import write_atomically
-    from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.studies.report import lines_of, write_study_report
     from wordcraft_kg.studies.results import results_text
     from wordcraft_kg.studies.store import collect_study
-    from wordcraft_kg.studies.tables import lines_of
     from wordcraft_kg.studies.view import view_study
 
     results = collect_study(options.out, plan.name)

@@ -11,7 +11,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.tasks import TaskListing
+    from wordcraft_kg.evaluation.books import TaskListing
 
 EXAMPLES = (
     "wordcraft-kg tasks everyday --depth 2 --distractors 4 --part test --limit 5",
@@ -40,7 +40,7 @@ def tasks(
         seed: seed for the order and the tables of the examples.
     """
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
-    from wordcraft_kg.evaluation.tasks import view_tasks
+    from wordcraft_kg.evaluation.books import view_tasks
 
     # Before the search for tasks, which takes long at great depths.
     whole("limit", limit, 0, MAX_SIZE)

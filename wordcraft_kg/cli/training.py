@@ -22,9 +22,8 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.scorers.features import ENCODE
 from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.folder import Progress, check_run_output
-from wordcraft_kg.runs.interruption import interruption_message
 from wordcraft_kg.runs.record import RUN_FILE
+from wordcraft_kg.runs.run_folder import Progress, check_run_output, interruption_message
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.training import TrainedAgent

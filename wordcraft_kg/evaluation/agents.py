@@ -17,9 +17,9 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation import agent_metrics, training_curves
+from wordcraft_kg.evaluation import agent_metrics
+from wordcraft_kg.evaluation.agent_metrics import SourceGain, source_gains
 from wordcraft_kg.evaluation.reference import ReferenceRow, play_of, reference_rows
-from wordcraft_kg.evaluation.source_gains import SourceGain, source_gains
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import shown_setting
@@ -114,9 +114,9 @@ class AgentEntry(Record):
     outcomes: dict[str, dict[TerminationReason, Share]]
     sources: dict[str, SourceGain]
     slices: dict[agent_metrics.Slice, tuple[agent_metrics.SliceSuccess, ...]]
-    curves: dict[str, tuple[training_curves.CurvePoint, ...]]
-    lambdas: tuple[training_curves.LambdaCurve, ...]
-    training: dict[training_curves.TrainingMetric, tuple[training_curves.SeedCurve, ...]]
+    curves: dict[str, tuple[agent_metrics.CurvePoint, ...]]
+    lambdas: tuple[agent_metrics.LambdaCurve, ...]
+    training: dict[agent_metrics.TrainingMetric, tuple[agent_metrics.SeedCurve, ...]]
     provenance: dict[str, dict[str, str]]
 
 
@@ -539,9 +539,9 @@ def _entry(
         outcomes={str(amount): agent_metrics.outcomes_of(runs) for amount, runs in results.items()},
         sources=gains,
         slices=agent_metrics.slices_of(members[0], world.tasks, headline, made_by_other_books),
-        curves=training_curves.success_curves(members),
-        lambdas=tuple(training_curves.lambda_curves(members)),
-        training=training_curves.training_metrics(members),
+        curves=agent_metrics.success_curves(members),
+        lambdas=tuple(agent_metrics.lambda_curves(members)),
+        training=agent_metrics.training_metrics(members),
         provenance={agent.name: agent.provenance for agent in members},
     )
 

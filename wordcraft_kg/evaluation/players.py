@@ -31,11 +31,12 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     SliceSuccess,
+    SourceGain,
     compare_with_scorer,
     slice_successes,
+    source_gains,
 )
-from wordcraft_kg.evaluation.goal_groups import goal_groups
-from wordcraft_kg.evaluation.source_gains import SourceGain, source_gains
+from wordcraft_kg.evaluation.slices import goal_groups
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import with_letters

@@ -17,8 +17,7 @@ from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS, load_scorer
 from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 MODELS: Registry[Callable[[RunFiles], History]] = Registry(
     "wordcraft_kg.models",

@@ -15,8 +15,8 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsErr
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig, moved
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import (
+from wordcraft_kg.runs.record import RUN_FILE, RunFiles, RunRecord, read_run
+from wordcraft_kg.runs.run_folder import (
     Progress,
     RunFolder,
     RunKind,
@@ -24,7 +24,6 @@ from wordcraft_kg.runs.folder import (
     new_run,
     resumed_run,
 )
-from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_run
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 
 _SHOWN_BY_TQDM = ("epoch", "seconds", "steps_per_second")

@@ -20,10 +20,9 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import locked
-from wordcraft_kg.runs.record import read_run
-from wordcraft_kg.studies.plan import agent_config, content_of, scorer_config
+from wordcraft_kg.runs.record import RunFiles, read_run
+from wordcraft_kg.runs.run_folder import locked
+from wordcraft_kg.studies.plan import Kind, Outcome, Task, agent_config, content_of, scorer_config
 from wordcraft_kg.studies.results import (
     METRICS_FILE,
     RunMetrics,
@@ -32,7 +31,6 @@ from wordcraft_kg.studies.results import (
     read_metrics,
     write_metrics,
 )
-from wordcraft_kg.studies.tasks import Kind, Outcome, Task
 
 if TYPE_CHECKING:
     from wordcraft_kg.runs.training import Training

@@ -12,7 +12,7 @@ from wordcraft_kg.apps.text_agents import results
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import groups_of, read_games, result_of
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.runs.folder import locked
+from wordcraft_kg.runs.run_folder import locked
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PYTHON = shlex.quote(sys.executable)

@@ -28,8 +28,7 @@ from wordcraft_kg.models.scorers.neighbours.stored import LINK_TABLES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 _NEAREST = 8
 """Labels whose sentence vectors, or links by outside knowledge, stand for those of a new label."""

@@ -7,7 +7,7 @@ from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.recipes.outside import OutsideSource, describe_source
-from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import RunFiles
 
 
 class FitDone(Record, frozen=True, kw_only=True):

@@ -397,8 +397,7 @@ def _glove_rows(words: tuple[str, ...]) -> NDArray[np.int64]:
 
 def _checked_folder(folder: Path) -> Path:
     """Return a folder from ``encode`` after a check of all its files by SHA-256."""
-    from wordcraft_kg.runs.files import RunFiles
-    from wordcraft_kg.runs.record import read_finished_run
+    from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
     files = RunFiles(folder, read_finished_run(folder, "a file or folder with vectors", ENCODED))
     for name in files.run.outputs:

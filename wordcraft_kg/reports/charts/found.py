@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.svg import element, titled
+from wordcraft_kg.reports.charts.chart import element, titled
 
 CELL = 10
 """Distance between the corners of two cells, in pixels."""

@@ -6,8 +6,7 @@ from itertools import chain
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.placement import shortened, spread
-from wordcraft_kg.reports.charts.svg import element, titled
+from wordcraft_kg.reports.charts.chart import element, shortened, spread, titled
 
 LETTER = 5.9
 SMALL_LETTER = 5.2

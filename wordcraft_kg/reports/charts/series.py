@@ -5,10 +5,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-from wordcraft_kg.base.escaping import for_terminal
-from wordcraft_kg.reports.charts.chart import HEIGHT, SMALL, WIDTH, Chart
+from wordcraft_kg.base.wording import for_terminal
+from wordcraft_kg.reports.charts.chart import HEIGHT, SMALL, WIDTH, Chart, Labels, shortened, spread
 from wordcraft_kg.reports.charts.palette import COLOURS, LIGHT, LIGHT_SERIES
-from wordcraft_kg.reports.charts.placement import Labels, shortened, spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

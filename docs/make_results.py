@@ -32,8 +32,7 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.studies.report import study_figure
-from wordcraft_kg.studies.results import StudyResults, results_text
-from wordcraft_kg.studies.store import collect_study, studies_of
+from wordcraft_kg.studies.results import StudyResults, collect_study, results_text, studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
 from wordcraft_kg.studies.view import (
     PointMetrics,

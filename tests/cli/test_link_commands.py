@@ -9,6 +9,7 @@ import tomllib
 import msgspec
 import numpy as np
 import pytest
+from configured import in_file
 from quick import QUICK, TINY, same, text_of
 
 from wordcraft_kg.cli.progress import Progress
@@ -146,7 +147,7 @@ def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
     run, tmp_path, caplog, command, says
 ):
     name, *options = command.split()
-    least = ("--dim", 1, "--epochs", 1, "--learning-rate", "1e-6", "--folds", 0, "--quiet")
+    least = ("--dim", 1, "--epochs", 1, *in_file(name, learning_rate=1e-6), "--folds", 0, "--quiet")
     assert run(name, "kitchen", *options, *least, "--out", tmp_path / "model").code == 0
     (warning,) = (message for message in caplog.messages if "hardly fits" in message)
     assert warning.endswith(f"try {says}")

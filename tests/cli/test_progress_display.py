@@ -96,7 +96,7 @@ def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
             ["writing the export"],
         ),
         (["check-book", "kitchen"], ["checking the book"]),
-        (["tasks", "kitchen", "--depth", "2"], ["finding tasks"]),
+        (["describe", "kitchen", "--tasks", "--depth", "2"], ["finding tasks"]),
         (
             ["discover", "kitchen", "--runs", "2", "--attempts", "5"],
             ["playing random: 1 of 2", "playing greedy"],

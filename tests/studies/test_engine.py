@@ -39,12 +39,14 @@ from wordcraft_kg.studies.report import make_study_report
 from wordcraft_kg.studies.results import (
     RunMetrics,
     StudyResults,
+    collect_study,
+    failure_of,
     hash_of,
+    own_results,
     read_metrics,
     results_text,
     write_metrics,
 )
-from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
 from wordcraft_kg.studies.view import view_study
 

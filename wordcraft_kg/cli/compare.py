@@ -100,9 +100,9 @@ def compare(
     agent = next((run for run, kind in zip(runs, kinds, strict=True) if kind == AGENT), None)
     predictor = next((run for run, kind in zip(runs, kinds, strict=True) if kind != AGENT), None)
     if agent and predictor:
-        both = f"'{agent}' is an agent and '{predictor}' is a link predictor"
+        mixture = f"'{agent}' is an agent and '{predictor}' is a link predictor"
         raise ConfigError(
-            f"{both}: they cannot be compared. Give agents only, or link predictors only."
+            f"{mixture}: they cannot be compared. Give agents only, or link predictors only."
         )
     if agent:
         refuse_given(links, "link predictors, but agents are compared")

@@ -231,15 +231,15 @@ def read_seeds(text: str) -> list[int]:
     for part in text.split(","):
         # 19 digits hold every seed; more would make integers of any size.
         match = re.fullmatch(r"\s*(\d{1,19})(?:-(\d{1,19}))?\s*", part)
-        chosen = range(0)
+        part_seeds = range(0)
         if match:
             first = int(match[1])
             last = int(match[2] or match[1])
             # Checked before the range is walked through: it may have a quintillion members.
             if last < first + MOST_SEEDS:
-                chosen = range(first, last + 1)
-        seeds |= dict.fromkeys(chosen)
-        if not chosen or len(seeds) > MOST_SEEDS:
+                part_seeds = range(first, last + 1)
+        seeds |= dict.fromkeys(part_seeds)
+        if not part_seeds or len(seeds) > MOST_SEEDS:
             raise ConfigError(
                 f"`seeds` '{text}': expected at most {MOST_SEEDS:,} seeds, such as 0-4 or 0,3,7."
             )
@@ -282,7 +282,7 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
             yield from _rows(value, f"{indent}  ")
         elif isinstance(value, list):
             if value:
-                cells = [_cell(one, in_list=True) for one in value]
+                cells = [_cell(item, in_list=True) for item in value]
                 # A record counts the elements of a shortened list, such as `unreachable` for
                 # `unreachable_entities`.
                 count = _COUNTS.get(name) or name.rpartition("_")[0]
@@ -294,9 +294,9 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
 
 def _cell(value: Any, *, in_list: bool = False) -> str:
     if isinstance(value, dict):
-        return ": ".join(_cell(one, in_list=in_list) for one in value.values())
+        return ": ".join(_cell(item, in_list=in_list) for item in value.values())
     if isinstance(value, list):
-        return " ".join(_cell(one, in_list=in_list) for one in value)
+        return " ".join(_cell(item, in_list=in_list) for item in value)
     if isinstance(value, str):
         return quoted(value) if in_list else value
     # Before int: a bool is an int.

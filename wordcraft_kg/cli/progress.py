@@ -174,17 +174,19 @@ class Stages:
             done: number of steps that are done.
             total: number of all steps.
         """
-        now = time.monotonic()
+        seconds = time.monotonic()
         if self._now is None:
             self._now = Progress(stage, is_stage=True)
-            self._began = now
-        elif self._now.what != stage or (0 < done < total and now - self._shown < self.INTERVAL):
+            self._began = seconds
+        elif self._now.what != stage or (
+            0 < done < total and seconds - self._shown < self.INTERVAL
+        ):
             return
-        self._shown = now
+        self._shown = seconds
         self._now(done, total, {})
         if done == total:
             self._now = None
-            logging.getLogger(__name__).info("%s: %.1f s", stage, now - self._began)
+            logging.getLogger(__name__).info("%s: %.1f s", stage, seconds - self._began)
 
 
 def _short(number: int) -> str:

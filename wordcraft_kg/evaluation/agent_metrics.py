@@ -126,17 +126,17 @@ def compare_with_scorer(
     differs = np.concatenate([result.decisions != alone.decisions for result in results], axis=1)
     success = _successes(results)
     # The scorer has no training seeds, so its one evaluation stands beside each run.
-    of_scorer = _successes([alone] * len(results))
+    scorer_success = _successes([alone] * len(results))
     # All episodes count for the gain: where decisions are equal the difference is 0, and leaving
     # these episodes out would choose tasks by the outcome.
-    gain, low, high = paired_difference(success, of_scorer, alone.groups)
+    gain, low, high = paired_difference(success, scorer_success, alone.groups)
     # Without a single other decision, a success rate in these episodes has no meaning.
     any_differs = bool(differs.any())
     return AgainstScorer(
         scorer=scorer,
         differs=float(differs.mean()),
         success=float(success[differs].mean()) if any_differs else None,
-        scorer_success=float(of_scorer[differs].mean()) if any_differs else None,
+        scorer_success=float(scorer_success[differs].mean()) if any_differs else None,
         gain=gain,
         gain_ci=(low, high),
     )
@@ -178,10 +178,10 @@ def success_of(
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:
     """Return the episode share for each termination reason, averaged over runs."""
-    of_runs = [result.shares() for result in results]
+    shares_by_run = [result.shares() for result in results]
     shares: dict[TerminationReason, Share] = {}
     for termination in TERMINATION_REASONS:
-        shares[termination] = float(np.mean([run[termination] for run in of_runs]))
+        shares[termination] = float(np.mean([run[termination] for run in shares_by_run]))
     return shares
 
 
@@ -212,10 +212,10 @@ def slices_of(
     goals = tasks.goals[results[0].tasks]
     train_results = graph.recipes[split.is_in("train"), 2]
     num_made = np.bincount(train_results, minlength=graph.num_entities)
-    made = num_made[goals]
+    num_train_recipes = num_made[goals]
     layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
-        "train_recipes": list(binned(made, _TRAIN_RECIPES)),
+        "train_recipes": list(binned(num_train_recipes, _TRAIN_RECIPES)),
         # Layer -1 marks goals that cannot be made from the base.
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
         "other_book": list(goal_groups(graph, goals, made_by_other_books).items()),

@@ -175,7 +175,7 @@ def view_check(
     # A file that another process writes during this check is not replaced.
     replaces = fix is not None and fix.exists()
     # Opened before the check, which may take seconds: a wrong name fails at once.
-    other = None if against is None else open_book(against)
+    second_book = None if against is None else open_book(against)
     check = check_book(path, base or located.base, located.name, **options)
     graph = check.graph
     kept_columns = False
@@ -192,11 +192,11 @@ def view_check(
         except ImportError as error:
             message = f"words were not checked for word vectors, which need {error.name}"
             check = check.adding([Finding("vector", "note", (), message)])
-    if graph is not None and other is not None:
-        counted = ~graph.makes_half_product
-        shared = len(set(graph.recipe_labels(graph.recipes[counted])) & set(other.recipes))
-        share = shared / int(np.sum(counted))
-        check = check.adding((), against=other.name, shared_recipes=shared, shared=share)
+    if graph is not None and second_book is not None:
+        is_whole = ~graph.makes_half_product
+        shared = len(set(graph.recipe_labels(graph.recipes[is_whole])) & set(second_book.recipes))
+        share = shared / int(np.sum(is_whole))
+        check = check.adding((), against=second_book.name, shared_recipes=shared, shared=share)
     return CheckedBook(
         book,
         str(path),
@@ -232,14 +232,14 @@ def write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
     Raises:
         RecipeFileError: if the ending is another; nothing is written.
     """
-    kept = set(book.recipes)
-    ordered = [recipe for recipe in check.places if recipe in kept]
+    recipes = set(book.recipes)
+    ordered = [recipe for recipe in check.places if recipe in recipes]
     # Half-products of chains have no row.
-    others = kept.difference(ordered)
-    ordered += sorted(others)
+    half_products = recipes.difference(ordered)
+    ordered += sorted(half_products)
     reading = check.reading
     assert reading is not None
-    if path.suffix.lower() not in (".csv", ".tsv") or (others or not check.records):
+    if path.suffix.lower() not in (".csv", ".tsv") or (half_products or not check.records):
         write_book(replace(book, recipes=ordered), path)
         return not reading.ignored
     rows = []
@@ -295,10 +295,10 @@ def _without_unlike(check: BookCheck) -> BookCheck:
         return check
     # The words that differ: Apple Pi and Apple Pie share a word.
     texts: list[str] = []
-    for label, other in check.twins:
-        words, others = label.split(), other.split()
-        texts.append(" ".join(word for word in words if word not in others) or label)
-        texts.append(" ".join(word for word in others if word not in words) or other)
+    for label, twin in check.twins:
+        words, twin_words = label.split(), twin.split()
+        texts.append(" ".join(word for word in words if word not in twin_words) or label)
+        texts.append(" ".join(word for word in twin_words if word not in words) or twin)
     features = glove_features(texts)
     vectors = features.vectors.reshape(len(check.twins), 2, -1)
     lengths = np.linalg.norm(vectors, axis=2)
@@ -306,7 +306,7 @@ def _without_unlike(check: BookCheck) -> BookCheck:
     is_known = np.array(features.known).reshape(-1, 2).all(1)
     is_unlike = is_known & (cosines < _ONE_MEANING)
     unlike = {twin_message(pair) for pair in compress(check.twins, is_unlike)}
-    findings = tuple(each for each in check.findings if each.message not in unlike)
+    findings = tuple(finding for finding in check.findings if finding.message not in unlike)
     return replace(check, findings=findings)
 
 

@@ -139,13 +139,13 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
     ``seed`` is the seed of the bootstrap.
     """
     reciprocal_ranks = _reciprocal(links.ranks)
-    others = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
+    baselines = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
     # The expectation over random orders, and not one order: its own luck would widen the interval.
-    others["random"] = random_reciprocal_ranks(links.ranks)
-    best_first = sorted(others, key=lambda name: -float(others[name].mean()))
+    baselines["random"] = random_reciprocal_ranks(links.ranks)
+    best_first = sorted(baselines, key=lambda name: -float(baselines[name].mean()))
     rows = []
     for name in best_first:
-        difference = reciprocal_ranks - others[name]
+        difference = reciprocal_ranks - baselines[name]
         means = bootstrap(difference, links.clusters, seed=seed)
         low, high = cluster_interval(difference, links.clusters, means)
         verdict: Verdict = "no significant difference"
@@ -178,7 +178,7 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     # A triple counts for both of its ends, and twice for an entity with itself.
     ends = np.concatenate([trained_on[:, 0], trained_on[:, 2]])
     uses = np.bincount(ends, minlength=graph.num_entities)
-    seen = uses[target]
+    train_uses = uses[target]
     layer = layers(graph)[target]
     is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
     is_self = (ranks["head"] == ranks["tail"]).to_numpy()
@@ -196,7 +196,7 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
 
     pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
     return DrillDown(
-        seen_in_train=slices(between(seen, SEEN)),
+        seen_in_train=slices(between(train_uses, SEEN)),
         layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
         self_combination=slices(pairs),
         # With all recipes in training every test recipe repeats a train recipe: itself.
@@ -259,8 +259,8 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
         scores = links.table[relation].copy()
         if relation == COMBINES_WITH:
             # Both directions are one fact: their mean stands above the diagonal, nothing below.
-            both = (scores + scores.T) / 2
-            scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, both)
+            mean_scores = (scores + scores.T) / 2
+            scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, mean_scores)
         is_own = graph.triples[:, 1] == relation
         heads, _, tails = graph.triples[is_own].T
         scores[heads, tails] = -np.inf
@@ -377,20 +377,20 @@ def view_probabilities(
     if scorer.probabilities is None:
         return ()
     size = graph.num_entities
-    known = _cells(trained_on, size)
-    given = _cells(graph.triples, size)
+    is_trained = _cells(trained_on, size)
+    is_in_graph = _cells(graph.triples, size)
     everything = torch.arange(size)
     itself = np.eye(size, dtype=bool)
-    whole = ~graph.is_half_product
+    is_thing = ~graph.is_half_product
     # Pairs of things; half-products of chains are none.
-    are_things = whole[:, None] & whole[None, :]
+    are_things = is_thing[:, None] & is_thing[None, :]
     rows = []
     for relation, name in enumerate(RELATIONS):
         chances = (
             scorer.probability(everything[:, None], relation, everything[None, :]).cpu().numpy()
         )
         # Triples in training are no test: the scorer has seen that they are true.
-        candidates = ~known[relation] & are_things
+        candidates = ~is_trained[relation] & are_things
         if relation == COMBINES_WITH:  # both directions are the same fact
             candidates &= np.tri(size, dtype=bool)
         curves = scorer.probabilities.relations[relation]
@@ -399,10 +399,10 @@ def view_probabilities(
             ("distinct", ~itself, curves.distinct),
             ("itself", itself, curves.itself),
         ):
-            chosen = candidates & mask
+            is_counted = candidates & mask
             # float64, because the sum of millions of small probabilities loses digits in float32.
-            predicted = chances[chosen].astype(np.float64)
-            is_true = given[relation][chosen]
+            predicted = chances[is_counted].astype(np.float64)
+            is_true = is_in_graph[relation][is_counted]
             if not len(predicted):
                 continue
             bins = _bins(predicted, is_true)

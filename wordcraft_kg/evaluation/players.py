@@ -84,9 +84,9 @@ class AgentEvaluation(Record):
         notes = []
         for amount, gains in (self.sources or {}).items():
             tables = counted(int(amount), "distractor")
-            for source, found in gains.items():
-                if found.adds_nothing:
-                    notes.append(f"{tables}: {source} {found.sentence}")
+            for source, gain in gains.items():
+                if gain.adds_nothing:
+                    notes.append(f"{tables}: {source} {gain.sentence}")
         return notes
 
 
@@ -159,9 +159,9 @@ def view_evaluation(
     sources = None
     if agent == "trained" and trained.policy.sources:
         # The last one is p alone if the agent has it, else w alone, else all sources.
-        name, alone = list(scorer_alone(trained.policy.sources).items())[-1]
+        name, scorer_player = list(scorer_alone(trained.policy.sources).items())[-1]
         against_scorer = {
-            amount: compare_with_scorer([results[amount]], name, evaluator(alone))
+            amount: compare_with_scorer([results[amount]], name, evaluator(scorer_player))
             for amount, evaluator in evaluators.items()
         }
         sources = {
@@ -314,11 +314,11 @@ def view_baselines(
         # model of the fold that has not seen them.
         tasks = world.tasks if config.part in ("train", "all") else None
         groups = goal_groups(opened.graph, world.tasks.goals, trained.made_by_other_books)
-        named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
+        guided = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
         grouped |= {f"{name}, {kind}" for kind in (BEST_PAIR, PLANNER)}
         # The oracle stays last, as the upper bound.
         oracle = players.pop("recipe oracle")
-        players |= {f"{name}, {kind}": player for kind, player in named.items()}
+        players |= {f"{name}, {kind}": player for kind, player in guided.items()}
         players["recipe oracle"] = oracle
     rows = play_all(
         world,

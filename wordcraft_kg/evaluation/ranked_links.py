@@ -108,12 +108,14 @@ class RankedLinks:
 
         Beside an untrained scorer, baselines know the train recipes.
         """
-        known = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
-        scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
+        sample = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
+        scorers: dict[str, TripleScorer] = {
+            "frequency": FrequencyScorer(self.graph, sample.triples)
+        }
         # These two need the scores of all pairs.
         if self.has_table:
-            scorers["votes"] = VoteScorer(self.graph, known.recipes)
-            scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
+            scorers["votes"] = VoteScorer(self.graph, sample.recipes)
+            scorers["neighbours"] = NeighbourScorer(self.graph, sample.triples)
         return {
             name: rank_triples(scorer, self.queries, self.graph.triples)
             for name, scorer in scorers.items()
@@ -179,16 +181,16 @@ def rank_links(
 
 
 def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
-    needed = f"a meaningful metric needs at least {MIN_TRIPLES}."
+    rule = f"a meaningful metric needs at least {MIN_TRIPLES}."
     if kg == "full":
         more = "Use a recipe book with more recipes."
-        return f"only {count} triples in the whole graph; {needed} {more}"
+        return f"only {count} triples in the whole graph; {rule} {more}"
     # A smaller ratio helps only if the ratio is not small yet.
     ratio = "or use a recipe book with more recipes"
     if opened.split.config.train_ratio > 0.7:
         ratio = "such as 0.7"
     remedy = f"Build the graph with a smaller `train_ratio`, {ratio}."
-    return f"only {count} unseen test triples; {needed} {remedy}"
+    return f"only {count} unseen test triples; {rule} {remedy}"
 
 
 def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
@@ -420,15 +422,15 @@ def _check_alike(reference: Model, contender: Contender) -> None:
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
     # Filtered ranks: other true answers of a query do not compete, whichever part they are in.
-    known = contender.runs[0].opened.graph.triples
-    ranks = [ranking.rank_triples(run.scorer, queries, known) for run in contender.runs]
+    true_triples = contender.runs[0].opened.graph.triples
+    ranks = [ranking.rank_triples(run.scorer, queries, true_triples) for run in contender.runs]
     metrics = [ranking.ranking_metrics(frame) for frame in ranks]
     # Means over seeds of each metric, and no metric of mean ranks, which would favour many seeds.
     averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
     means: dict[str, Any] = {}
     for name in averaged:
-        of_seeds = [getattr(seed_metrics, name) for seed_metrics in metrics]
-        means[name] = float(np.mean(of_seeds))
+        values = [getattr(seed_metrics, name) for seed_metrics in metrics]
+        means[name] = float(np.mean(values))
     # MRR is None only without queries, which compare() refuses.
     model = ComparedModel(
         queries=metrics[0].queries,

@@ -16,8 +16,8 @@ import msgspec
 from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.base.artefacts import what_is
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import Count, Hash, Record, read_record
-from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.folder import OpenedGraph

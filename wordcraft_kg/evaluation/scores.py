@@ -508,11 +508,11 @@ class LinkScoring(Scoring):
         return [names[part] for part in parts.tolist()]
 
     def facts(self, rows: Ids) -> list[dict[str, Any]]:  # noqa: D102
-        known = self.known(rows)
-        probabilities = self.model.probabilities(rows, known)
+        parts = self.known(rows)
+        probabilities = self.model.probabilities(rows, parts)
         return [
             {"known": part, "probability": probability}
-            for part, probability in zip(known, probabilities, strict=True)
+            for part, probability in zip(parts, probabilities, strict=True)
         ]
 
     def labels(self, row: Ids) -> tuple[str, str, str]:  # noqa: D102
@@ -775,8 +775,8 @@ def note_of_words(model: ScoringModel) -> list[str]:
             f"{nearest(words[0], entities)}"
         ]
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
-    rest = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
-    return [f"{listed}{rest} are not in the graph: scored by their words alone."]
+    ending = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
+    return [f"{listed}{ending} are not in the graph: scored by their words alone."]
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from wordcraft_kg.base.errors import NotRegisteredError
-from wordcraft_kg.base.registry import Registry
+from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.train_samples import TrainSample, is_subsample
 from wordcraft_kg.models.links.config import LinksConfig

@@ -248,10 +248,10 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
 
 def _place(label: str) -> int:
     """Return the place of a group of tasks in a chart: named groups, then groups by number."""
-    named = (NEVER, MADE, NOT_MADE)
+    names = (NEVER, MADE, NOT_MADE)
     # Negative places come before all numbers, which begin at 0.
-    if label in named:
-        return named.index(label) - len(named)
+    if label in names:
+        return names.index(label) - len(names)
     return int(re.split("[–+]", label)[0])
 
 
@@ -285,17 +285,17 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, charts.Chart]:
     pictures: dict[Slice, charts.Chart] = {}
     for key, (_, axis) in _SLICES.items():
         groups: dict[str, dict[str, charts.Estimate]] = {}
-        found: set[str] = set()
+        slice_names: set[str] = set()
         for agent in view.agents:
             rows: dict[str, charts.Estimate] = {}
             for row in agent.slices.get(key, ()):
                 low, high = row.ci
                 rows[row.slice] = (row.success, low, high)
             groups[agent.name] = rows
-            found.update(rows)
-        if not found:
+            slice_names.update(rows)
+        if not slice_names:
             continue
-        labels = sorted(found, key=_place)
+        labels = sorted(slice_names, key=_place)
         cells = {}
         for name, rows in groups.items():
             # An agent has None for a group in which it played no task.

@@ -137,11 +137,11 @@ class Checkpoints(Generic[P]):
         # Without a number to keep, every part is needed until the end.
         if self.kept is None:
             return
-        known = self.records()
+        paths = self.records()
         # Checkpoints with a higher number were damaged: the run was resumed from an earlier one.
-        kept = [other for other in known if other <= number][: self.kept]
-        for other, old in known.items():
-            if other not in kept:
+        newest = [saved_number for saved_number in paths if saved_number <= number][: self.kept]
+        for saved_number, old in paths.items():
+            if saved_number not in newest:
                 # The record first, for the same reason.
                 old.unlink()
                 old.with_suffix(".safetensors").unlink(missing_ok=True)

@@ -187,7 +187,7 @@ def resume_run(
     Returns:
         the record with the status ``running`` and this resumption.
     """
-    again = Resumption(
+    resumption = Resumption(
         started=_now(),
         argv=_arguments(),
         versions=dict(_versions()),
@@ -198,7 +198,7 @@ def resume_run(
         status="running",
         ended=None,
         inputs={**run.inputs, **(inputs or {})},
-        resumed=(*run.resumed, again),
+        resumed=(*run.resumed, resumption),
     )
     return _write(folder, resumed)
 
@@ -355,7 +355,7 @@ def _git_state() -> GitState | None:
 
 
 def _git(root: Path, *arguments: str) -> str:
-    done = subprocess.run(
+    process = subprocess.run(
         ["git", *arguments],
         cwd=root,
         capture_output=True,
@@ -363,7 +363,7 @@ def _git(root: Path, *arguments: str) -> str:
         check=True,
         timeout=10,
     )
-    return done.stdout.strip()
+    return process.stdout.strip()
 
 
 T = TypeVar("T")
@@ -398,9 +398,9 @@ class RunFiles:
         expected = self.run.outputs.get(name, self.run.inputs.get(name))
         if hashlib.sha256(data).hexdigest() == expected:
             return data
-        written = data.replace(b"\r\n", b"\n")
-        if hashlib.sha256(written).hexdigest() == expected:
-            return written
+        unix_data = data.replace(b"\r\n", b"\n")
+        if hashlib.sha256(unix_data).hexdigest() == expected:
+            return unix_data
         raise ArtefactError(
             f"{path} is damaged or was changed: the SHA-256 differs from run.json. "
             "Train again, or restore a copy."

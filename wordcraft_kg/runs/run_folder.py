@@ -296,12 +296,12 @@ class RunFolder(Generic[P]):
             return error
         if isinstance(error, KeyboardInterrupt):
             return KeyboardInterrupt(interruption_message(self.path, unit, last))
-        kept = f"The checkpoint of {unit} {last:,} is safe"
+        safe = f"The checkpoint of {unit} {last:,} is safe"
         if isinstance(error, TrainingError):
-            return TrainingError(f"{error} {kept}, in '{self.path}'.")
+            return TrainingError(f"{error} {safe}, in '{self.path}'.")
         if isinstance(error, OSError):
             return ArtefactError(
-                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; "
+                f"'{self.path}' cannot be written ({error.strerror or error}). {safe}; "
                 "free some space, then repeat the command to resume from there."
             )
         return error

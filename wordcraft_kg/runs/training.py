@@ -228,8 +228,8 @@ def _checked_settings(
         raise ConfigError(
             f"'{files.folder}' was written by {recorded.command}, not {config.command}. {_ADVICE}"
         )
-    given = trainer.input_hashes(config)
-    hashes = {"graph": opened.graph.hash, "split": opened.split.hash, **given}
+    input_hashes = trainer.input_hashes(config)
+    hashes = {"graph": opened.graph.hash, "split": opened.split.hash, **input_hashes}
     for name, expected in hashes.items():
         if files.run.inputs.get(name) != expected:
             raise ConfigError(f"'{files.folder}' was trained with another {name}. {_ADVICE}")
@@ -237,7 +237,7 @@ def _checked_settings(
     old = moved(recorded.values(), os.path.realpath)
     new = moved(config.values(), os.path.realpath)
     for name in dict.fromkeys([*new, *old]):
-        is_input = name == "graph" or name in given
+        is_input = name == "graph" or name in input_hashes
         is_decided = name not in new and name in trainer.decided
         if not is_input and not is_decided and old.get(name) != new.get(name):
             raise ConfigError(
@@ -245,7 +245,7 @@ def _checked_settings(
                 f"and this command has {new.get(name)}. {_ADVICE}"
             )
     # Inputs with equal hashes may have moved: the recorded settings get their current paths.
-    paths = {name: getattr(config, name) for name in given if hasattr(config, name)}
+    paths = {name: getattr(config, name) for name in input_hashes if hasattr(config, name)}
     return replace(recorded, graph=config.graph, **paths)
 
 

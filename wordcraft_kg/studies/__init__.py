@@ -6,8 +6,8 @@ Read ``study`` first: it says what a study is. Then follow a study through the r
 |---|---|
 | ``study``, ``builtin/`` | the TOML file: variants, grid, seeds, claims; the package's studies |
 | ``plan`` | tasks that make graphs, scorers and runs; equal tasks are planned once |
-| ``engine``, ``perform`` | missing tasks by joblib or Ray, inputs first; what a worker does with one |
-| ``store``, ``results`` | the results folder, and the record with all results |
+| ``engine``, ``perform`` | missing tasks by joblib or Ray, inputs first; a worker's part |
+| ``results`` | the results folder, and the record with all results |
 | ``view``, ``claims`` | means, intervals, comparisons and verdicts |
 | ``report`` | the same as text, CSV, pictures and page |
 

@@ -26,8 +26,9 @@ from wordcraft_kg.base.settings import CORES_VARIABLE, cores
 from wordcraft_kg.runs.run_folder import first_interrupt, sigterm_as_interrupt
 from wordcraft_kg.studies.perform import check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Kind, Outcome, Plan, Task, make_plan
-from wordcraft_kg.studies.results import METRICS_FILE, StudyResults
-from wordcraft_kg.studies.store import (
+from wordcraft_kg.studies.results import (
+    METRICS_FILE,
+    StudyResults,
     collect_study,
     forget_failure,
     note_failure,
@@ -224,10 +225,10 @@ def missing_tasks(plan: Plan, root: Path) -> list[Task]:
             missing[address] = task
     # Scorers first: a damaged scorer is trained again, and so needs a whole graph.
     for kind in ("scorers", "graphs"):
-        needed: set[str] = set()
+        inputs: set[str] = set()
         for task in missing.values():
-            needed.update(task.needs)
-        for address in needed - missing.keys():
+            inputs.update(task.needs)
+        for address in inputs - missing.keys():
             task = plan.tasks[address]
             if task.kind == kind and not _passes(check_whole, task, root):
                 missing[address] = task
@@ -253,8 +254,8 @@ def _ready(wave: Sequence[Task], plan: Plan, root: Path, state: StudyProgress) -
             ready.append(task)
             continue
         # Named as failed, too: otherwise the study would seem to wait for them.
-        why = f"{plan.tasks[broken[0]].title} failed: {state.failed[broken[0]].error}"
-        _fail(Outcome(task.address, "failed", why), plan, root, state)
+        reason = f"{plan.tasks[broken[0]].title} failed: {state.failed[broken[0]].error}"
+        _fail(Outcome(task.address, "failed", reason), plan, root, state)
     return ready
 
 

@@ -278,16 +278,18 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     from wordcraft_kg.models.scorers.kernel import KernelScorer
 
     opened = open_graph(graph)
-    whole = opened.graph
+    graph_of_book = opened.graph
 
     def make(recipes):  # type: ignore[no-untyped-def]
         if name == "kernel":
-            return KernelScorer(whole, recipes, glove_features(whole.entities).vectors)
+            return KernelScorer(
+                graph_of_book, recipes, glove_features(graph_of_book.entities).vectors
+            )
         kind = SymbolicScorer if name == "facts" else NeighbourScorer
-        return kind(whole, recipe_triples(recipes))
+        return kind(graph_of_book, recipe_triples(recipes))
 
     is_full = settings.get("kg", "partial") == "full"
-    scorer = make(whole.recipes) if is_full else cross_fit(opened.split, make)
+    scorer = make(graph_of_book.recipes) if is_full else cross_fit(opened.split, make)
     save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)
 
 

@@ -102,9 +102,9 @@ def signed(value: float, form: str) -> str:
 def _mrr(at: VariantMetrics) -> str:
     if at.mrr is None or at.mrr_range is None:
         return ""
-    least, most = at.mrr_range
-    low = f"{least:.3f}"
-    high = f"{most:.3f}"
+    lowest, highest = at.mrr_range
+    low = f"{lowest:.3f}"
+    high = f"{highest:.3f}"
     # Variants often share one scorer: then there is no range to show.
     shown_range = "" if low == high else f" ({low}–{high})"
     return f"{at.mrr:.3f}{shown_range}"
@@ -241,8 +241,8 @@ def lines_of(view: StudyView) -> Iterator[str]:
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
-        named = f"{first.variant}, seed {first.seed}"
-        yield f"{number} without results; the first, {named}: {first.why}"
+        training = f"{first.variant}, seed {first.seed}"
+        yield f"{number} without results; the first, {training}: {first.why}"
 
 
 def _compared(view: StudyView) -> str:
@@ -328,7 +328,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         The page with its charts, and the files ``table.csv`` and ``figure.svg``.
     """
     # A claim has one verdict for each grid point, all in a row: the page prints its text once.
-    claims = [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))]
+    claims = [list(verdicts) for _, verdicts in groupby(view.claims, key=attrgetter("text"))]
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
@@ -422,11 +422,11 @@ def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Chart:
         has_several = has_several or len(agents) > 1
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for scatter in scatters:
-        how = "in-sample" if scatter.in_sample else "cross-fitted"
+        scoring = "in-sample" if scatter.in_sample else "cross-fitted"
         for at in scatter.points:
             # One agent alone needs no name: what then tells points apart is how train tasks are
             # scored.
-            name = at.variant if has_several else how
+            name = at.variant if has_several else scoring
             mrr: Estimate = (at.mrr, *at.mrr_range)
             success: Estimate = (at.success, *at.interval)
             series.setdefault(name, []).append((at.label, mrr, success))

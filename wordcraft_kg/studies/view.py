@@ -528,12 +528,12 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     """
     missing = results.missing
     if not results.runs:
-        why = ""
+        reason = ""
         if missing:
             first = missing[0].why.rstrip(".")
-            why = f" The first: {first}."
+            reason = f" The first: {first}."
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(missing):,} missing.{why} "
+            f"study '{results.name}' has no finished run, {len(missing):,} missing.{reason} "
             f"Run the study first: {results.command}"
         )
     points: dict[bytes, tuple[Values, Runs]] = {}
@@ -551,9 +551,9 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
         in_order = {name: runs[name] for name in names}
         cells.append((values, in_order))
     for values, runs in cells:
-        where = f" with {title_of(values)}" if values else ""
+        condition = f" with {title_of(values)}" if values else ""
         for variant, members in runs.items():
-            cell = f"'{variant}'{where}"
+            cell = f"'{variant}'{condition}"
             _check_alike(results, cell, members)
     return cells
 
@@ -619,12 +619,12 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
 
 def _p_values(points: Sequence[PointMetrics]) -> list[float]:
     """Return all p-values of a study, in the order of points and variants."""
-    found: list[float] = []
+    p_values: list[float] = []
     for point in points:
         for entry in point.variants:
             if entry.comparison is not None and entry.comparison.p_value is not None:
-                found.append(entry.comparison.p_value)
-    return found
+                p_values.append(entry.comparison.p_value)
+    return p_values
 
 
 def _corrected(points: Sequence[PointMetrics]) -> list[PointMetrics]:
@@ -641,8 +641,8 @@ def _corrected(points: Sequence[PointMetrics]) -> list[PointMetrics]:
         comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
         return msgspec.structs.replace(entry, comparison=comparison)
 
-    changed: list[PointMetrics] = []
+    corrected_points: list[PointMetrics] = []
     for point in points:
         variants = tuple(with_p(entry) for entry in point.variants)
-        changed.append(msgspec.structs.replace(point, variants=variants))
-    return changed
+        corrected_points.append(msgspec.structs.replace(point, variants=variants))
+    return corrected_points

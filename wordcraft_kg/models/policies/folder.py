@@ -22,8 +22,8 @@ from wordcraft_kg.base.artefacts import (
     write_atomically,
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError, reason
-from wordcraft_kg.base.feature_spec import LEARNED
 from wordcraft_kg.base.records import Count, Record, as_values, read_record
+from wordcraft_kg.base.settings import LEARNED
 from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

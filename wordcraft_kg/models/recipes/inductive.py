@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
-from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.labels import LabelIndex
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base.settings import FeatureSpec, nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.scorers.cross_fitting import whole_of

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
-from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.labels import LabelIndex
 from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.settings import FeatureSpec
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

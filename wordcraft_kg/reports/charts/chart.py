@@ -40,8 +40,8 @@ def element(name: str, /, *inside: object, **attributes: object) -> Markup:
     """
     opening = "<" + name
     for key, value in attributes.items():
-        written = key.rstrip("_").replace("_", "-")
-        opening += f' {written}="{for_html(value)}"'
+        attribute = key.rstrip("_").replace("_", "-")
+        opening += f' {attribute}="{for_html(value)}"'
     if not inside:
         return Markup(opening + "/>")
     content = "".join(map(for_html, inside))
@@ -58,8 +58,8 @@ def shortened(text: str, letters: int) -> str:
     if len(text) <= letters:
         return text
     # Room for the ellipsis, but never less than the first letter.
-    kept = max(letters - 1, 1)
-    return text[:kept].rstrip() + "…"
+    num_letters = max(letters - 1, 1)
+    return text[:num_letters].rstrip() + "…"
 
 
 def spread(
@@ -283,7 +283,7 @@ def as_file(panels: Sequence[tuple[str, Chart]], title: str) -> str:
     width, height = (round(inches * _POINTS) for inches in figure.get_size_inches())
     dark = Markup(f"@media screen and (prefers-color-scheme: dark) {{\n{dark_rules()}\n}}")
     page = element("rect", width=width, height=height, fill=LIGHT["page"])
-    whole = element(
+    svg = element(
         "svg",
         element("title", title),
         element("style", dark),
@@ -298,7 +298,7 @@ def as_file(panels: Sequence[tuple[str, Chart]], title: str) -> str:
         font_family="Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif",
         stroke_linejoin="round",
     )
-    return f"{whole}\n"
+    return f"{svg}\n"
 
 
 @contextmanager
@@ -335,9 +335,9 @@ def _with_attributes(tag: re.Match[str]) -> str:
 
 def _attributes(style: re.Match[str]) -> str:
     """Return rules of CSS as attributes of SVG."""
-    written = ""
+    attributes = ""
     for name, value in _RULE.findall(style[1]):
         # The page has its own letters, and shows them in the size that Matplotlib has measured.
         if name != "font-family":
-            written += f' {name}="{value}"'
-    return written
+            attributes += f' {name}="{value}"'
+    return attributes

@@ -12,10 +12,10 @@ import pytest
 from configured import in_file
 from quick import QUICK, TINY, same, text_of
 
-from wordcraft_kg.cli.progress import Progress
 from wordcraft_kg.evaluation import links
 from wordcraft_kg.graphs import RELATIONS, Split, open_graph
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
+from wordcraft_kg.runs.progress import ProgressBar
 
 METRICS = ("mrr", "hits@1", "hits@3", "hits@10")
 WEIGHTS = "model.safetensors"
@@ -161,7 +161,7 @@ def test_ctrl_c_ends_with_130_and_the_same_command_goes_on(
     command = ("train-complex", *settings, "--out", tmp_path / "model")
     with monkeypatch.context() as patch:
         patch.setattr(
-            Progress,
+            ProgressBar,
             "__call__",
             lambda self, done, *_: done == 2 and signal.raise_signal(signal.SIGINT),
         )

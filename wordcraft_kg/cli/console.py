@@ -19,7 +19,7 @@ from wordcraft_kg.base.artefacts import check_output_file, json_text, staged_fil
 from wordcraft_kg.base.errors import ConfigError, StdoutError
 from wordcraft_kg.base.progress import listening
 from wordcraft_kg.base.wording import code_point, for_json, for_terminal, quoted
-from wordcraft_kg.cli.progress import Progress, Stages
+from wordcraft_kg.runs.progress import ProgressBar, Stages
 
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
@@ -64,7 +64,7 @@ class Output:
             BrokenPipeError: if the reader of stdout has closed it, as `| head` does.
         """
         # Training may end before the last epoch.
-        Progress.close_current()
+        ProgressBar.close_current()
         # Labels and names come from files that anyone may have written: control characters could
         # rewrite what the terminal shows.
         if self.json:
@@ -87,11 +87,11 @@ class Output:
             ) from None
 
     # Progress goes to stderr, so that a result on stdout can be piped.
-    def progress(self, what: str, unit: str = "epoch") -> Progress:
+    def progress(self, what: str, unit: str = "epoch") -> ProgressBar:
         """Return a reporter that shows progress of the work ``what`` on stderr, by ``unit``."""
         # A training that stopped early has not reported the end.
-        Progress.close_current()
-        return Progress(what, unit=unit, hidden=self.quiet)
+        ProgressBar.close_current()
+        return ProgressBar(what, unit=unit, hidden=self.quiet)
 
     @contextmanager
     def session(self) -> Iterator[None]:
@@ -102,7 +102,7 @@ class Output:
         logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Stderr()])
         logging.captureWarnings(True)
         logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
-        with listening(None if self.quiet else Stages()), Progress.session():
+        with listening(None if self.quiet else Stages()), ProgressBar.session():
             yield
 
 

@@ -10,7 +10,7 @@ interrupted run with the same settings, and a trainer is a subclass of
 :class:`~wordcraft_kg.runs.training.Training`. Then read ``config_file`` (settings and
 ``config.toml``), ``run_folder`` (begin, resume, interrupt, finish, fail, replace), ``record``
 (``run.json``, verified files, model cards) and ``checkpoints`` (also of parts that are trained in
-parallel processes). ``trackers`` sends metrics to other tools.
+parallel processes). ``trackers`` sends metrics to other tools, and ``progress`` shows a bar.
 
 Trackers and texts of cards may be added freely. ``run.json`` and ``config.toml`` are read by later
 versions, so fields are only added, with a default. The order of writes in ``run_folder`` and

@@ -15,6 +15,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsErr
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig, moved
+from wordcraft_kg.runs.progress import ProgressBar
 from wordcraft_kg.runs.record import RUN_FILE, RunFiles, RunRecord, read_run
 from wordcraft_kg.runs.run_folder import (
     Progress,
@@ -26,7 +27,6 @@ from wordcraft_kg.runs.run_folder import (
 )
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 
-_SHOWN_BY_TQDM = ("epoch", "seconds", "steps_per_second")
 _ADVICE = "Choose another `out`, or train again with `force`."
 C = TypeVar("C", bound=RunConfig)
 P = TypeVar("P")
@@ -305,26 +305,16 @@ def shown(
     """Yield a progress callback.
 
     Args:
-        progress: a callback; True for a progress bar in a terminal or notebook; None or False for
-            none.
+        progress: a callback; True for a progress bar in a terminal or notebook, or lines elsewhere;
+            None or False for none.
         name: label of the bar.
-        unit: epoch or step; numbers of steps are shown as thousands and millions.
+        unit: epoch or step.
     """
     if progress is not True:
         yield progress or None
         return
-    from tqdm.auto import tqdm
-
-    with tqdm(desc=name, unit=unit, unit_scale=unit == "step") as bar:
-
-        def show(
-            done: int,
-            total: int,
-            figures: dict[str, float],
-        ) -> None:
-            bar.total = total
-            names = [name for name in figures if name not in _SHOWN_BY_TQDM]
-            bar.set_postfix({name: f"{figures[name]:.4g}" for name in names}, refresh=False)
-            bar.update(done - bar.n)  # tqdm counts differences
-
-        yield show
+    bar = ProgressBar(name, unit=unit)
+    try:
+        yield bar
+    finally:
+        bar.close()

@@ -39,7 +39,7 @@ from wordcraft_kg.base.statistics import (
     student_interval,
     task_bootstrap,
 )
-from wordcraft_kg.studies import claims, variants
+from wordcraft_kg.studies import claims, view
 
 Table = NDArray[np.float64]
 Trial = Callable[[np.random.Generator], tuple[tuple[float, float], float]]
@@ -187,7 +187,7 @@ def steps_of_mean(speed: float, seeds: int, _: int) -> Trial:
     """Steps until the mean curve reaches the mean end of the reference, as tables count them."""
 
     def reached(number: int, rng: np.random.Generator) -> tuple[int | None, Any]:
-        return variants._reached(runs(curves(number, rng, speed)), runs(curves(number, rng, 4.0)))
+        return view._reached(runs(curves(number, rng, speed)), runs(curves(number, rng, 4.0)))
 
     expected = reached(20_000, np.random.default_rng(1))[0]
     assert expected is not None

@@ -52,7 +52,7 @@ def page() -> str:
             *_tables(own, name),
             "",
             "```",
-            *manual_of(name).module.EXAMPLES,
+            *manual_of(name).examples,
             "```",
         ]
     (common,) = shared

@@ -30,11 +30,16 @@ from wordcraft_kg.base.statistics import FEWEST_PAIRS
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
-from wordcraft_kg.studies.results import StudyResults, results_text
-from wordcraft_kg.studies.store import collect_study, studies_of
+from wordcraft_kg.studies.results import StudyResults, collect_study, results_text, studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
-from wordcraft_kg.studies.variants import PointMetrics, ScorerScatter, VariantMetrics
-from wordcraft_kg.studies.view import StudyView, title_of, view_study
+from wordcraft_kg.studies.view import (
+    PointMetrics,
+    ScorerScatter,
+    StudyView,
+    VariantMetrics,
+    title_of,
+    view_study,
+)
 
 HERE = Path(__file__).parent
 ARCHIVE = HERE / "results.zip"

@@ -21,8 +21,8 @@ from wordcraft_kg.models.scorers.folder import write_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
+from wordcraft_kg.runs.record import RunFiles
+from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training, train
 

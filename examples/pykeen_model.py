@@ -7,7 +7,7 @@ import torch
 from pykeen.pipeline import pipeline
 
 from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
-from wordcraft_kg.evaluation.link_comparison import Contender, compare
+from wordcraft_kg.evaluation.ranked_links import Contender, compare
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 

@@ -18,7 +18,7 @@ GRAPH = (
     ("export", "{}", "--format", "json", "--out", "out"),
     ("check-book", "{}"),
     ("build-graph", "{}", "--out", "out"),
-    ("tasks", "{}", "--limit", "2", "--json"),
+    ("describe", "{}", "--tasks", "--limit", "2", "--json"),
     ("evaluate-agent", "{}", "--distractor-seeds", "1", "--distractors", "1"),
     ("discover", "{}", "--runs", "1", "--attempts", "3", "--out", "out.html"),
     ("evaluate-agent", "in/agent", "--graph", "{}", "--distractor-seeds", "1"),

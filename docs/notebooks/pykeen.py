@@ -22,7 +22,7 @@ from wordcraft_kg import (
     train_links,
     train_recipes,
 )
-from wordcraft_kg.evaluation.link_comparison import Contender, compare
+from wordcraft_kg.evaluation.ranked_links import Contender, compare
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 torch.set_num_threads(1)  # more threads are slower on models this small

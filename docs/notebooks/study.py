@@ -10,9 +10,8 @@ from IPython.display import SVG, Markdown
 
 from wordcraft_kg import Study, run_study
 from wordcraft_kg.studies.claims import in_words
-from wordcraft_kg.studies.report import study_figure
+from wordcraft_kg.studies.report import notes, study_figure, tables_of
 from wordcraft_kg.studies.study import Claim
-from wordcraft_kg.studies.tables import notes, tables_of
 from wordcraft_kg.studies.view import view_study
 
 pd.set_option("display.max_colwidth", None)

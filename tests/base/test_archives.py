@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wordcraft_kg.base.archives import ZipArchive, gunzip, read_lines
+from wordcraft_kg.base.artefacts import ZipArchive, gunzip, read_lines
 from wordcraft_kg.base.errors import ConfigError
 
 PATH = Path("from-elsewhere.zip")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wordcraft_kg.base.escaping import (
+from wordcraft_kg.base.wording import (
     for_file,
     for_html,
     for_json,

@@ -2,15 +2,15 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from wordcraft_kg.base import registry
-from wordcraft_kg.base.registry import Registry
+from wordcraft_kg.base import extras
+from wordcraft_kg.base.extras import Registry
 
 
 def installed(monkeypatch, **things):
     """Pretend that packages with entry points are installed; a function stands for what loading
     does."""
     points = [SimpleNamespace(name=name, load=load) for name, load in things.items()]
-    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    monkeypatch.setattr(extras, "entry_points", lambda group: points)
 
 
 def test_an_entry_point_names_a_thing_or_a_module_that_adds_things(monkeypatch):

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.spelling import case_key, means_another, signs_of, spelling_key
+from wordcraft_kg.base.wording import case_key, means_another, signs_of, spelling_key
 
 DIFFERENT = [
     *[("C", "C-"), ("O2", "O2-"), ("OH", "OH-"), ("H+", "H"), ("C\u207b", "C"), ("c", "c++")],

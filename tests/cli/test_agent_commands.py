@@ -347,7 +347,7 @@ def shown(run, home):
     """Run ``tasks`` with ``--json``, and return its object."""
 
     def shown(*arguments):
-        outcome = run("tasks", *arguments, "--json")
+        outcome = run("describe", *arguments, "--tasks", "--json")
         assert (outcome.code, outcome.err) == (0, "")
         return json.loads(outcome.out)
 
@@ -356,7 +356,17 @@ def shown(run, home):
 
 def test_tasks_are_printed_with_their_table_and_plans(run, home):
     (home / "brewery.csv").write_text(BREWERY, encoding="utf-8")
-    outcome = run("tasks", home / "brewery.csv", "--depth", 2, "--distractors", 0, "--part", "all")
+    outcome = run(
+        "describe",
+        home / "brewery.csv",
+        "--tasks",
+        "--depth",
+        2,
+        "--distractors",
+        0,
+        "--part",
+        "all",
+    )
     assert (outcome.code, outcome.err) == (0, "")
     heading, shown = outcome.out.split("\n\n")
     facts = {tuple(line.split()) for line in heading.splitlines()}

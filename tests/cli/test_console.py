@@ -46,7 +46,7 @@ HELPED = ["train-complex", "train-links", "train-agent", "score"]
 def test_misuse_is_said_plainly_with_usage_and_an_example(refused, arguments, error, usage):
     message, *hints = refused(*arguments.split(), code=2).splitlines()
     assert message.startswith(f"error: {error}")
-    example = manual_of(arguments.split()[0]).module.EXAMPLES[0]
+    example = manual_of(arguments.split()[0]).examples[0]
     assert hints == [f"usage:   wordcraft-kg {usage} [OPTIONS]", f"example: {example}"]
 
 
@@ -151,12 +151,13 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
         assert re.fullmatch(rf"Usage: wordcraft-kg {name}\b(?!.*ARGS).*\[OPTIONS\]", usage), name
         # Arguments are shown by their place alone.
         assert not re.search(r"│[ *]+[A-Z_]+ --", outcome.out), name
-        module = manual_of(name).module
-        assert len(module.EXAMPLES) >= 2, name
-        assert all(example in outcome.out for example in (*module.EXAMPLES, "--json")), name
+        assert len(manual_of(name).examples) >= 2, name
+        assert all(example in outcome.out for example in (*manual_of(name).examples, "--json")), (
+            name
+        )
         shown = option.findall(outcome.out)
         assert len(shown) <= 30, name
-        assert not set(getattr(module, "FILE_ONLY", ())) & set(shown), name
+        assert not set(manual_of(name).file_only) & set(shown), name
         if "--force" in outcome.out:
             forced.add(name)
             if name in core or name.split()[0] in ("people", "explore"):
@@ -175,7 +176,7 @@ def test_options_of_the_file_are_refused_on_the_command_line(run, refused, tmp_p
     assert "--momentum" not in text
 
 
-EXAMPLES = [(name, example) for name in ALL for example in manual_of(name).module.EXAMPLES]
+EXAMPLES = [(name, example) for name in ALL for example in manual_of(name).examples]
 
 
 @pytest.mark.parametrize(("name", "example"), EXAMPLES)
@@ -205,18 +206,20 @@ def test_tables_have_aligned_columns_and_no_empty_ones(rows, numbers, lines):
 
 def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_path):
     config = tmp_path / "odd.toml"
-    config.write_text("[tasks]\nseed = 1.5\n")
-    refused("tasks", "kitchen", "--config", config, says='unable to convert "1.5" into int', code=2)
-    config.write_text("[tasks]\nseed = 1\nlimit = 0\n")
-    assert run("tasks", "kitchen", "--config", config).code == 0
+    config.write_text("[describe]\nseed = 1.5\n")
+    refused(
+        "describe", "kitchen", "--config", config, says='unable to convert "1.5" into int', code=2
+    )
+    config.write_text("[describe]\ntasks = true\nseed = 1\nlimit = 0\n")
+    assert run("describe", "kitchen", "--config", config).code == 0
 
 
 def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, tmp_path):
     """The application is kept between command lines; the last file's options must not stay."""
     config = tmp_path / "odd.toml"
-    config.write_text("[tasks]\nseed = 1.5\n")
-    refused("tasks", "kitchen", "--config", config, says="unable to convert", code=2)
-    _, bound, _ = make_app().parse_args(["tasks", "kitchen"], exit_on_error=False)
+    config.write_text("[describe]\nseed = 1.5\n")
+    refused("describe", "kitchen", "--config", config, says="unable to convert", code=2)
+    _, bound, _ = make_app().parse_args(["describe", "kitchen"], exit_on_error=False)
     assert "seed" not in bound.arguments
 
 
@@ -296,9 +299,9 @@ def test_misuse_of_two_word_commands_is_said_as_of_others(refused):
     ("text", "says"),
     [
         ("[people.summary]\nexport = 'answers'\n[describe]\n", "--export takes one folder"),
-        ("[people.serve]\n", "no table [people.summary]; found people.serve.\n"),
+        ("[people.serve]\n", "no table [people.summary]; found people. Put the options"),
         *(
-            (text, "is not a table named after a command")
+            (text, "no table [people.summary]; found people.")
             for text in (
                 "[people.sew]\nrows = 4\n",
                 "people = 1\n",
@@ -378,9 +381,7 @@ def test_the_wrong_kind_of_folder_is_named(refused, folders, command, taken, exp
         assert error == f"error: '{path}' {IS[name]}; {expected}.\n"
 
 
-@pytest.mark.parametrize(
-    "command", ["describe", "tasks", "train-complex", "build-graph", "check-book"]
-)
+@pytest.mark.parametrize("command", ["describe", "train-complex", "build-graph", "check-book"])
 def test_other_folders_are_not_taken_for_graphs(refused, folders, command):
     for name in ("agent", "model", "report", "own", "empty"):
         refused(command, folders / name, says=f"error: '{folders / name}' {IS[name]}; expected a ")
@@ -451,7 +452,6 @@ IN_ORDER = (
         "build-graph",
         "describe",
         "export",
-        "tasks",
         "train-complex",
         "train-links",
     ),
@@ -476,7 +476,7 @@ def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, mo
     rows = ["item1;item2;product", *(";".join(recipe) for recipe in open_book("kitchen").recipes)]
     (tmp_path / "recipes.txt").write_text("\n".join(rows))
     for name in IN_ORDER:
-        for example in manual_of(name).module.EXAMPLES:
+        for example in manual_of(name).examples:
             if re.search(
                 "--fetch|--with|little-alchemy-2|runs/deep", example
             ):  # needs a network, or knowledge
@@ -492,7 +492,7 @@ BAD_VALUES = {
         *("--base=", "--base=,", "--base= , ", "--seed=-1"),
     ],
     "check-book kitchen": ["--limit=-1"],
-    "tasks kitchen": [
+    "describe kitchen --tasks": [
         "--depth=0",
         "--depth=50",
         "--distractors=-1",
@@ -540,8 +540,6 @@ BAD_VALUES = {
     "train-complex kitchen": [
         *(
             "--epochs=0",
-            "--learning-rate=nan",
-            "--learning-rate=-1",
             "--n3=-1",
             "--eval-every=2",
         ),
@@ -584,8 +582,11 @@ def test_a_bad_value_is_one_line_that_names_the_option(run, empty, home, command
 
 
 REFUSED = [
-    ("tasks evryday", "'evryday' is neither a file nor a known book. Did you mean 'everyday'"),
-    ("tasks kitchen --part valid", "kitchen has no task of depth 1 in the valid part"),
+    (
+        "describe evryday --tasks",
+        "'evryday' is neither a file nor a known book. Did you mean 'everyday'",
+    ),
+    ("describe kitchen --tasks --part valid", "kitchen has no task of depth 1 in the valid part"),
     ("check-book nowhere", "'nowhere' is neither a file nor a known book"),
     ("check-book kitchen --against evryday", "Did you mean 'everyday'"),
     ("evaluate-agent kitchn", "Did you mean 'kitchen'"),

@@ -9,12 +9,13 @@ import tomllib
 import msgspec
 import numpy as np
 import pytest
+from configured import in_file
 from quick import QUICK, TINY, same, text_of
 
-from wordcraft_kg.cli.progress import Progress
 from wordcraft_kg.evaluation import links
 from wordcraft_kg.graphs import RELATIONS, Split, open_graph
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
+from wordcraft_kg.runs.progress import ProgressBar
 
 METRICS = ("mrr", "hits@1", "hits@3", "hits@10")
 WEIGHTS = "model.safetensors"
@@ -146,7 +147,7 @@ def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
     run, tmp_path, caplog, command, says
 ):
     name, *options = command.split()
-    least = ("--dim", 1, "--epochs", 1, "--learning-rate", "1e-6", "--folds", 0, "--quiet")
+    least = ("--dim", 1, "--epochs", 1, *in_file(name, learning_rate=1e-6), "--folds", 0, "--quiet")
     assert run(name, "kitchen", *options, *least, "--out", tmp_path / "model").code == 0
     (warning,) = (message for message in caplog.messages if "hardly fits" in message)
     assert warning.endswith(f"try {says}")
@@ -160,7 +161,7 @@ def test_ctrl_c_ends_with_130_and_the_same_command_goes_on(
     command = ("train-complex", *settings, "--out", tmp_path / "model")
     with monkeypatch.context() as patch:
         patch.setattr(
-            Progress,
+            ProgressBar,
             "__call__",
             lambda self, done, *_: done == 2 and signal.raise_signal(signal.SIGINT),
         )

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from wordcraft_kg.cli.progress import MIN_BAR, Progress, Stages
+from wordcraft_kg.runs.progress import MIN_BAR, ProgressBar, Stages
 
 METRICS = {"success": 0.9407, "test_success": 0.3175, "steps_per_second": 12_439.0}
 
@@ -34,7 +34,7 @@ def terminal(monkeypatch):
 @pytest.fixture
 def at_once(monkeypatch):
     """Show every step, however soon it comes after the last one."""
-    monkeypatch.setattr(Progress, "INTERVAL", 0.0)
+    monkeypatch.setattr(ProgressBar, "INTERVAL", 0.0)
     monkeypatch.setattr(Stages, "INTERVAL", 0.0)
 
 
@@ -43,8 +43,8 @@ def test_a_training_bar_has_room_and_its_figures_are_whole(
     terminal, capsys, monkeypatch, width, num_figures
 ):
     monkeypatch.setenv("COLUMNS", str(width))
-    with Progress.session():
-        progress = Progress("agent", unit="step")
+    with ProgressBar.session():
+        progress = ProgressBar("agent", unit="step")
         for done in (9_984, 1_500_000, 3_000_000):
             progress(done, 3_000_000, METRICS)
     last = terminal(capsys.readouterr().err)[-1]
@@ -56,14 +56,14 @@ def test_a_training_bar_has_room_and_its_figures_are_whole(
 
 
 def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
-    show = Progress.__call__
+    show = ProgressBar.__call__
 
     def press(self, done, total, figures):
         show(self, done, total, figures)
         if self.unit == "epoch" and done == 2:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(Progress, "__call__", press)
+    monkeypatch.setattr(ProgressBar, "__call__", press)
     outcome = run(
         "train-complex",
         "kitchen",
@@ -96,7 +96,7 @@ def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
             ["writing the export"],
         ),
         (["check-book", "kitchen"], ["checking the book"]),
-        (["tasks", "kitchen", "--depth", "2"], ["finding tasks"]),
+        (["describe", "kitchen", "--tasks", "--depth", "2"], ["finding tasks"]),
         (
             ["discover", "kitchen", "--runs", "2", "--attempts", "5"],
             ["playing random: 1 of 2", "playing greedy"],

@@ -211,26 +211,24 @@ def test_a_file_of_recipes_gives_what_single_ones_give(
 
 
 def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
-    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe
-    from wordcraft_kg.evaluation.scores import ScoringModel
+    from wordcraft_kg.evaluation.scores import RecipeScoring, ScoringModel
 
     a, b, result = in_part("train")
     model = ScoringModel(scorer, None, None, "no graph")
-    view = view_open_recipe(RecipeScoring.of(model), RecipeQuery(a, b, None), 80)
+    view = RecipeScoring(model).view_open(RecipeQuery((a, b, None)), 80)
     assert {row.known for row in view.top} == {None}
     assert result in [row.result for row in view.top if row.in_sample]
 
 
 @pytest.mark.parametrize("slots", [("flour", "waater", "dough"), ("flour", "waater", None)])
 def test_an_unknown_label_of_a_recipe_is_an_unknown_entity(scorer, slots):
-    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, score_recipe_queries
-    from wordcraft_kg.evaluation.scores import ScoringModel
+    from wordcraft_kg.evaluation.scores import RecipeScoring, ScoringModel
 
-    scoring = RecipeScoring.of(ScoringModel(scorer, None, None, "no graph"))
+    scoring = RecipeScoring(ScoringModel(scorer, None, None, "no graph"))
     with pytest.raises(UnknownEntityError, match=r"no entity 'waater' .*'water'"):
-        scoring.rows(RecipeQuery(*slots))
+        scoring.rows(RecipeQuery(slots))
     with pytest.raises(UnknownEntityError, match="no entity 'waater'"):
-        list(score_recipe_queries(scoring, [RecipeQuery(*slots)], 3))
+        list(scoring.score_queries([RecipeQuery(slots)], 3))
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ from msgspec.structs import asdict
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
-from wordcraft_kg.evaluation import link_comparison
-from wordcraft_kg.evaluation.link_comparison import Contender, compare
+from wordcraft_kg.evaluation import ranked_links
+from wordcraft_kg.evaluation.ranked_links import Contender, compare
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.model import History, Model
@@ -102,7 +102,7 @@ def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
 ):
     everything = len(opened_kitchen.split.held_out("test"))
     assert compared(frequency, frequency).sampled_from is None
-    monkeypatch.setattr(link_comparison, "MAX_QUERIES", 80)
+    monkeypatch.setattr(ranked_links, "MAX_QUERIES", 80)
     found = compared(frequency, frequency)
     assert (found.triples, found.queries, found.sampled_from) == (40, 80, everything)
 

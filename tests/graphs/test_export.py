@@ -10,7 +10,7 @@ from refusals import refuses
 
 from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_book, open_graph
 from wordcraft_kg.base.errors import OutputExistsError
-from wordcraft_kg.cli.export import Format
+from wordcraft_kg.cli.graphs import Format
 from wordcraft_kg.graphs import Recipe, RecipeBook, read_book
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph, triples_frame
 from wordcraft_kg.graphs.folder import OpenedGraph, entities_frame

@@ -27,8 +27,7 @@ from wordcraft_kg.graphs import SplitConfig, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.reports.agent_pictures import slot_rows
-from wordcraft_kg.reports.agent_report import make_agent_report
+from wordcraft_kg.reports.agent_report import make_agent_report, slot_rows
 from wordcraft_kg.reports.pages import render
 
 TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320)

@@ -14,7 +14,7 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.agent_pictures import contribution_bar
+from wordcraft_kg.reports.agent_report import contribution_bar
 from wordcraft_kg.reports.charts import Made, colour_of, layered
 from wordcraft_kg.reports.charts.palette import COLOURS, DARK, DARK_SERIES, LIGHT, LIGHT_SERIES
 

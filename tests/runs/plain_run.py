@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.folder import RunKind, new_run
+from wordcraft_kg.runs.run_folder import RunKind, new_run
 
 PLAIN = RunKind(("train-agent",), "agent", unit="step", progress=dict[str, int])
 

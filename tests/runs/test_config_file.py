@@ -7,7 +7,7 @@ import pytest
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.base.feature_spec import FeatureSpec
+from wordcraft_kg.base.settings import FeatureSpec
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.config_file import read_config, write_config

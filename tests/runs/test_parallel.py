@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, TrainingError
-from wordcraft_kg.runs.parallel import train_in_processes
+from wordcraft_kg.runs.checkpoints import train_in_processes
 
 
 @dataclass(frozen=True)

@@ -29,16 +29,16 @@ from wordcraft_kg.agents.agent_folder import AGENTS
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 from wordcraft_kg.models.links.training import LinksTraining
-from wordcraft_kg.runs import folder as folder_module
+from wordcraft_kg.runs import run_folder as folder_module
 from wordcraft_kg.runs.checkpoints import Checkpoints
-from wordcraft_kg.runs.folder import (
+from wordcraft_kg.runs.record import read_run
+from wordcraft_kg.runs.run_folder import (
     RunKind,
     check_new_run,
     check_run_output,
     new_run,
     resumed_run,
 )
-from wordcraft_kg.runs.record import read_run
 
 
 class Links:

@@ -6,12 +6,11 @@ import sys
 
 import pytest
 
-from wordcraft_kg.base.artefacts import read_large_file, sha256_of
+from wordcraft_kg.base.artefacts import locked, read_large_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.locks import locked
 from wordcraft_kg.runs.checkpoints import Checkpoints
-from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import (
+    RunFiles,
     check_done,
     end_run,
     read_finished_run,

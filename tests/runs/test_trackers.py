@@ -176,5 +176,7 @@ def test_a_bar_is_shown_on_stderr_only_if_it_is_wished_for(wish, is_shown, tmp_p
     train_agent(AGENT, tmp_path / "run", progress=wish)
     shown = capsys.readouterr()
     assert shown.out == ""
-    assert ("links" in shown.err and "3/3" in shown.err and "1.60k/1.60k" in shown.err) == is_shown
+    assert (
+        "links" in shown.err and "epoch 3 of 3" in shown.err and "step 1,600 of 1,600" in shown.err
+    ) == is_shown
     assert bool(shown.err) == is_shown

@@ -7,10 +7,9 @@ from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import Pool, run_plan
 from wordcraft_kg.studies.perform import perform
-from wordcraft_kg.studies.plan import make_plan
+from wordcraft_kg.studies.plan import Outcome, make_plan
 from wordcraft_kg.studies.results import RunMetrics, ScorerMetrics, write_metrics
 from wordcraft_kg.studies.study import parse_study
-from wordcraft_kg.studies.tasks import Outcome
 
 TEXT = """
 title = "A comparison"

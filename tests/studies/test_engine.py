@@ -30,23 +30,24 @@ from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
-from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.runs.run_folder import locked
 from wordcraft_kg.studies.engine import FullDiskError, Pool, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
-from wordcraft_kg.studies.plan import agent_config, make_plan
+from wordcraft_kg.studies.plan import Outcome, agent_config, make_plan
 from wordcraft_kg.studies.report import make_study_report
 from wordcraft_kg.studies.results import (
     RunMetrics,
     StudyResults,
+    collect_study,
+    failure_of,
     hash_of,
+    own_results,
     read_metrics,
     results_text,
     write_metrics,
 )
-from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
-from wordcraft_kg.studies.tasks import Outcome
 from wordcraft_kg.studies.view import view_study
 
 

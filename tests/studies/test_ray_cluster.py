@@ -11,11 +11,10 @@ from small_study import KITCHEN, TEXT, small_plan
 
 from wordcraft_kg.base.errors import ConfigError, MissingExtraError
 from wordcraft_kg.base.settings import CORES_VARIABLE
-from wordcraft_kg.studies.engine import Pool, run_plan
+from wordcraft_kg.studies.engine import Pool, ray_cluster, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
-from wordcraft_kg.studies.ray_cluster import ray_cluster
-from wordcraft_kg.studies.store import collect_study
-from wordcraft_kg.studies.tables import lines_of
+from wordcraft_kg.studies.report import lines_of
+from wordcraft_kg.studies.results import collect_study
 from wordcraft_kg.studies.view import view_study
 
 

@@ -17,8 +17,7 @@ from wordcraft_kg.base.records import as_values, read_record
 from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.studies.engine import Pool, run_plan
 from wordcraft_kg.studies.plan import make_plan
-from wordcraft_kg.studies.results import RunResult, StudyResults, results_text
-from wordcraft_kg.studies.store import collect_study
+from wordcraft_kg.studies.results import RunResult, StudyResults, collect_study, results_text
 from wordcraft_kg.studies.study import parse_study
 
 FILE = Path(__file__).parent / "data" / "kitchen.json"

@@ -18,14 +18,16 @@ from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.studies.report import (
+    as_csv,
     make_study_report,
     panels_of,
+    signed,
     study_figure,
+    tables_of,
     write_study_report,
 )
 from wordcraft_kg.studies.results import Missing
 from wordcraft_kg.studies.study import Claim
-from wordcraft_kg.studies.tables import as_csv, signed, tables_of
 from wordcraft_kg.studies.view import StudyView, view_study
 
 ODD = r"a_b & 50% | <i>#{x}^~\ *y*"

@@ -28,9 +28,8 @@ from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import RunKind
-from wordcraft_kg.runs.record import RunRecord, run_name
+from wordcraft_kg.runs.record import RunFiles, RunRecord, run_name
+from wordcraft_kg.runs.run_folder import RunKind
 
 AGENTS = RunKind(AgentConfig.commands, "agent", unit="step", progress=AgentProgress)
 _METRICS = "metrics.jsonl"

@@ -10,8 +10,7 @@ from wordcraft_kg.agents.records import AgentSummary
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.config import PolicyKind
 from wordcraft_kg.models.policies.folder import usage
-from wordcraft_kg.runs.cards import front_matter
-from wordcraft_kg.runs.record import RunRecord
+from wordcraft_kg.runs.record import RunRecord, front_matter
 
 _KINDS: dict[PolicyKind, str] = {
     "pairs": "Actor-critic on pairs",

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
+from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.base.wording import counted

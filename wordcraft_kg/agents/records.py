@@ -12,7 +12,7 @@ from wordcraft_kg.base.artefacts import read_large_file
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share, parse_lines
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import RunFiles
 
 EPISODES_FILE = "episodes.jsonl"
 """Name of the file with the episodes of the final evaluation, a line for each task."""

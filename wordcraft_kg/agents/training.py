@@ -55,9 +55,8 @@ from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.planning.source import BestPlan, P
 from wordcraft_kg.runs.checkpoints import Checkpoint
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
+from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 

@@ -147,11 +147,11 @@ def read_answer(message: str, labels: Sequence[str]) -> Pair:
     """
     text = _without_reasoning(_with_plain_signs(message, labels))
     elements = _Pairs((match[1], match[2]) for match in _ELEMENT.finditer(text))
-    written = list(_pairs_in_value(elements))
+    pairs = list(_pairs_in_value(elements))
     text = _without_tags(text, labels)
-    written = written or _in_last_json(text)
-    if written:
-        return _same([_in_line(last_line(answer), labels) for answer in written], labels)
+    pairs = pairs or _in_last_json(text)
+    if pairs:
+        return _same([_in_line(last_line(answer), labels) for answer in pairs], labels)
     line = last_line(text)
     try:
         return _in_line(line, labels)
@@ -258,7 +258,9 @@ def _same(pairs: Sequence[Pair], labels: Sequence[str]) -> Pair:
     """
     different = {tuple(sorted(pair)): pair for pair in pairs}
     if len(different) > 1:
-        ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in different.values())
+        ways = " or ".join(
+            f"{labels[first]} + {labels[second]}" for first, second in different.values()
+        )
         raise ActionError(
             f"the answer could mean several pairs: {ways[:200]}. Write one pair in the last line."
         )
@@ -377,9 +379,9 @@ def _with_names(numbers: re.Match[str], labels: Sequence[str]) -> str:
 
     Text in which a number or the word before it may belong to a label stays as it is.
     """
-    written = [number for number in numbers.groups() if number]
-    places = [int(number) - 1 for number in written]
-    is_named = any(label in written or label.casefold().startswith("item") for label in labels)
+    digits = [number for number in numbers.groups() if number]
+    places = [int(number) - 1 for number in digits]
+    is_named = any(label in digits or label.casefold().startswith("item") for label in labels)
     if is_named or not all(0 <= place < len(labels) for place in places):
         return numbers[0]
     return " + ".join(labels[place] for place in places)
@@ -396,7 +398,7 @@ def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
     pairs = []
     if not items:
         return _Mentions([], False)
-    others = [text[: items[0].start]]  # text that joins no items
+    gaps = [text[: items[0].start]]  # text that joins no items
     is_clear = not text.rstrip().endswith("?")
     for left, right in pairwise(items):
         between = text[left.end : right.start]
@@ -406,10 +408,10 @@ def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
         elif _ALTERNATIVE.fullmatch(between):
             is_clear = False
         else:
-            others.append(between)
-    others.append(text[items[-1].end :])
-    for rest in others:
-        is_clear &= not _NEGATION.search(rest) and "+" not in rest
+            gaps.append(between)
+    gaps.append(text[items[-1].end :])
+    for gap in gaps:
+        is_clear &= not _NEGATION.search(gap) and "+" not in gap
     for item in items:
         before = _LIST_NUMBER.sub("", text[: item.start], count=1)
         is_clear &= not _NUMBER_BEFORE.search(before)  # the number of another item
@@ -419,20 +421,20 @@ def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
 def _items(text: str, index: LabelIndex) -> Iterator[_Item]:
     """Yield the known items in a text from left to right, the longest at each word."""
     words = list(WORDS.finditer(text))
-    most = index.most_words + 2  # an article and the item's number
+    most_words = index.most_words + 2  # an article and the item's number
     start = 0
     while start < len(words):
         # The longest first: `fire brigade` is not the item `fire`.
-        for end in range(min(start + most, len(words)), start, -1):
+        for end in range(min(start + most_words, len(words)), start, -1):
             first = words[start]
             last = words[end - 1]
             if first[0] in ",;" or last[0] in ",;":
                 continue
-            written = " ".join(text[first.start() : last.end()].split())
-            named = places_named(written, index, by_number=True)
-            is_bare_place = written.isdigit() and index.place_of(written) is None
-            if len(named) == 1 and not is_bare_place:
-                yield _Item(first.start(), last.end(), named[0])
+            mention = " ".join(text[first.start() : last.end()].split())
+            places = places_named(mention, index, by_number=True)
+            is_bare_place = mention.isdigit() and index.place_of(mention) is None
+            if len(places) == 1 and not is_bare_place:
+                yield _Item(first.start(), last.end(), places[0])
                 start = end
                 break
         else:
@@ -460,9 +462,9 @@ def _json_values(text: str) -> Iterator[tuple[int, Any]]:
     for start in starts:
         if start < behind:
             continue
-        for written in spellings:
+        for spelling in spellings:
             with suppress(ValueError, RecursionError):
-                value, behind = decoder.raw_decode(written, start)
+                value, behind = decoder.raw_decode(spelling, start)
                 yield behind, value
                 break
 
@@ -520,8 +522,8 @@ def _pairs_in_member(name: str, member: Any) -> Iterator[str]:
 def _item(value: Any) -> str:
     """Return the item in a JSON value as text; empty if the value is none."""
     if isinstance(value, _Pairs):
-        named = [member for name, member in value if name in _LABEL_KEYS]
-        value = named[0] if len(named) == len(value) == 1 else None
+        labels = [member for name, member in value if name in _LABEL_KEYS]
+        value = labels[0] if len(labels) == len(value) == 1 else None
     # A bool is an int in Python.
     is_item = isinstance(value, str | int) and not isinstance(value, bool)
     return str(value) if is_item else ""

@@ -35,8 +35,8 @@ class WordCraftKGError(Exception):
     @property
     def setting(self) -> str:
         """The setting with the invalid value: the first name in backticks in the message, or ""."""
-        named = NAMED_SETTING.search(str(self))
-        return named[1] if named else ""
+        match = NAMED_SETTING.search(str(self))
+        return match[1] if match else ""
 
 
 class RecipeFileError(WordCraftKGError, ValueError):

@@ -1,14 +1,19 @@
-"""Required packages, extras (optional dependencies), and ``pip`` commands to install them."""
+"""Other packages: required ones, extras with ``pip`` commands, and what packages register.
+
+A registry has named objects, such as model kinds, that apps and other packages can extend.
+"""
 
 import shlex
-from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, requires, version
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, MutableMapping, Sequence
+from importlib.metadata import PackageNotFoundError, entry_points, requires, version
+from types import ModuleType
+from typing import TYPE_CHECKING, TypeVar
 
 from wordcraft_kg.base.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
+
 
 CPU_TORCH = "pip install torch --index-url https://download.pytorch.org/whl/cpu"
 """Command that installs torch for the CPU; on Linux the usual build is for CUDA, 4.4 GB more."""
@@ -22,14 +27,16 @@ def requirements(extra: str = "") -> "dict[str, Requirement]":
     """
     from packaging.requirements import Requirement
 
-    wanted: dict[str, Requirement] = {}
+    needed_packages: dict[str, Requirement] = {}
     for text in requires("wordcraft-kg") or ():
-        one = Requirement(text)
+        requirement = Requirement(text)
         # A requirement of an extra has the marker ``extra == "name"``; others may have none.
-        is_wanted = one.marker.evaluate({"extra": extra}) if one.marker else not extra
+        is_wanted = (
+            requirement.marker.evaluate({"extra": extra}) if requirement.marker else not extra
+        )
         if is_wanted:
-            wanted[one.name] = one
-    return wanted
+            needed_packages[requirement.name] = requirement
+    return needed_packages
 
 
 def unmet(extra: str = "") -> dict[str, str]:
@@ -39,14 +46,14 @@ def unmet(extra: str = "") -> dict[str, str]:
         By package name, :data:`NOT_INSTALLED` or a text with the version found and expected.
     """
     problems = {}
-    for name, one in requirements(extra).items():
+    for name, requirement in requirements(extra).items():
         try:
             installed = version(name)
         except PackageNotFoundError:
             problems[name] = NOT_INSTALLED
         else:
-            if not one.specifier.contains(installed, prereleases=True):
-                problems[name] = f"has version {installed}, expected {one.specifier}"
+            if not requirement.specifier.contains(installed, prereleases=True):
+                problems[name] = f"has version {installed}, expected {requirement.specifier}"
     return problems
 
 
@@ -102,19 +109,75 @@ def pip_install(*names: str, extra: str = "") -> str:
         >>> pip_install(extra="explore")
         "pip install 'starlette<2,>=0.46' 'uvicorn<1,>=0.34'"
     """
-    known = requirements(extra)
-    packages = [name.replace("_", "-") for name in names] or list(known)
+    package_requirements = requirements(extra)
+    packages = [name.replace("_", "-") for name in names] or list(package_requirements)
     needs_torch = "torch" in packages or (
         "pykeen" in packages and unmet().get("torch") == NOT_INSTALLED
     )
-    wanted = []
+    specifiers = []
     for name in packages:
         if name != "torch":
             # A requirement such as ``name<2; marker`` without its marker.
-            wanted.append(str(known.get(name, name)).partition(";")[0].strip())
+            specifiers.append(str(package_requirements.get(name, name)).partition(";")[0].strip())
     commands = []
     if needs_torch:
         commands.append(CPU_TORCH)
-    if wanted:
-        commands.append(shlex.join(["pip", "install", *wanted]))
+    if specifiers:
+        commands.append(shlex.join(["pip", "install", *specifiers]))
     return " && ".join(commands)
+
+
+T = TypeVar("T")
+
+
+class Registry(MutableMapping[str, T]):
+    """A mapping from names to objects. A module adds an object with ``registry[name] = thing``.
+
+    Installed packages add objects by an entry-point group. An entry point names an object, or a
+    module that registers objects on import. Entry points are loaded when an unknown name is looked
+    up, or all names are listed: built-in names cost no imports.
+
+    Example:
+        >>> colours = Registry("example.colours", {"red": 0xFF0000})
+        >>> colours["blue"] = 0x0000FF
+        >>> sorted(colours)
+        ['blue', 'red']
+    """
+
+    def __init__(self, group: str, own: dict[str, T] | None = None):
+        """Create a registry with the built-in objects ``own``, extended by an entry-point group."""
+        self._group = group
+        self._known = dict(own or {})
+        self._is_complete = False
+
+    def __getitem__(self, name: str) -> T:
+        # A known name needs no entry points, whose imports may take seconds.
+        if name not in self._known:
+            self._complete()
+        return self._known[name]
+
+    def __setitem__(self, name: str, thing: T) -> None:
+        self._known[name] = thing
+
+    def __delitem__(self, name: str) -> None:
+        del self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        self._complete()
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        self._complete()
+        return len(self._known)
+
+    def _complete(self) -> None:
+        """Load the entry points once; an object that a program has registered takes precedence."""
+        if self._is_complete:
+            return
+        # By name, because the order of installed packages differs between machines.
+        for point in sorted(entry_points(group=self._group), key=lambda point: point.name):
+            thing = point.load()
+            if not isinstance(thing, ModuleType):
+                self._known.setdefault(point.name, thing)
+        # Not before: other threads wait for the imports, and a failure is not forgotten.
+        self._is_complete = True

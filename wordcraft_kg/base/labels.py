@@ -13,8 +13,7 @@ from functools import cached_property, lru_cache
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.spelling import SIGNS, signs_of, without_variation_selectors
-from wordcraft_kg.base.wording import quoted
+from wordcraft_kg.base.wording import SIGNS, quoted, signs_of, without_variation_selectors
 
 ANSWER_GRAMMAR = 3
 """Version of the rules by which texts are read as items, as recorded with games."""
@@ -86,8 +85,8 @@ def read_label(
         return meant[0]
     text = " ".join(written.split())
     if meant:
-        named = [labels[place] for place in meant[:_MOST_CHOICES]]
-        choices = [quoted(label) for label in named]
+        candidates = [labels[place] for place in meant[:_MOST_CHOICES]]
+        choices = [quoted(label) for label in candidates]
         remedy = "Write more of the name"
         if by_number:
             from_one = [place + 1 for place in meant[:_MOST_CHOICES]]
@@ -95,17 +94,17 @@ def read_label(
             choices = [f"{choice} ({number})" for choice, number in numbered]
             remedy += ", or the number"
         shown = ", ".join(choices)
-        others = len(meant) - _MOST_CHOICES
-        more = f" and {others} more" if others > 0 else ""
-        given = _shown(text)
-        raise ActionError(f"'{given}' is ambiguous: {shown}{more}. {remedy}.")
+        num_hidden = len(meant) - _MOST_CHOICES
+        ending = f" and {num_hidden} more" if num_hidden > 0 else ""
+        spelling = _shown(text)
+        raise ActionError(f"'{spelling}' is ambiguous: {shown}{ending}. {remedy}.")
     numbers = f"1 to {len(labels)}, " if by_number else ""
     expected = f"expected {numbers}an item name, or the start of a name"
     if not text:
         raise ActionError(f"no answer: {expected}.")
-    given = repr(_shown(text))
+    spelling = repr(_shown(text))
     similar = nearest(text[:100].casefold(), labels)
-    raise ActionError(f"unknown item {given}: {expected}.{similar}")
+    raise ActionError(f"unknown item {spelling}: {expected}.{similar}")
 
 
 class LabelIndex:
@@ -260,7 +259,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
         pairs = _pairs_in(reading, labels, unread)
         distinct = {tuple(sorted(pair)) for pair in pairs}
         if len(distinct) > 1:
-            as_texts = [f"{labels[one]} + {labels[other]}" for one, other in pairs]
+            as_texts = [f"{labels[first]} + {labels[second]}" for first, second in pairs]
             ways = " or ".join(as_texts)
             raise ActionError(
                 f"'{_shown(text)}' is ambiguous: {ways}. Write the numbers, such as '1 2'."
@@ -269,8 +268,8 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
             return pairs[0]
     if unread:
         read_label(unread[0], labels)  # raises the error for that half
-    given = repr(_shown(text))
-    raise ActionError(f"cannot parse {given}: {expected}.")
+    spelling = repr(_shown(text))
+    raise ActionError(f"cannot parse {spelling}: {expected}.")
 
 
 def last_line(message: str) -> str:
@@ -289,10 +288,10 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool = True) -> li
     if not text:
         return []
     index = index_of(tuple(labels))
-    named = places_named(text, index, by_number=by_number)
+    places = places_named(text, index, by_number=by_number)
     # A number is never the prefix of a label: `1` must not mean the item `10`.
-    if named or _NUMBER.fullmatch(text.strip(_MARKS)):
-        return named
+    if places or _NUMBER.fullmatch(text.strip(_MARKS)):
+        return places
     return index.places(text, by_beginning=True)
 
 
@@ -317,9 +316,9 @@ def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
         is_number = by_number and _PLACE.fullmatch(number)
         is_place = is_number and int(number) <= len(index)
         return [int(number) - 1] if is_place else []
-    named = index.places(text)
-    if named or not by_number:
-        return named
+    places = index.places(text)
+    if places or not by_number:
+        return places
     return _printed(text, index)
 
 

@@ -45,8 +45,8 @@ def steps(stage: str, items: Collection[T]) -> Iterator[T]:
         return
     # finally: a stage that ends with an error or a break ends for its listener, too.
     try:
-        for done, item in enumerate(items):
-            listener(stage, done, len(items))
+        for number, item in enumerate(items):
+            listener(stage, number, len(items))
             yield item
     finally:
         listener(stage, len(items), len(items))

@@ -224,8 +224,8 @@ def attributes_of(kind: type[Any]) -> dict[str, str]:
     precedence over the description in a base class.
     """
     texts: dict[str, str] = {}
-    for each in reversed(kind.__mro__):
-        section = _SECTION.search(_docstring(each))
+    for base in reversed(kind.__mro__):
+        section = _SECTION.search(_docstring(base))
         for entry in _ENTRY.finditer(section[1] if section else ""):
             text = " ".join(entry[2].split())
             texts |= dict.fromkeys(entry[1].split(", "), text)
@@ -238,17 +238,17 @@ def _docstring(kind: type[Any]) -> str:
 
 def _records_in(kind: type[Any]) -> dict[type[Any], tuple[Field, ...]]:
     """Return the fields of all records and dataclasses that a type holds, by class."""
-    found: dict[type[Any], tuple[Field, ...]] = {}
+    records: dict[type[Any], tuple[Field, ...]] = {}
     waiting: list[Any] = [type_info(kind)]
     while waiting:
         node = waiting.pop()
         if isinstance(node, StructType | DataclassType):
-            if node.cls in found:  # a record may hold itself
+            if node.cls in records:  # a record may hold itself
                 continue
-            found[node.cls] = node.fields
+            records[node.cls] = node.fields
         if isinstance(node, Type | Field):
             # Descriptions of types are records themselves: an item type, a key type, fields.
             waiting += msgspec.structs.astuple(node)
         elif isinstance(node, tuple):
             waiting += node
-    return found
+    return records

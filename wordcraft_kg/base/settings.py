@@ -1,7 +1,8 @@
-"""Validation of settings, with errors that name the setting.
+"""Validation of settings, with errors that name the setting; specifications of entity features.
 
 An error names a setting in backticks, as Python spells it: `learning_rate` -1: expected a number
-above 0. The command line shows the option instead, ``--learning-rate``.
+above 0. The command line shows the option instead, ``--learning-rate``. Features, a vector per
+entity, are specified by a reserved name or a path.
 """
 
 import difflib
@@ -9,12 +10,13 @@ import operator
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.spelling import means_another
+from wordcraft_kg.base.wording import means_another
 
 # Bounds of 32-bit floats, in which torch computes; just inside, so that rounding stays finite.
 LARGEST = 3e38
@@ -102,8 +104,8 @@ def whole(
     if isinstance(value, bool) or not low <= number <= limit:
         # A technical upper limit does not help with a number below the range.
         is_open = number < low and limit >= MAX_DIM
-        allowed = f"{low} or more" if is_open else f"{low} to {limit}"
-        raise refuse(name, value, f"a whole number, {allowed}")
+        expected = f"{low} or more" if is_open else f"{low} to {limit}"
+        raise refuse(name, value, f"a whole number, {expected}")
     return number
 
 
@@ -193,9 +195,9 @@ def check_memory(
 
 def cores() -> int:
     """Return the number of CPU cores that this process may use."""
-    given = os.environ.get(CORES_VARIABLE, "")
-    if given.isdecimal():
-        return max(int(given), 1)
+    text = os.environ.get(CORES_VARIABLE, "")
+    if text.isdecimal():
+        return max(int(text), 1)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -274,3 +276,42 @@ def nearest(
     close = difflib.get_close_matches(label, list(known), n=4 * limit, cutoff=0.6)
     matches = [match for match in close if not means_another(label, match)][:limit]
     return f" Did you mean {', '.join(map(repr, matches))}?" if matches else ""
+
+
+VECTORS = ("auto", "minilm", "glove", "one-hot", "random")
+LEARNED = "learned"
+"""Name of the vectors that a policy learns itself, instead of given vectors."""
+NAMES = (*VECTORS, LEARNED)
+"""Reserved feature names; for a file with a reserved name, write a path such as ``./glove``."""
+SHUFFLED = "shuffled:"
+
+
+@dataclass(frozen=True)
+class FeatureSpec:
+    """A parsed specification: ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
+
+    Attributes:
+        source: a name in :data:`NAMES`, or the path to a file or folder with vectors.
+        prefix: ``shuffled:`` (assign the vectors to random entities), as often as written; empty
+            without shuffling.
+    """
+
+    source: str
+    prefix: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> "FeatureSpec":
+        """Split a specification into prefix and source; whether a file exists is not checked."""
+        source = text
+        # Twice shuffled is shuffled twice; a specification is kept as written.
+        while source.startswith(SHUFFLED):
+            source = source.removeprefix(SHUFFLED)
+        return cls(source, text.removesuffix(source))
+
+    @property
+    def is_path(self) -> bool:
+        """Whether the source is a path, not a name in :data:`NAMES`."""
+        return self.source not in NAMES
+
+    def __str__(self) -> str:
+        return self.prefix + self.source

@@ -74,11 +74,11 @@ def bootstrap(
         # Each resample counts in a range of its own.
         places += number * np.arange(rows)[:, None]
         counts = np.bincount(places.ravel(), minlength=rows * number).reshape(rows, number)
-        drawn = counts.astype(float)
+        weights = counts.astype(float)
         # Row by row: a product with the whole matrix would add up in another order, and change the
         # last bit. Sizes are whole numbers, whose sums are exact.
-        totals = [row @ sums for row in drawn]
-        means[first : first + rows] = totals / (drawn @ sizes)
+        totals = [row @ sums for row in weights]
+        means[first : first + rows] = totals / (weights @ sizes)
     return means
 
 
@@ -172,9 +172,9 @@ def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None 
         shape (E, E), float. If all counted scores are equal, only the mean is subtracted.
     """
     scores = np.asarray(table, dtype=np.float64)
-    counted = scores if among is None else scores[np.ix_(among, among)]
-    is_same = np.eye(len(counted), dtype=bool)
-    different = counted[~is_same]
+    pair_scores = scores if among is None else scores[np.ix_(among, among)]
+    is_same = np.eye(len(pair_scores), dtype=bool)
+    different = pair_scores[~is_same]
     deviation = different.std()
     # Scores that are equal up to rounding: dividing would amplify the rounding.
     if deviation <= 1e-12 * np.abs(different).max(initial=0):
@@ -326,9 +326,9 @@ def _resampled_ratios(sums: Scores, sizes: Scores, draws: int, rng: np.random.Ge
     # How often each kind of equal groups is drawn is multinomial, too, with their shares.
     kinds = np.column_stack([sums, sizes])
     equal, times = np.unique(kinds, axis=0, return_counts=True)
-    drawn = rng.multinomial(len(sizes), times / len(sizes), size=draws)
-    drawn_sums = drawn @ equal[:, 0]
-    drawn_sizes = drawn @ equal[:, 1]
+    multiplicities = rng.multinomial(len(sizes), times / len(sizes), size=draws)
+    drawn_sums = multiplicities @ equal[:, 0]
+    drawn_sizes = multiplicities @ equal[:, 1]
     return np.asarray(drawn_sums / drawn_sizes)
 
 
@@ -348,13 +348,15 @@ def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
     tasks = values.shape[-1]
     if groups is None:
         return values, np.ones(tasks)
-    given = np.asarray(groups)
-    if given.shape != (tasks,):
-        raise ConfigError(f"groups of shape {given.shape}: expected one for each of {tasks} tasks.")
+    numbers = np.asarray(groups)
+    if numbers.shape != (tasks,):
+        raise ConfigError(
+            f"groups of shape {numbers.shape}: expected one for each of {tasks} tasks."
+        )
     # Sorted by group, so that the tasks of a group follow each other; stable, so that the order of
     # additions, and with it the last bits, does not depend on the machine.
-    order = np.argsort(given, kind="stable")
-    _, starts, sizes = np.unique(given[order], return_index=True, return_counts=True)
+    order = np.argsort(numbers, kind="stable")
+    _, starts, sizes = np.unique(numbers[order], return_index=True, return_counts=True)
     sums = np.add.reduceat(values[..., order], starts, axis=-1)
     return sums, sizes.astype(float)
 
@@ -434,7 +436,7 @@ def crossed_difference(
     table = by_task("scores", scores, "(seeds, tasks)")
     value = float(table.mean())
     parts = _crossed(table, groups)
-    least = 1e-100  # p-values below print as 0; the search needs a positive bound
+    smallest_p = 1e-100  # p-values below print as 0; the search needs a positive bound
     floor = parts.floor if table.shape[1] > 1 else 0.0
 
     def half_width(p: float) -> float:
@@ -445,12 +447,12 @@ def crossed_difference(
         return half_width(p) - abs(value)
 
     # The half-width grows as p falls. If even the widest interval leaves 0 out, nothing varies.
-    if half_width(least) <= abs(value):
+    if half_width(smallest_p) <= abs(value):
         p_value = 0.0 if value else 1.0
     else:
         from scipy.optimize import brentq
 
-        p_value = float(brentq(excess, least, 1.0))
+        p_value = float(brentq(excess, smallest_p, 1.0))
     half = half_width(1 - level)
     # A difference of rates lies between -1 and 1.
     low = max(value - half, -1.0)
@@ -500,30 +502,30 @@ def _crossed(table: Scores, groups: Groups) -> _Crossed:
     by_column = table.mean(axis=0)
     deviations, sizes = _group_sums(by_column - mean, groups)
     number = len(sizes)
-    of_groups = 0.0
-    of_seeds = 0.0
+    group_error = 0.0
+    seed_error = 0.0
     if number > 1:
         # Leaving out group g moves the mean by its summed deviation / (K - n_g): the jackknife over
         # groups.
-        left = tasks - sizes
+        num_left = tasks - sizes
         widened = (number - 1) / number
-        squares = ((deviations / left) ** 2).sum()
-        of_groups = math.sqrt(widened * squares)
+        squares = ((deviations / num_left) ** 2).sum()
+        group_error = math.sqrt(widened * squares)
     if seeds > 1:
-        of_seeds = by_seed.var(ddof=1) / seeds
+        seed_error = by_seed.var(ddof=1) / seeds
         if number > 1:
             # Residuals of the two-way table: the noise of single trainings on single groups, which
             # the variance between seeds contains as well.
             residuals = table - by_seed[:, None] - by_column + mean
-            rest, _ = _group_sums(residuals, groups)
-            squares = ((rest / left) ** 2).sum()
-            of_seeds -= widened * squares / (seeds - 1) / seeds
+            residual_sums, _ = _group_sums(residuals, groups)
+            squares = ((residual_sums / num_left) ** 2).sum()
+            seed_error -= widened * squares / (seeds - 1) / seeds
         # An estimate of a variance as a difference may be negative by chance.
-        of_seeds = math.sqrt(max(of_seeds, 0.0))
+        seed_error = math.sqrt(max(seed_error, 0.0))
     is_alike = np.abs(deviations / sizes).max() < 1e-9  # up to rounding
     return _Crossed(
-        of_seeds=of_seeds,
-        of_groups=of_groups,
+        of_seeds=seed_error,
+        of_groups=group_error,
         seeds=seeds,
         groups=tasks**2 / float((sizes**2).sum()),
         floor=1 / number if is_alike else 0.0,
@@ -619,9 +621,9 @@ def split_interval(
         t = float(stdtrit(number - 1, (1 + _LEVEL) / 2))
         varied = float(values.var(ddof=1))
         between = t**2 * max(varied - shared, 0.0) / number
-        both = math.sqrt(between + half**2)
+        summed = math.sqrt(between + half**2)
         students = t * math.sqrt(varied / number)
-        half = max(both, students)
+        half = max(summed, students)
     mean = float(values.mean())
     lowest, highest = within
     return max(mean - half, lowest), min(mean + half, highest)
@@ -710,13 +712,13 @@ def correlation(
 
     correlated = spearmanr(a, b) if kind == "spearman" else pearsonr(a, b)
     value = float(correlated.statistic)
-    free = len(a) - 3
+    degrees = len(a) - 3
     if len(a) == _FEWEST:  # no degree of freedom is left for the variance
         variance = math.inf
     elif kind == "spearman":
-        variance = (1 + value**2 / 2) / free
+        variance = (1 + value**2 / 2) / degrees
     else:
-        variance = 1 / free
+        variance = 1 / degrees
     # On the scale of artanh, the estimate is about normal, with a variance that N alone decides.
     inner = min(max(value, -_CERTAIN), _CERTAIN)
     middle = math.atanh(inner)

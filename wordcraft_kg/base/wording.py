@@ -1,6 +1,26 @@
-"""Formatting for numbers in sentences."""
+"""Texts: numbers in sentences, foreign text in an output, look-alike names, and spelling.
+
+There is one function for each format of an output. A label, a name, a path or a commit of a hub is
+foreign text: it may hold escape codes of terminals, marks that reorder a line, links or headings.
+Each function returns a text that the format shows character for character.
+
+Labels are compared by their spelling: the same label, another spelling, or another thing. A sign
+can be a part of the name: ``C`` and ``C-`` are an atom and an ion, ``7`` and ``-7`` two numbers. So
+hyphens, points, apostrophes and blanks make no difference only between letters, as in ``ice-cream``
+and ``icecream``; beside a digit, at the end, or between two single letters, they count. Labels
+themselves are never changed: their keys are compared, and their words looked up, such as for
+vectors. Answers in texts are read more leniently, see :mod:`wordcraft_kg.base.labels`.
+"""
 
 import math
+import re
+import unicodedata
+from collections.abc import Callable, Iterable
+from itertools import chain, pairwise
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 
 def counted(number: int, one: str, more: str = "") -> str:
@@ -42,3 +62,318 @@ def approximate(number: int) -> str:
     if leading >= 10:  # 9.96 is rounded to 10.0
         return f"about 1 × 10^{exponent + 1}"
     return f"about {leading:g} × 10^{exponent}"
+
+
+_BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+# Control characters reach a terminal as commands, and lone surrogates (bytes of a path that are not
+# UTF-8) end print in an error. Blanks other than the space, format characters other than joiners
+# (which some scripts and emoji need), fillers and tags are invisible, or change the direction of a
+# line.
+_HIDDEN = re.compile(
+    "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029"
+    "\u202f\u205f-\u2065\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb"
+    f"\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
+)
+_BIDI_MARK = re.compile(f"[{_BIDI}]")
+# All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell,
+# even inside code. Some dialects turn bare addresses into links, so the colon of `http://` and the
+# point of `example.org` are among them.
+_MARKDOWN = re.compile(r"[\\`*_{}\[\]<>#|&~!$^@=]|(?<=[A-Za-z]):(?=//)|(?<=\w)\.(?=[^\W\d])")
+# At the beginning of a line, these make a list, a rule, a heading or a definition.
+_MARKDOWN_START = re.compile(r"^(\s*)([-+:]|\d+[.)])")
+# Not printed raw by --json: JSON itself escapes only the first 32 characters.
+_JSON = re.compile(f"[\x7f-\x9f\u2028\u2029\ud800-\udfff{_BIDI}]")
+
+
+def for_terminal(text: str) -> str:
+    r"""Return a text for a line of a terminal, with codes for characters that do not show.
+
+    A code is such as ``<U+001B>``.
+
+    Line breaks are among them, so a foreign text cannot begin a line of its own.
+
+    Example:
+        >>> for_terminal("mine\x1b[2J\nverified")
+        'mine<U+001B>[2J<U+000A>verified'
+    """
+    return _HIDDEN.sub(_code, text)
+
+
+def for_markdown(text: str) -> str:
+    """Return a text for a cell or a line of Markdown.
+
+    No link, image, heading, code or further cell comes from it.
+
+    Character references are used in place of backslashes, because all dialects show them as plain
+    text, even in tables.
+
+    Example:
+        >>> for_markdown("[x](javascript:0) | a_b")
+        '&#91;x&#93;(javascript:0) &#124; a&#95;b'
+    """
+    inline = _MARKDOWN.sub(_references, for_terminal(text))
+    return _MARKDOWN_START.sub(lambda match: match[1] + _references(match[2]), inline)
+
+
+def for_html(text: object) -> "Markup":
+    """Return a value for HTML, escaped.
+
+    Marks of direction, which reorder the page around a text, become codes.
+
+    Markup stays as it is.
+    """
+    # Late: the light installation, without reports and pages, has no MarkupSafe.
+    from markupsafe import Markup, escape
+
+    if isinstance(text, Markup):
+        return text
+    return escape(_BIDI_MARK.sub(_code, str(text)))
+
+
+def for_file(text: str) -> str:
+    r"""Return a text for a file in UTF-8: U+FFFD stands for halves of characters.
+
+    JSON may hold such halves (lone surrogates), and no file can.
+
+    Example:
+        >>> for_file("a\ud800b \ud83d\ude80")
+        'a\ufffdb 🚀'
+    """
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
+def for_json(dumped: str) -> str:
+    r"""Return a JSON text with control and direction characters as escapes, such as ``\u009b``.
+
+    Such characters occur only inside JSON strings, so the value is unchanged.
+    """
+    return _JSON.sub(lambda match: f"\\u{ord(match[0]):04x}", dumped)
+
+
+def code_point(char: str) -> str:
+    """Return the code that stands for a character, such as ``<U+001B>``."""
+    return f"<U+{ord(char):04X}>"
+
+
+def _code(match: re.Match[str]) -> str:
+    return code_point(match[0])
+
+
+def _references(found: re.Match[str] | str) -> str:
+    marks = found if isinstance(found, str) else found[0]
+    return "".join(mark if mark.isdigit() else f"&#{ord(mark)};" for mark in marks)
+
+
+# Letters of other scripts, and digits, that look like a Latin letter in common fonts: the frequent
+# part of the confusables of Unicode Technical Standard 39, after case folding. The scripts are
+# Cyrillic, Greek, Armenian, Lisu (\ua4d0 and on) and Cherokee (\u13a0 and on).
+_LOOKS_LIKE = {
+    "a": "\u0430\u03b1\u0251\ua4ee\u13aa",
+    "b": "\u0432\u044c\u03b2\ua4d0\u13cf\u13f4",
+    "c": "\u0441\u03f2\ua4da\u13df",
+    "d": "\u0501\ua4d3\u13a0\u13e7",
+    "e": "\u0435\u0454\u03b5\ua4f0\u13ac",
+    "f": "\ua4dd",
+    "g": "\u0261\u0581\ua4d6\u13c0",
+    "h": "\u043d\u04bb\u0570\ua4e7\u13bb\u13c2",
+    "j": "\u0458\u03f3\ua4d9\u13ab",
+    "k": "\u043a\u03ba\ua4d7\u13e6",
+    "l": "1i|\u0456\u03b9\u0131\u04cf\u0269\u05d5\ua4f2\u13a5\ua4e1\u13de",
+    "m": "\u043c\ua4df\u13b7",
+    "n": "\u0578\u03b7\ua4e0",
+    "o": "0\u043e\u03bf\u0585\u03c3\u0665\u06f5\ua4f3",
+    "p": "\u0440\u03c1\ua4d1\u13e2",
+    "q": "\u051b",
+    "r": "\u0433\ua4e3\u13a1\u13d2",
+    "s": "\u0455\ua4e2\u13d5\u13da",
+    "t": "\u0442\u03c4\ua4d4\u13a2",
+    "u": "\u057d\u03c5\u028b\ua4f4",
+    "v": "\u03bd\u0475\ua4e6\u13d9",
+    "w": "\u0461\u051d\ua4ea\u13b3\u13d4",
+    "x": "\u0445\u03c7\ua4eb",
+    "y": "\u0443\u03b3\u04af\ua4ec\u13a9\u13bd",
+    "z": "\u03b6\ua4dc\u13c3",
+}
+_LATIN: dict[int, str] = {}
+for _letter_shown, _chars in _LOOKS_LIKE.items():
+    _LATIN |= str.maketrans(dict.fromkeys(_chars, _letter_shown))
+# Greek capitals like a Latin capital whose small letters look like another letter, or like none.
+_CAPITALS = str.maketrans("\u0397\u039c\u039d\u03a5", "HMNY")
+# Letters with a hook or stroke, and Latin capitals in the size of small letters, in boxes or as the
+# letters of flags.
+_VARIANT = re.compile(
+    "(?:LATIN (?:SMALL LETTER|LETTER SMALL CAPITAL)|NEGATIVE (?:CIRCLED|SQUARED) LATIN CAPITAL "
+    "LETTER|REGIONAL INDICATOR SYMBOL LETTER) ([A-Z])(?: WITH .*)?"
+)
+
+
+def look_alike_key(name: str) -> str:
+    r"""Return a key that names share if readers can hardly tell them apart.
+
+    Compatibility forms, case, accents, blanks, kinds of dashes, small capitals, and letters of
+    other scripts or digits in the place of Latin letters make no difference.
+
+    Example:
+        >>> look_alike_key("r\u0430nd0m") == look_alike_key("Random")
+        True
+    """
+    # Decomposed twice: case folding may compose anew, and compatibility forms may hold capitals.
+    latin = unicodedata.normalize("NFKD", name).translate(_CAPITALS)
+    plain = unicodedata.normalize("NFKD", latin.casefold())
+    letters = "".join(_letter(char) for char in plain).translate(_LATIN)
+    # Two letters that look like one in most fonts.
+    return letters.replace("rn", "m").replace("vv", "w")
+
+
+def _letter(char: str) -> str:
+    category = unicodedata.category(char)
+    if category == "Pd" or char == "\u2212":  # dashes, and the minus sign
+        return "-"
+    if category.startswith(("M", "Z", "C")):  # accents, blanks, invisible characters
+        return ""
+    variant = _VARIANT.fullmatch(unicodedata.name(char, ""))
+    return variant[1].lower() if variant else char
+
+
+_VARIATION_SELECTORS = re.compile("[\ufe00-\ufe0f\U000e0100-\U000e01ef]")
+"""Characters that choose a picture of the character before them, such as the emoji form."""
+_SAME_SHAPE = frozenset(("<wide>", "<narrow>", "<noBreak>"))
+"""Kinds of decompositions that keep the meaning; superscripts and fractions change it."""
+_SAME_SIGN = str.maketrans("\u2010\u2011\u2212\u2019_", "---' ")
+"""Signs of other keyboards: two hyphens, minus, apostrophe; ids have ``_`` for a blank."""
+_LETTER = r"[^\W\d_]"
+# Between single letters a hyphen may be a minus sign or a bond: `a-b` is not `ab`.
+_JOINER = re.compile(
+    rf"(?<={_LETTER})[ '.]+(?={_LETTER})"
+    rf"|(?<={_LETTER}{_LETTER})-(?={_LETTER})"
+    rf"|(?<={_LETTER})-(?={_LETTER}{_LETTER})"
+)
+_BESIDE_DIGIT = re.compile(rf"(?<={_LETTER}) (?=\d)|(?<=\d) (?={_LETTER})")
+_BETWEEN_WORDS = re.compile(r"(?<=\w)[-:/](?=\w)")
+_NUMBER = re.compile(r"[-+]?[\d.,]*\d[\d.,]*")
+SIGNS = "+-\u2212\u207a\u207b"
+"""Plus, hyphen, minus, and the raised plus and minus."""
+_NUMBER_SIGN = re.compile(r"[-+\u2212.](?=[.,]?\d)")
+_CHARGE = re.compile(rf"(?<=\S)[{re.escape(SIGNS)}]+$")
+
+
+def without_variation_selectors(text: str) -> str:
+    """Return a text without the marks that choose a picture, such as the emoji form of a heart."""
+    return text if text.isascii() else _VARIATION_SELECTORS.sub("", text)
+
+
+def case_key(label: str) -> str:
+    r"""Return a key that labels share if they differ only in case, width or variation selectors.
+
+    Composed and decomposed characters are the same, too.
+
+    Example:
+        >>> case_key("LAVA") == case_key("Lava") == case_key("\uff2c\uff21\uff36\uff21")
+        True
+    """
+    if label.isascii():
+        return label.casefold()
+    narrow = "".join(map(_in_usual_width, without_variation_selectors(label)))
+    # Composed again: folding may decompose a character, such as the capital I with a dot.
+    composed = unicodedata.normalize("NFC", narrow)
+    return unicodedata.normalize("NFC", composed.casefold())
+
+
+def spelling_key(label: str) -> str:
+    """Return a key that labels share if they are probably spellings of one name.
+
+    Example:
+        >>> spelling_key("Ice_Cream") == spelling_key("ice-cream") == spelling_key("icecream")
+        True
+        >>> spelling_key("O2") == spelling_key("O2-") or spelling_key("1.0") == spelling_key("10")
+        False
+    """
+    folded = case_key(label)
+    words = " ".join(folded.translate(_SAME_SIGN).split())
+    # A label of underscores alone is like no other label.
+    joined = _JOINER.sub("", words)
+    return _BESIDE_DIGIT.sub("", joined) or folded
+
+
+def grouped(labels: Iterable[str], key: Callable[[str], str]) -> list[tuple[str, ...]]:
+    """Return the groups of two or more labels with the same key, in order."""
+    groups: dict[str, list[str]] = {}
+    for label in labels:
+        groups.setdefault(key(label), []).append(label)
+    several = [group for group in groups.values() if len(group) > 1]
+    return [tuple(group) for group in several]
+
+
+def means_another(label: str, other: str) -> bool:
+    """Return whether two labels look alike, but surely name different things.
+
+    These are different numbers, and labels that differ only in plus and minus signs at their ends.
+
+    Example:
+        >>> means_another("7", "-7"), means_another("C", "C-"), means_another("watr", "water")
+        (True, True, False)
+    """
+    first_key = spelling_key(label)
+    second_key = spelling_key(other)
+    if first_key == second_key:
+        return False
+    has_number = _NUMBER.fullmatch(first_key) or _NUMBER.fullmatch(second_key)
+    if has_number:
+        return True
+    # Only signs at the ends differ.
+    return first_key.strip(SIGNS) == second_key.strip(SIGNS)
+
+
+def signs_of(text: str) -> tuple[str, str]:
+    """Return the signs at the ends of a text that belong to its name, empty without them.
+
+    A sign before a number does, and plus and minus signs right behind a word; a hyphen before a
+    word does not, since lists begin with one.
+
+    Example:
+        >>> signs_of("-7"), signs_of("O2-"), signs_of("- water")
+        (('-', ''), ('', '-'), ('', ''))
+    """
+    first = _NUMBER_SIGN.match(text)
+    last = _CHARGE.search(text)
+    before = first[0] if first else ""
+    after = last[0] if last else ""
+    # Each minus sign as a hyphen, so that both spellings are the same.
+    before = before.replace("\u2212", "-")
+    after = after.replace("\u2212", "-")
+    return before, after
+
+
+def words_in(label: str) -> list[str]:
+    """Return the words in a label: between blanks, ``_``, ``-``, ``:``, ``/``, and capitals.
+
+    Signs count between words only, so that ``C-`` is not the word ``C``.
+
+    Example:
+        >>> words_in("minecraft:oak_log"), words_in("IronPlate"), words_in("O2-")
+        (['minecraft', 'oak', 'log'], ['Iron', 'Plate'], ['O2-'])
+    """
+    blanks = label.replace("_", " ")
+    spaced = _BETWEEN_WORDS.sub(" ", blanks).split()
+    return list(chain.from_iterable(map(_at_capitals, spaced)))
+
+
+def _at_capitals(word: str) -> list[str]:
+    """Return the parts of a word in camel case, such as HTTP and Server of HTTPServer."""
+    if word.islower() or word.isupper():
+        return [word]
+    starts = [0]
+    for place in range(1, len(word)):
+        follows_small = word[place - 1].islower()
+        follows_capital = word[place - 1].isupper()
+        next_letter = word[place + 1 : place + 2]
+        begins_word = follows_capital and next_letter.islower()
+        if word[place].isupper() and (follows_small or begins_word):
+            starts.append(place)
+    ends = pairwise([*starts, len(word)])
+    return [word[start:end] for start, end in ends]
+
+
+def _in_usual_width(char: str) -> str:
+    kind = unicodedata.decomposition(char).partition(" ")[0]
+    return unicodedata.normalize("NFKC", char) if kind in _SAME_SHAPE else char

@@ -1,19 +1,20 @@
-"""The command line: one thin module per command; results on stdout, log and progress on stderr.
+"""The command line: thin modules of commands; results on stdout, log and progress on stderr.
 
-Read ``describe`` first, the shortest command with all parts. This file makes the application from
-the commands' modules, and runs a command line. ``console`` has what all commands share (options,
-results as text or JSON), ``options`` the options that several have, ``training`` what the training
-commands share, ``failures`` the way from an error to a message and an exit code, ``progress`` the
-bar. All other files are a command each; what a command computes lies in other rooms.
+Read ``books`` first, two short commands with all parts. This file makes the application from the
+commands' modules, and runs a command line. ``console`` has what all commands share (options,
+results as text or JSON), ``options`` the options that several have, ``failures`` the way from an
+error to a message and an exit code. All other files are commands: those of one subject, such as
+``train``, lie in one file. What a command computes lies in other rooms.
 
-To add a command, write a module with ``EXAMPLES`` and a function named after the command, and list
-the command in :data:`CORE`. Apps add commands by entry points in the group
+To add a command, write a function named after the command, and examples in ``EXAMPLES`` of its
+module; list the command in :data:`CORE`. Apps add commands by entry points in the group
 ``wordcraft_kg.commands``: the command's name, with a dot between two words, and
 ``module:function``. The module has ``EXAMPLES`` and ``GROUP``, the group in the help. If several
 commands share the first word, such as ``people``, one module has ``SUBJECT``, the help text for
 this word. Import heavy packages inside the function: help stays fast.
 
-A command with many options names in ``FILE_ONLY`` those that only the configuration file may set.
+``FILE_ONLY`` of a module names options that only the configuration file may set, because no guide
+needs them. In a module with several commands, both are dictionaries by command.
 
 Change freely: help texts, examples, what is shown as text. Names of options and commands, the
 fields of JSON output and exit codes are used by scripts: keep them, or say in the changelog what
@@ -22,16 +23,14 @@ changed.
 
 import gc
 import os
-import re
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from itertools import chain
 from pathlib import Path
-from types import ModuleType
 from typing import Any, get_args
 
 from cyclopts import App, ArgumentCollection, CoercionError, Group
@@ -41,20 +40,31 @@ from cyclopts.help import DefaultFormatter, InlineText
 from wordcraft_kg import __version__
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ConfigError, StdoutError
-from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.cli.console import Output, accept_all_characters
 from wordcraft_kg.cli.failures import Failure, Manual, failure_of
 
 CORE = {
-    "Recipe books and graphs": ["build-graph", "describe", "check-book", "books", "export"],
-    "Link prediction": ["train-recipes", "train-complex", "train-links", "evaluate-links", "score"],
-    "Agents": ["train-agent", "evaluate-agent", "explain"],
-    "Comparisons and studies": ["compare", "reproduce"],
-    "Tasks and play": ["tasks", "discover"],
-    "Knowledge from outside the book": ["import-knowledge"],
-    "Installation": ["doctor"],
+    "Recipe books and graphs": {
+        "build-graph": "graphs",
+        "describe": "graphs",
+        "check-book": "books",
+        "books": "books",
+        "export": "graphs",
+    },
+    "Link prediction": {
+        "train-recipes": "train",
+        "train-complex": "train",
+        "train-links": "train",
+        "evaluate-links": "links",
+        "score": "links",
+    },
+    "Agents": {"train-agent": "train", "evaluate-agent": "evaluate_agent", "explain": "play"},
+    "Comparisons and studies": {"compare": "compare", "reproduce": "reproduce"},
+    "Tasks and play": {"discover": "play"},
+    "Knowledge from outside the book": {"import-knowledge": "import_knowledge"},
+    "Installation": {"doctor": "doctor"},
 }
-"""Commands of the package itself, by group in the help."""
+"""Commands of the package itself, by group in the help, each with the module of its function."""
 APPS = {
     point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")
 }
@@ -115,7 +125,7 @@ def make_app() -> App:
                 group=None if subject else group,
                 sort_key=place,
                 usage=f"Usage: {manual.usage}",
-                help_epilogue=_examples(manual.module) + _file_options(name, manual.file_only),
+                help_epilogue=_examples(manual) + _file_options(name, manual.file_only),
                 help_formatter=_FlowingHelp(manual.file_only),
                 # "train" is not a command, but suggests the training commands.
                 synonym=tuple(word.split("-")),
@@ -129,13 +139,13 @@ def _subject(app: App, words: list[str], group: Group) -> App:
         return app
     (word,) = words
     if word not in app:
-        modules = [manual_of(name).module for name in ALL if name.startswith(f"{word} ")]
-        about = next(module.SUBJECT for module in modules if hasattr(module, "SUBJECT"))
+        manuals = [manual_of(name) for name in ALL if name.startswith(f"{word} ")]
+        about = next(manual.subject for manual in manuals if manual.subject)
         app.command(
             App(
                 name=word,
                 help=about,
-                help_epilogue=_examples(*modules),
+                help_epilogue=_examples(*manuals),
                 group=group,
                 version_flags=(),
             )
@@ -143,8 +153,8 @@ def _subject(app: App, words: list[str], group: Group) -> App:
     return app[word]
 
 
-def _examples(*modules: ModuleType) -> str:
-    lines = chain.from_iterable(module.EXAMPLES for module in modules)
+def _examples(*manuals: Manual) -> str:
+    lines = chain.from_iterable(manual.examples for manual in manuals)
     return "Examples:\n\n" + "\n".join(f"  {line}" for line in lines)
 
 
@@ -167,7 +177,7 @@ def commands_by_group() -> dict[str, list[str]]:
     # Copies: CORE stays as it is.
     groups = {title: list(names) for title, names in CORE.items()}
     for name in sorted(APPS):
-        groups.setdefault(manual_of(name).module.GROUP, []).append(name)
+        groups.setdefault(manual_of(name).group, []).append(name)
     return groups
 
 
@@ -175,10 +185,11 @@ def manual_of(name: str) -> Manual:
     """Return the usage and the examples of a command, by name; imports the command's module."""
     if name in APPS:
         function = APPS[name].load()
-        return Manual(f"{PROGRAM} {name}", function, sys.modules[function.__module__])
-    word = re.sub(r"\W", "_", name)
-    module = import_module(f"{__name__}.{word}")
-    return Manual(f"{PROGRAM} {name}", getattr(module, word), module)
+    else:
+        modules = dict(chain.from_iterable(group.items() for group in CORE.values()))
+        module = import_module(f"{__name__}.{modules[name]}")
+        function = getattr(module, name.replace("-", "_"))
+    return Manual(PROGRAM, name, function)
 
 
 _NARROWEST = 20
@@ -407,6 +418,7 @@ def _refuse_fractions(arguments: ArgumentCollection) -> None:
 
 
 def _read_toml(path: str, command: str) -> dict[str, Any]:
+    """Return the tables of a configuration file, with the command's paths from this folder."""
     try:
         if "\0" in path or not Path(path).is_file():
             raise ConfigError(f"--config {path}: no such file.")
@@ -414,18 +426,15 @@ def _read_toml(path: str, command: str) -> dict[str, Any]:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
     _check_text(content, f"--config {path}")
-    tables = dict(_tables(content))
-    for name, options in tables.items():
-        if name not in ALL or not isinstance(options, dict):
-            table = name.replace(" ", ".")
-            raise ConfigError(
-                f"--config {path}: '{table}' is not a table named after a "
-                f"command.{nearest(name, ALL)}"
-            )
-    if command not in tables:
-        names = ", ".join(tables).replace(" ", ".") or "no table"
+    # A command of two words has a table in a table: [people.serve].
+    options: Any = content
+    for word in command.split():
+        options = options.get(word) if isinstance(options, dict) else None
+    if not isinstance(options, dict):
+        tables = ", ".join(content) or "nothing"
         raise ConfigError(
-            f"--config {path}: no table [{command.replace(' ', '.')}]; found {names}."
+            f"--config {path}: no table [{command.replace(' ', '.')}]; found {tables}. Put the "
+            "options into a table named after the command."
         )
     # Paths in a run's config.toml are relative to the file.
     from wordcraft_kg.runs.config_file import moved
@@ -435,19 +444,5 @@ def _read_toml(path: str, command: str) -> dict[str, Any]:
         target = os.path.normpath(Path(path).parent / value)
         return target if os.path.exists(target) and not os.path.exists(value) else value
 
-    # The parser expects a table in a table for a command of two words.
-    options = moved(tables[command], resolved)
-    for word in reversed(command.split()):
-        options = {word: options}
-    return options
-
-
-def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the tables in a file by command: [people.serve] configures ``people serve``."""
-    subjects = {name.partition(" ")[0] for name in ALL if " " in name}
-    for name, options in content.items():
-        if name in subjects and options and isinstance(options, dict):
-            for word, inner in options.items():
-                yield f"{name} {word}", inner
-        else:
-            yield name, options
+    options |= moved(options, resolved)
+    return content

@@ -26,7 +26,7 @@ from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Words
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
     from wordcraft_kg.evaluation.agents import AgentsView
-    from wordcraft_kg.evaluation.link_comparison import ComparedModel, LinkComparison
+    from wordcraft_kg.evaluation.ranked_links import ComparedModel, LinkComparison
 
 EXAMPLES = (
     "wordcraft-kg compare models/everyday models/everyday-recipes --out comparison.html",
@@ -100,9 +100,9 @@ def compare(
     agent = next((run for run, kind in zip(runs, kinds, strict=True) if kind == AGENT), None)
     predictor = next((run for run, kind in zip(runs, kinds, strict=True) if kind != AGENT), None)
     if agent and predictor:
-        both = f"'{agent}' is an agent and '{predictor}' is a link predictor"
+        mixture = f"'{agent}' is an agent and '{predictor}' is a link predictor"
         raise ConfigError(
-            f"{both}: they cannot be compared. Give agents only, or link predictors only."
+            f"{mixture}: they cannot be compared. Give agents only, or link predictors only."
         )
     if agent:
         refuse_given(links, "link predictors, but agents are compared")
@@ -204,7 +204,7 @@ def _compare_links(
         # With the ending of a page, so that a browser shows it.
         out = out.with_name(out.name + PAGE_ENDINGS[0])
     check_file(out, force=force)
-    from wordcraft_kg.evaluation.link_comparison import Contender, compare
+    from wordcraft_kg.evaluation.ranked_links import Contender, compare
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.runs.record import run_name
 
@@ -225,7 +225,7 @@ def _compare_links(
 
 
 def _links_text(view: "LinkComparison") -> Iterator[str]:
-    from wordcraft_kg.evaluation.link_comparison import by_mrr
+    from wordcraft_kg.evaluation.ranked_links import by_mrr
 
     sample = (
         ""

@@ -17,10 +17,9 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.artefacts import check_output_file, json_text, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError, StdoutError
-from wordcraft_kg.base.escaping import code_point, for_json, for_terminal
 from wordcraft_kg.base.progress import listening
-from wordcraft_kg.base.wording import quoted
-from wordcraft_kg.cli.progress import Progress, Stages
+from wordcraft_kg.base.wording import code_point, for_json, for_terminal, quoted
+from wordcraft_kg.runs.progress import ProgressBar, Stages
 
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
@@ -65,7 +64,7 @@ class Output:
             BrokenPipeError: if the reader of stdout has closed it, as `| head` does.
         """
         # Training may end before the last epoch.
-        Progress.close_current()
+        ProgressBar.close_current()
         # Labels and names come from files that anyone may have written: control characters could
         # rewrite what the terminal shows.
         if self.json:
@@ -88,11 +87,11 @@ class Output:
             ) from None
 
     # Progress goes to stderr, so that a result on stdout can be piped.
-    def progress(self, what: str, unit: str = "epoch") -> Progress:
+    def progress(self, what: str, unit: str = "epoch") -> ProgressBar:
         """Return a reporter that shows progress of the work ``what`` on stderr, by ``unit``."""
         # A training that stopped early has not reported the end.
-        Progress.close_current()
-        return Progress(what, unit=unit, hidden=self.quiet)
+        ProgressBar.close_current()
+        return ProgressBar(what, unit=unit, hidden=self.quiet)
 
     @contextmanager
     def session(self) -> Iterator[None]:
@@ -103,7 +102,7 @@ class Output:
         logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Stderr()])
         logging.captureWarnings(True)
         logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
-        with listening(None if self.quiet else Stages()), Progress.session():
+        with listening(None if self.quiet else Stages()), ProgressBar.session():
             yield
 
 
@@ -232,15 +231,15 @@ def read_seeds(text: str) -> list[int]:
     for part in text.split(","):
         # 19 digits hold every seed; more would make integers of any size.
         match = re.fullmatch(r"\s*(\d{1,19})(?:-(\d{1,19}))?\s*", part)
-        chosen = range(0)
+        part_seeds = range(0)
         if match:
             first = int(match[1])
             last = int(match[2] or match[1])
             # Checked before the range is walked through: it may have a quintillion members.
             if last < first + MOST_SEEDS:
-                chosen = range(first, last + 1)
-        seeds |= dict.fromkeys(chosen)
-        if not chosen or len(seeds) > MOST_SEEDS:
+                part_seeds = range(first, last + 1)
+        seeds |= dict.fromkeys(part_seeds)
+        if not part_seeds or len(seeds) > MOST_SEEDS:
             raise ConfigError(
                 f"`seeds` '{text}': expected at most {MOST_SEEDS:,} seeds, such as 0-4 or 0,3,7."
             )
@@ -283,7 +282,7 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
             yield from _rows(value, f"{indent}  ")
         elif isinstance(value, list):
             if value:
-                cells = [_cell(one, in_list=True) for one in value]
+                cells = [_cell(item, in_list=True) for item in value]
                 # A record counts the elements of a shortened list, such as `unreachable` for
                 # `unreachable_entities`.
                 count = _COUNTS.get(name) or name.rpartition("_")[0]
@@ -295,9 +294,9 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
 
 def _cell(value: Any, *, in_list: bool = False) -> str:
     if isinstance(value, dict):
-        return ": ".join(_cell(one, in_list=in_list) for one in value.values())
+        return ": ".join(_cell(item, in_list=in_list) for item in value.values())
     if isinstance(value, list):
-        return " ".join(_cell(one, in_list=in_list) for one in value)
+        return " ".join(_cell(item, in_list=in_list) for item in value)
     if isinstance(value, str):
         return quoted(value) if in_list else value
     # Before int: a bool is an int.

@@ -6,12 +6,12 @@ A defect of the package keeps its traceback.
 
 import os
 import re
+import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from cyclopts import (
@@ -23,8 +23,8 @@ from cyclopts import (
 )
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
-from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.extras import missing_package
+from wordcraft_kg.base.wording import for_terminal
 from wordcraft_kg.cli.console import Output, json_line
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
@@ -42,23 +42,45 @@ Containers often run as such users.
 
 @dataclass(frozen=True)
 class Manual:
-    """The usage of a command, shown after a mistake in the command line.
+    """The usage of a command, shown in its help and after a mistake in the command line.
 
     Attributes:
-        command: the words to type, such as ``wordcraft-kg describe``.
-        function: the function that runs the command; its signature gives the usage.
-        module: the function's module, with ``EXAMPLES``: complete command lines.
+        program: name of the program.
+        name: name of the command, such as ``describe`` or ``people serve``.
+        function: the function that runs the command; its signature gives the usage, and its module
+            the examples.
     """
 
-    command: str
+    program: str
+    name: str
     function: Callable[..., Any]
-    module: ModuleType
+
+    def _stated(self, constant: str) -> Any:
+        """Return a constant of the module; of a dictionary by command, the value for this one."""
+        values = getattr(sys.modules[self.function.__module__], constant, ())
+        return values.get(self.name, ()) if isinstance(values, dict) else values
+
+    @property
+    def examples(self) -> Sequence[str]:
+        """Complete command lines, to show in the help."""
+        lines: Sequence[str] = self._stated("EXAMPLES")
+        return lines
 
     @property
     def file_only(self) -> Sequence[str]:
         """Names of the options that only the configuration file may set, such as ``--momentum``."""
-        names: Sequence[str] = getattr(self.module, "FILE_ONLY", ())
+        names: Sequence[str] = self._stated("FILE_ONLY")
         return names
+
+    @property
+    def group(self) -> str:
+        """Group of an app's command in the help."""
+        return str(self._stated("GROUP"))
+
+    @property
+    def subject(self) -> str:
+        """Help text for the first of a command's two words, or empty."""
+        return str(self._stated("SUBJECT") or "")
 
     @property
     def places(self) -> dict[str, str]:
@@ -83,7 +105,7 @@ class Manual:
             is_option = parameter.kind is parameter.KEYWORD_ONLY
             if is_option and parameter.default is parameter.empty:
                 options.append(f"--{parameter.name} {parameter.name.upper()}")
-        return " ".join([self.command, *self.places.values(), *options, "[OPTIONS]"])
+        return " ".join([self.program, self.name, *self.places.values(), *options, "[OPTIONS]"])
 
 
 @dataclass(frozen=True)
@@ -185,7 +207,7 @@ def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:
     # Without a command there is no usage to show.
     if manual is None or isinstance(error, UnknownCommandError):
         return ("`wordcraft-kg --help` lists all commands.",)
-    return f"usage:   {manual.usage}", f"example: {manual.module.EXAMPLES[0]}"
+    return f"usage:   {manual.usage}", f"example: {manual.examples[0]}"
 
 
 def _message(error: CycloptsError, manual: Manual | None) -> str:

@@ -57,12 +57,12 @@ def import_knowledge(
         "triples": triples,
     }
     # One graph for each folder; `--with` of the training commands takes several folders.
-    given = [(kind, path) for kind, path in sources.items() if path is not None]
-    if len(given) != 1:
+    files = [(kind, path) for kind, path in sources.items() if path is not None]
+    if len(files) != 1:
         raise ConfigError(
-            f"expected one of --wordnet, --conceptnet and --triples; found {len(given)}."
+            f"expected one of --wordnet, --conceptnet and --triples; found {len(files)}."
         )
-    ((kind, path),) = given
+    ((kind, path),) = files
     opened = open_graph(graph)
     out = out or Path("knowledge") / f"{opened.graph.name}-{kind}"
     # Refused before a large file is read.

@@ -133,8 +133,8 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
     if study not in (ALL, *built_in()):
         if changes.book:
             raise ConfigError("`book` is for built-in studies; in a study file, set the book.")
-        changed = adapted(read_study(study), steps=changes.steps, seeds=changes.seeds)
-        return {Path(study).stem: changed}
+        adapted_study = adapted(read_study(study), steps=changes.steps, seeds=changes.seeds)
+        return {Path(study).stem: adapted_study}
     studies: dict[str, Study] = {}
     for name in built_in() if study == ALL else [study]:
         declared = read_study(name)
@@ -170,8 +170,7 @@ def _list(changes: Changes, output: Output) -> int:
 
 def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -> int:
     from wordcraft_kg.base.artefacts import check_output
-    from wordcraft_kg.studies.report import write_study_report
-    from wordcraft_kg.studies.tables import lines_of
+    from wordcraft_kg.studies.report import lines_of, write_study_report
     from wordcraft_kg.studies.view import view_study
 
     file = Path(study) if study is not None and Path(study).is_file() else None
@@ -200,8 +199,7 @@ def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults"
         root: the results folder.
     """
     from wordcraft_kg.base.records import read_record
-    from wordcraft_kg.studies.results import StudyResults
-    from wordcraft_kg.studies.store import collect_study, studies_of
+    from wordcraft_kg.studies.results import StudyResults, collect_study, studies_of
 
     suffix = Path(study).suffix if study is not None else ""
     if suffix == ".toml":
@@ -254,7 +252,7 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
 
 def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyProgress":
     """Run a study's tasks in processes on this machine or on a Ray cluster."""
-    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+    from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
     from wordcraft_kg.studies.engine import Pool, run_plan
     from wordcraft_kg.studies.perform import perform
 
@@ -306,10 +304,8 @@ def _reported(
         options: where and how the study ran.
     """
     from wordcraft_kg.base.artefacts import write_atomically
-    from wordcraft_kg.studies.report import write_study_report
-    from wordcraft_kg.studies.results import results_text
-    from wordcraft_kg.studies.store import collect_study
-    from wordcraft_kg.studies.tables import lines_of
+    from wordcraft_kg.studies.report import lines_of, write_study_report
+    from wordcraft_kg.studies.results import collect_study, results_text
     from wordcraft_kg.studies.view import view_study
 
     results = collect_study(options.out, plan.name)
@@ -318,8 +314,8 @@ def _reported(
     failures = {
         plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()
     }
-    done = f"{counted(state.done, 'task')} done, {state.kept:,} already done"
-    text = [f"{done}, {len(failures):,} failed"]
+    counts = f"{counted(state.done, 'task')} done, {state.kept:,} already done"
+    text = [f"{counts}, {len(failures):,} failed"]
     reasons = [f"  {title}: {error}" for title, error in failures.items()]
     text += _first(reasons, f"in {options.out / 'failed'}/")
     try:

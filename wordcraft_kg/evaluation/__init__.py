@@ -8,14 +8,14 @@ Schema of ``report.json`` is derived from the view's type and checked when the f
     view = view_links(rank_links(scorer, opened), name="mine")
     view.metrics["all"].mrr
 
-- Links: ``ranked_links`` ranks, ``links`` and ``link_sections`` make the view, ``link_comparison``
-  compares models, ``probabilities`` checks calibration.
-- Single scores: ``queries`` parses, ``scores`` and ``recipe_scores`` answer.
-- Play: ``agents``, ``agent_metrics`` and ``training_curves`` for trained agents, ``players`` for
-  one agent or scripted players, ``discovery`` for open-ended play, ``tasks`` for examples.
-- Other results to compare with: ``reference`` reads published ones in ``references/``,
-  ``recorded_games`` games of people and text agents.
-- ``books``: views of recipe books. ``bins``, ``goal_groups``: helpers.
+- Links: ``ranked_links`` ranks and compares models, ``links`` and ``link_sections`` make the view,
+  ``probabilities`` checks calibration.
+- Single scores: ``queries`` parses, ``scores`` answers for triples and recipes.
+- Play: ``agents`` and ``agent_metrics`` for trained agents, ``players`` for one agent or scripted
+  players, ``discovery`` for open-ended play.
+- Other results to compare with: ``reference`` reads published ones in ``references/``, and
+  recorded games of people and text agents.
+- ``books``: views of recipe books and their tasks. ``slices``: named groups.
 
 Helpers may change at will. A view's fields are read by programs: add fields with defaults, and keep
 the names. A new kind of recorded games is a ``GameReader`` in the app that writes them.

@@ -1,21 +1,28 @@
-"""Metrics of evaluated agents: success rates with intervals, outcomes, and groups of tasks."""
+"""Metrics of trained agents: success with intervals, gains by sources, and training curves.
+
+Success is over evaluated runs of an agent, for all tasks or groups of tasks. A gain says what the
+finished agent gets from a source: it plays the same tables again with the scores of the source set
+to 0. What an agent would have learned without the source, only another training says. Curves are
+also of unfinished runs: success, statistics and mixing weights λ.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.agent_folder import OpenedAgent
-from wordcraft_kg.agents.evaluation import Evaluation
+from wordcraft_kg.agents.agent_folder import AgentRun, OpenedAgent
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
-from wordcraft_kg.evaluation.bins import OPEN_END, binned
-from wordcraft_kg.evaluation.goal_groups import goal_groups
+from wordcraft_kg.evaluation.slices import OPEN_END, binned, goal_groups
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.sources import ALPHA, source_names, with_letters
 
 # Narrow bins for few train recipes, wide ones for many, because few goals have many.
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
@@ -119,17 +126,17 @@ def compare_with_scorer(
     differs = np.concatenate([result.decisions != alone.decisions for result in results], axis=1)
     success = _successes(results)
     # The scorer has no training seeds, so its one evaluation stands beside each run.
-    of_scorer = _successes([alone] * len(results))
+    scorer_success = _successes([alone] * len(results))
     # All episodes count for the gain: where decisions are equal the difference is 0, and leaving
     # these episodes out would choose tasks by the outcome.
-    gain, low, high = paired_difference(success, of_scorer, alone.groups)
+    gain, low, high = paired_difference(success, scorer_success, alone.groups)
     # Without a single other decision, a success rate in these episodes has no meaning.
     any_differs = bool(differs.any())
     return AgainstScorer(
         scorer=scorer,
         differs=float(differs.mean()),
         success=float(success[differs].mean()) if any_differs else None,
-        scorer_success=float(of_scorer[differs].mean()) if any_differs else None,
+        scorer_success=float(scorer_success[differs].mean()) if any_differs else None,
         gain=gain,
         gain_ci=(low, high),
     )
@@ -171,10 +178,10 @@ def success_of(
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:
     """Return the episode share for each termination reason, averaged over runs."""
-    of_runs = [result.shares() for result in results]
+    shares_by_run = [result.shares() for result in results]
     shares: dict[TerminationReason, Share] = {}
     for termination in TERMINATION_REASONS:
-        shares[termination] = float(np.mean([run[termination] for run in of_runs]))
+        shares[termination] = float(np.mean([run[termination] for run in shares_by_run]))
     return shares
 
 
@@ -205,10 +212,10 @@ def slices_of(
     goals = tasks.goals[results[0].tasks]
     train_results = graph.recipes[split.is_in("train"), 2]
     num_made = np.bincount(train_results, minlength=graph.num_entities)
-    made = num_made[goals]
+    num_train_recipes = num_made[goals]
     layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
-        "train_recipes": list(binned(made, _TRAIN_RECIPES)),
+        "train_recipes": list(binned(num_train_recipes, _TRAIN_RECIPES)),
         # Layer -1 marks goals that cannot be made from the base.
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
         "other_book": list(goal_groups(graph, goals, made_by_other_books).items()),
@@ -248,3 +255,178 @@ def slice_successes(
             )
             rows.append(row)
     return tuple(rows)
+
+
+class SourceGain(Record):
+    """What a source adds to a trained agent on the agent's tables.
+
+    Attributes:
+        without: success rate of the same agent with the source's scores set to 0.
+        gain: the agent's success rate minus `without`.
+        gain_ci: 95 % interval for `gain`, by resampling groups of tasks.
+    """
+
+    without: Share
+    gain: Annotated[float, msgspec.Meta(ge=-1, le=1)]
+    gain_ci: tuple[float, float]
+
+    @property
+    def adds_nothing(self) -> bool:
+        """Whether the agent is not better with the source, by the interval."""
+        return self.gain_ci[0] <= 0
+
+    @property
+    def sentence(self) -> str:
+        """The result in words, to be read after the source's name."""
+        verdict = "adds nothing" if self.adds_nothing else "adds to success"
+        low, high = self.gain_ci
+        return (
+            f"{verdict}: with its scores set to 0 the agent makes {self.without:.3f}, "
+            f"a difference of {self.gain:+.3f} [{low:+.3f}, {high:+.3f}]"
+        )
+
+
+def source_gains(
+    policies: Sequence[Policy], evaluator: Evaluator, results: Sequence[Evaluation]
+) -> dict[str, SourceGain]:
+    """Let agents play without each of their sources.
+
+    Args:
+        policies: the policies of an agent's runs, with the same sources.
+        evaluator: the tables.
+        results: the evaluation of each policy on these tables, with all sources.
+
+    Returns:
+        The gain by each source, by name, such as ``combines (u)``; empty without sources.
+    """
+    success = np.concatenate([result.success for result in results], axis=1)
+    gains = {}
+    for source in policies[0].sources:
+        played = [evaluator(PolicyPlayer(policy, silent=[source])) for policy in policies]
+        without = np.concatenate([result.success for result in played], axis=1)
+        gain, low, high = paired_difference(success, without, results[0].groups)
+        gains[with_letters([source])] = SourceGain(float(without.mean()), gain, (low, high))
+    return gains
+
+
+_CURVE_POINTS = 100
+"""Approximate limit for points in a curve."""
+TrainingMetric = Literal[
+    "test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"
+]
+METRICS: tuple[TrainingMetric, ...] = get_args(TrainingMetric)
+
+
+class CurvePoint(Record, array_like=True):
+    """Mean success over seeds at a point of the training.
+
+    Attributes:
+        step: environment steps so far.
+        success: mean success rate.
+        low, high: 95 % interval over seeds; None for a single seed.
+    """
+
+    step: int
+    success: float
+    low: float | None
+    high: float | None
+
+
+class LambdaCurve(Record):
+    """Mean mixing weight λ of a source during training.
+
+    Attributes:
+        source: name of the score source.
+        action: first or second action of an attempt.
+        points: (environment step, λ).
+    """
+
+    source: str
+    action: Literal["first", "second"]
+    points: tuple[tuple[int, float], ...]
+
+
+class SeedCurve(Record):
+    """A logged training statistic of one run.
+
+    Attributes:
+        seed: training seed of the run.
+        points: (environment step, value).
+    """
+
+    seed: int
+    points: tuple[tuple[int, float], ...]
+
+
+def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
+    """Return mean success curves by split part (test, train), with intervals over seeds."""
+    curves = {}
+    for part in ("test", "train"):
+        rows = _shared_rows(members, f"{part}_success")
+        points = []
+        for step, seeds in rows:
+            low, high = student_interval(seeds) or (None, None)
+            points.append(CurvePoint(step, float(np.mean(seeds)), low, high))
+        if points:
+            curves[part] = tuple(points)
+    return curves
+
+
+def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
+    """Return mean mixing weights λ over seeds, by score source and action.
+
+    A curve has about :data:`_CURVE_POINTS` points.
+    """
+    curves = []
+    actions: tuple[Literal["first", "second"], ...] = ("first", "second")
+    # A source that the agents do not have has no rows, and so no curve.
+    for source in (ALPHA.name, *source_names()):
+        for action in actions:
+            rows = _shared_rows(members, f"lambda_{source}_{action}")
+            every = max(1, len(rows) // _CURVE_POINTS)
+            points = [(step, float(np.mean(seeds))) for step, seeds in rows[::every]]
+            if points:
+                curves.append(LambdaCurve(source, action, tuple(points)))
+    return curves
+
+
+def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[SeedCurve, ...]]:
+    """Return each run's logged statistics as curves, in about :data:`_CURVE_POINTS` points.
+
+    The trainer's statistics are means since the line before. Where a line shortly follows another,
+    as at a point of the learning curve, they cover a few updates and are mostly noise, so these
+    points are left out. The success on test tasks is measured at the line itself and stays.
+    """
+    by_metric: dict[TrainingMetric, tuple[SeedCurve, ...]] = {}
+    for figure in METRICS:
+        curves = []
+        for agent in members:
+            # Steps since the line before, which a line's means cover.
+            lengths = np.diff([0, *(row.step for row in agent.metrics)])
+            # A run that has just begun has no lines, and no median.
+            is_long = lengths * 2 >= np.median(lengths) if len(lengths) else lengths
+            points = []
+            for row, long in zip(agent.metrics, is_long, strict=True):
+                is_mean = figure != "test_success"
+                if figure in row.figures and (long or not is_mean):
+                    points.append((row.step, row.figures[figure]))
+            # Every n-th point counted from the end, because the last point matters most.
+            every = max(1, len(points) // _CURVE_POINTS)
+            thinned = points[::-every][::-1]
+            if thinned:
+                curves.append(SeedCurve(agent.config.trainer.seed, tuple(thinned)))
+        if curves:
+            by_metric[figure] = tuple(curves)
+    return by_metric
+
+
+def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
+    by_run = []
+    for agent in members:
+        by_run.append({row.step: row.figures[key] for row in agent.metrics if key in row.figures})
+    # Only steps that all runs have reached: a mean over fewer seeds would jump where a run ends.
+    shared = sorted(set.intersection(*map(set, by_run)))
+    rows = []
+    for step in shared:
+        rows.append((step, [values[step] for values in by_run]))
+    return rows

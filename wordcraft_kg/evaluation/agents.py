@@ -17,9 +17,9 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation import agent_metrics, training_curves
+from wordcraft_kg.evaluation import agent_metrics
+from wordcraft_kg.evaluation.agent_metrics import SourceGain, source_gains
 from wordcraft_kg.evaluation.reference import ReferenceRow, play_of, reference_rows
-from wordcraft_kg.evaluation.source_gains import SourceGain, source_gains
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import shown_setting
@@ -114,9 +114,9 @@ class AgentEntry(Record):
     outcomes: dict[str, dict[TerminationReason, Share]]
     sources: dict[str, SourceGain]
     slices: dict[agent_metrics.Slice, tuple[agent_metrics.SliceSuccess, ...]]
-    curves: dict[str, tuple[training_curves.CurvePoint, ...]]
-    lambdas: tuple[training_curves.LambdaCurve, ...]
-    training: dict[training_curves.TrainingMetric, tuple[training_curves.SeedCurve, ...]]
+    curves: dict[str, tuple[agent_metrics.CurvePoint, ...]]
+    lambdas: tuple[agent_metrics.LambdaCurve, ...]
+    training: dict[agent_metrics.TrainingMetric, tuple[agent_metrics.SeedCurve, ...]]
     provenance: dict[str, dict[str, str]]
 
 
@@ -289,14 +289,14 @@ def view_agents(
         results[name][amount] = [
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
         ]
-    alone = _scorers_alone(groups, evaluators)
+    scorer_results = _scorers_alone(groups, evaluators)
     gains = {}
     for name, played_by in results.items():
         # An agent that cannot play with the headline's distractors has no gains.
         if headline in played_by:
             policies = [agent.policy for agent in groups[name]]
             gains[name] = source_gains(policies, evaluators[headline], played_by[headline])
-    made = _made_by_other_books(everyone)
+    other_labels = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
     graph = first.opened.graph
     split = first.opened.split
@@ -330,13 +330,13 @@ def view_agents(
                 results[name],
                 # The first agent has no difference to itself.
                 {} if results[name] is reference else reference,
-                alone,
+                scorer_results,
                 gains.get(name, {}),
-                made,
+                other_labels,
             )
             for name, members in groups.items()
         ),
-        baselines=tuple(_baselines(groups, evaluators, alone)),
+        baselines=tuple(_baselines(groups, evaluators, scorer_results)),
         episodes=tuple(
             AgentEpisodes(name, of[0].name, _episodes(of[0], world, episodes))
             for name, of in groups.items()
@@ -348,8 +348,8 @@ def view_agents(
 def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
     """Return the main results in an agent report: success by agent, and the path to the report."""
     agents = {
-        one.name: {"runs": one.runs, "seeds": one.seeds, "success": one.success}
-        for one in view.agents
+        agent.name: {"runs": agent.runs, "seeds": agent.seeds, "success": agent.success}
+        for agent in view.agents
     }
     return {
         "report": report,
@@ -363,9 +363,9 @@ def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
     """Return the labels that other books of any scorer make; None if no scorer has another book."""
     # One set for all agents: success is compared on the same groups of goals.
-    made = [agent.made_by_other_books for agent in agents]
-    known = [labels for labels in made if labels is not None]
-    return frozenset().union(*known) if known else None
+    labels_by_agent = [agent.made_by_other_books for agent in agents]
+    label_sets = [labels for labels in labels_by_agent if labels is not None]
+    return frozenset().union(*label_sets) if label_sets else None
 
 
 def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _ScorersAlone:
@@ -374,8 +374,10 @@ def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _Scorers
         # Runs of an agent share the scorer, and so may agents: each scorer plays once.
         agent = members[0]
         if agent.policy.sources and _scores_of(agent) not in played:
-            alone = players.scorer_alone(agent.policy.sources)
-            results = {sources: _play(player, evaluators) for sources, player in alone.items()}
+            players_by_sources = players.scorer_alone(agent.policy.sources)
+            results = {
+                sources: _play(player, evaluators) for sources, player in players_by_sources.items()
+            }
             played[_scores_of(agent)] = name, results
     return played
 
@@ -403,8 +405,8 @@ def _baselines(
     for members in groups.values():
         words |= _words_beside(members[0])
     results |= {name: _play(player, evaluators) for name, player in words.items()}
-    for agent, alone in scorers.values():
-        for sources, played in alone.items():
+    for agent, results_by_sources in scorers.values():
+        for sources, played in results_by_sources.items():
             results[f"scorer of {agent} alone, {sources}"] = played
     # Last, as the upper bound.
     results["recipe oracle"] = _play(players.recipe_oracle, evaluators)
@@ -416,9 +418,11 @@ def _baselines(
 
 def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
     """Return the player by nearest words with the vectors of an agent's scorer, by its name."""
-    of_sources = [getattr(each, "knowledge", None) for each in agent.policy.sources.values()]
-    known = [each for each in of_sources if isinstance(each, RecipeKnowledge)]
-    return players.words_player(agent.opened.graph, known[0] if known else None)
+    knowledge = [getattr(source, "knowledge", None) for source in agent.policy.sources.values()]
+    recipe_knowledge = [source for source in knowledge if isinstance(source, RecipeKnowledge)]
+    return players.words_player(
+        agent.opened.graph, recipe_knowledge[0] if recipe_knowledge else None
+    )
 
 
 def _references(
@@ -505,9 +509,9 @@ def _entry(
     config = members[0].config
     against_scorer: dict[int, agent_metrics.AgainstScorer] = {}
     if members[0].policy.sources:
-        _, alone = scorers[_scores_of(members[0])]
+        _, scorer_results = scorers[_scores_of(members[0])]
         # The last one is p alone if the agent has it, else w alone, else all sources.
-        sources, played = list(alone.items())[-1]
+        sources, played = list(scorer_results.items())[-1]
         against_scorer = {
             amount: agent_metrics.compare_with_scorer(runs, sources, played[amount])
             for amount, runs in results.items()
@@ -539,9 +543,9 @@ def _entry(
         outcomes={str(amount): agent_metrics.outcomes_of(runs) for amount, runs in results.items()},
         sources=gains,
         slices=agent_metrics.slices_of(members[0], world.tasks, headline, made_by_other_books),
-        curves=training_curves.success_curves(members),
-        lambdas=tuple(training_curves.lambda_curves(members)),
-        training=training_curves.training_metrics(members),
+        curves=agent_metrics.success_curves(members),
+        lambdas=tuple(agent_metrics.lambda_curves(members)),
+        training=agent_metrics.training_metrics(members),
         provenance={agent.name: agent.provenance for agent in members},
     )
 

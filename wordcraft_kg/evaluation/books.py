@@ -1,4 +1,4 @@
-"""List of the known recipe books, and the check of a recipe book."""
+"""List of the known recipe books, the check of a recipe book, and the tasks of a book's graph."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -11,7 +11,8 @@ import numpy as np
 
 from wordcraft_kg.base.artefacts import staged_file
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
-from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs.book_check import (
     LISTED,
     BookCheck,
@@ -35,8 +36,9 @@ from wordcraft_kg.graphs.library import (
 )
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.tasks import TaskPart
 
 MAX_COUNTED = 8 * 2**20
 """Bytes. A larger book's size is not listed, because counting takes seconds."""
@@ -294,10 +296,10 @@ def _without_unlike(check: BookCheck) -> BookCheck:
         return check
     # The words that differ: Apple Pi and Apple Pie share a word.
     texts: list[str] = []
-    for label, other in check.twins:
-        words, others = label.split(), other.split()
-        texts.append(" ".join(word for word in words if word not in others) or label)
-        texts.append(" ".join(word for word in others if word not in words) or other)
+    for label, twin in check.twins:
+        words, twin_words = label.split(), twin.split()
+        texts.append(" ".join(word for word in words if word not in twin_words) or label)
+        texts.append(" ".join(word for word in twin_words if word not in words) or twin)
     features = glove_features(texts)
     vectors = features.vectors.reshape(len(check.twins), 2, -1)
     lengths = np.linalg.norm(vectors, axis=2)
@@ -305,5 +307,88 @@ def _without_unlike(check: BookCheck) -> BookCheck:
     is_known = np.array(features.known).reshape(-1, 2).all(1)
     is_unlike = is_known & (cosines < _ONE_MEANING)
     unlike = {twin_message(pair) for pair in compress(check.twins, is_unlike)}
-    findings = tuple(each for each in check.findings if each.message not in unlike)
+    findings = tuple(finding for finding in check.findings if finding.message not in unlike)
     return replace(check, findings=findings)
+
+
+class ShownTask(Record):
+    """An example task.
+
+    Attributes:
+        goal: label of the goal.
+        start: starting ingredients.
+        distractors: other entities on the table.
+        table: the table, slot by slot.
+        plans: all ways to make the goal, each as recipes in turn.
+    """
+
+    goal: str
+    start: tuple[str, ...]
+    distractors: tuple[str, ...]
+    table: tuple[str, ...]
+    plans: tuple[tuple[Recipe, ...], ...]
+
+
+class TaskListing(Record):
+    """The tasks in a split part, with examples.
+
+    Attributes:
+        graph: name of the graph.
+        depth: fewest attempts that solve a task.
+        part: the split part.
+        tasks: number of tasks.
+        uses_twice: share of the tasks all of whose plans use an entity twice.
+        complete: whether these are all tasks of the part, and not a random sample.
+        mixed: number of tasks that use recipes of several parts and belong to none.
+        shown: the examples.
+    """
+
+    graph: str
+    depth: int
+    part: TaskPart
+    tasks: Count
+    uses_twice: Share
+    complete: bool
+    mixed: Count
+    shown: tuple[ShownTask, ...]
+
+
+def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
+    """Count an environment's tasks and show examples.
+
+    Args:
+        env: the environment.
+        limit: most examples to return.
+        seed: seed of the choice and of the distractors.
+
+    Returns:
+        Counts, and the examples in random order.
+    """
+    # Seeding only the first episode, as in training, gives different distractors to each table.
+    env.reset(seed=seed)
+    order = np.random.default_rng(seed).permutation(len(env.tasks))[:limit].tolist()
+    return TaskListing(
+        graph=env.world.graph.name,
+        depth=env.config.depth,
+        part=env.config.part,
+        tasks=len(env.tasks),
+        uses_twice=float(env.tasks.uses_twice.mean()),
+        complete=env.tasks.is_complete,
+        mixed=env.tasks.mixed,
+        shown=tuple(_shown(env, index) for index in order),
+    )
+
+
+def _shown(env: WordCraftEnv, index: int) -> ShownTask:
+    observation, _ = env.reset(options={"task": index})
+    task = env.task
+    # Slots without an entity have no label.
+    table = env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
+    return ShownTask(
+        goal=task.goal,
+        start=tuple(task.start),
+        # Sorted, because the table's order is random and tells nothing.
+        distractors=tuple(sorted(set(table) - set(task.start))),
+        table=table,
+        plans=tuple(map(tuple, task.plans)),
+    )

@@ -274,7 +274,7 @@ def view_discovery(
         scorer=None if scorer is None else scorer.name,
         marks=tuple(table["attempt"].unique().tolist()),
         players={name: _known(table[table["player"] == name]) for name in players},
-        people={str(attempt): known for attempt, known in HUMAN_CURVE.items()},
+        people={str(attempt): entities for attempt, entities in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
         references=_references(graph, graph.labels(start.base), players),
         knows_recipes=scorer is not None and scorer.shared > 0,
@@ -293,8 +293,8 @@ def main_statistics(graph: RecipeGraph, base: Sequence[int]) -> WorldStatistics:
     main = statistics.main
     if main is None:
         return statistics
-    others = [each for each in statistics.bottlenecks if each != main]
-    return replace(statistics, bottlenecks=(main, *others[: SHOWN_BOTTLENECKS - 1]))
+    rivals = [bottleneck for bottleneck in statistics.bottlenecks if bottleneck != main]
+    return replace(statistics, bottlenecks=(main, *rivals[: SHOWN_BOTTLENECKS - 1]))
 
 
 def passages(
@@ -348,7 +348,7 @@ def explain_run(
         thought = player.thought
         new, _ = game.combine(*pair)
         player.observe(pair, new)
-        one, other = graph.labels(sorted(pair))
+        first, second = graph.labels(sorted(pair))
         expected = None
         evidence: tuple[SupportingRecipe, ...] = ()
         if thought.expected >= 0:
@@ -365,8 +365,8 @@ def explain_run(
         tried.append(
             TriedPair(
                 attempt=attempt,
-                ingredient_a=one,
-                ingredient_b=other,
+                ingredient_a=first,
+                ingredient_b=second,
                 made=graph.labels(new),
                 reason=thought.reason,
                 chance=thought.chance,
@@ -383,28 +383,28 @@ def explain_run(
 def _references(
     graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]
 ) -> tuple[ReferenceRow, ...]:
-    ours = reference_rows(graph.hash, None, OpenPlay(base))
-    others = literature(["entities known", "new combinations"])
+    package_rows = reference_rows(graph.hash, None, OpenPlay(base))
+    literature_rows = literature(["entities known", "new combinations"])
     # The people's curve is a part of every view, so the same numbers as a row would stand twice.
     shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
-    further = [row for row in ours if row.player not in players]
-    for row in others:
+    unplayed = [row for row in package_rows if row.player not in players]
+    for row in literature_rows:
         values = {at: figure.value for at, figure in row.figures.items()}
         if values != shown:
-            further.append(row)
-    return tuple(further)
+            unplayed.append(row)
+    return tuple(unplayed)
 
 
 def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
-    known = {}
+    entities = {}
     columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated")]
     for attempt, mean, low, high, repeated in zip(*columns, strict=True):
         # A single run has NaN for an interval, and JSON has no NaN.
         has_interval = not math.isnan(low)
-        known[str(attempt)] = KnownEntities(
+        entities[str(attempt)] = KnownEntities(
             mean=mean,
             low=low if has_interval else None,
             high=high if has_interval else None,
             repeated=repeated,
         )
-    return known
+    return entities

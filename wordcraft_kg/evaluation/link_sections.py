@@ -14,9 +14,8 @@ from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.bins import OPEN_END, Bounds, binned
-from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.evaluation.ranked_links import RankedLinks, labelled
+from wordcraft_kg.evaluation.slices import OPEN_END, Bounds, binned, goal_groups
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
@@ -137,13 +136,13 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
     ``seed`` is the seed of the bootstrap.
     """
     reciprocal_ranks = _reciprocal(links.ranks)
-    others = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
+    baselines = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
     # The expectation over random orders, and not one order: its own luck would widen the interval.
-    others["random"] = random_reciprocal_ranks(links.ranks)
-    best_first = sorted(others, key=lambda name: -float(others[name].mean()))
+    baselines["random"] = random_reciprocal_ranks(links.ranks)
+    best_first = sorted(baselines, key=lambda name: -float(baselines[name].mean()))
     rows = []
     for name in best_first:
-        difference = reciprocal_ranks - others[name]
+        difference = reciprocal_ranks - baselines[name]
         means = bootstrap(difference, links.clusters, seed=seed)
         low, high = cluster_interval(difference, links.clusters, means)
         verdict: Verdict = "no significant difference"
@@ -176,7 +175,7 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     # A triple counts for both of its ends, and twice for an entity with itself.
     ends = np.concatenate([trained_on[:, 0], trained_on[:, 2]])
     uses = np.bincount(ends, minlength=graph.num_entities)
-    seen = uses[target]
+    train_uses = uses[target]
     layer = layers(graph)[target]
     is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
     is_self = (ranks["head"] == ranks["tail"]).to_numpy()
@@ -194,7 +193,7 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
 
     pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
     return DrillDown(
-        seen_in_train=slices(between(seen, SEEN)),
+        seen_in_train=slices(between(train_uses, SEEN)),
         layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
         self_combination=slices(pairs),
         # With all recipes in training every test recipe repeats a train recipe: itself.
@@ -257,8 +256,8 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
         scores = links.table[relation].copy()
         if relation == COMBINES_WITH:
             # Both directions are one fact: their mean stands above the diagonal, nothing below.
-            both = (scores + scores.T) / 2
-            scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, both)
+            mean_scores = (scores + scores.T) / 2
+            scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, mean_scores)
         is_own = graph.triples[:, 1] == relation
         heads, _, tails = graph.triples[is_own].T
         scores[heads, tails] = -np.inf

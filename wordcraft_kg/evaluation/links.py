@@ -272,7 +272,7 @@ def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
     baselines = {}
     for name, table in view.baselines.items():
         baselines[name] = {part: table[part].mrr for part in slices}
-    others = [
+    distant_mrr = [
         row.mrr
         for row in view.drill_down.near_synonyms
         if row.slice == link_sections.NO_NEAR_SYNONYM
@@ -284,7 +284,7 @@ def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
         "sampled_from": view.sampled_from,
         "leaked_left_out": view.leaked_left_out,
         "mrr_with_leaked": view.with_leaked.mrr,
-        "mrr_without_near_synonyms": others[0] if others else None,
+        "mrr_without_near_synonyms": distant_mrr[0] if distant_mrr else None,
         "has_seen_the_test_recipes": view.model.has_seen_the_test_recipes,
         "baselines": baselines,
         "comparisons": view.comparisons,
@@ -303,10 +303,10 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     )
     if links.kg != "none":  # an untrained model has no coverage
         # The full graph covers all its entities by definition.
-        needed = np.flatnonzero(~graph.is_half_product)
+        entities = np.flatnonzero(~graph.is_half_product)
         if links.is_full:
-            needed = needed[:0]
-        uncovered = np.setdiff1d(needed, links.train_sample.recipes)
+            entities = entities[:0]
+        uncovered = np.setdiff1d(entities, links.train_sample.recipes)
         detail = "all do"
         if len(uncovered):
             listed = ", ".join(map(quoted, graph.labels(uncovered[:6])))

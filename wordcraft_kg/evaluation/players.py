@@ -26,8 +26,8 @@ from wordcraft_kg.agents.players import (
     success_rows,
 )
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, default_seeds, sampled_tasks
@@ -35,11 +35,12 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     SliceSuccess,
+    SourceGain,
     compare_with_scorer,
     slice_successes,
+    source_gains,
 )
-from wordcraft_kg.evaluation.goal_groups import goal_groups
-from wordcraft_kg.evaluation.source_gains import SourceGain, source_gains
+from wordcraft_kg.evaluation.slices import goal_groups
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import with_letters
@@ -110,9 +111,9 @@ class AgentEvaluation(Record):
         notes = []
         for amount, gains in (self.sources or {}).items():
             tables = counted(int(amount), "distractor")
-            for source, found in gains.items():
-                if found.adds_nothing:
-                    notes.append(f"{tables}: {source} {found.sentence}")
+            for source, gain in gains.items():
+                if gain.adds_nothing:
+                    notes.append(f"{tables}: {source} {gain.sentence}")
         return notes
 
 
@@ -185,9 +186,9 @@ def view_evaluation(
     sources = None
     if agent == "trained" and trained.policy.sources:
         # The last one is p alone if the agent has it, else w alone, else all sources.
-        name, alone = list(scorer_alone(trained.policy.sources).items())[-1]
+        name, scorer_player = list(scorer_alone(trained.policy.sources).items())[-1]
         against_scorer = {
-            amount: compare_with_scorer([results[amount]], name, evaluator(alone))
+            amount: compare_with_scorer([results[amount]], name, evaluator(scorer_player))
             for amount, evaluator in evaluators.items()
         }
         sources = {
@@ -343,11 +344,11 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         # model of the fold that has not seen them.
         tasks = world.tasks if config.part in ("train", "all") else None
         groups = goal_groups(opened.graph, world.tasks.goals, trained.made_by_other_books)
-        named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
+        guided = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
         grouped |= {f"{name}, {kind}" for kind in (BEST_PAIR, PLANNER)}
         # The oracle stays last, as the upper bound.
         oracle = players.pop("recipe oracle")
-        players |= {f"{name}, {kind}": player for kind, player in named.items()}
+        players |= {f"{name}, {kind}": player for kind, player in guided.items()}
         players["recipe oracle"] = oracle
     tables = default_seeds(len(world.tasks)) if distractor_seeds is None else distractor_seeds
     # The external player first: it may fail, and its games are kept.

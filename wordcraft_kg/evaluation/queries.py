@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import ClassVar, Self
 
 from wordcraft_kg.base.errors import (
     ConfigError,
@@ -19,10 +19,6 @@ from wordcraft_kg.graphs.triples import RELATIONS
 
 OPEN = ("_", "?")
 """Spellings for an open slot; shells expand ``?``, but not ``_``."""
-HEADER = ["head", "relation", "tail"]
-"""Optional header of a file of triples."""
-_RECIPE_HEADER = ["ingredient_a", "ingredient_b", "result"]
-"""Header of a file of recipe queries; files without header contain triples."""
 _PLUS = "+"
 _MAKES = ("=", "->", "→")
 """Signs of a recipe query, ``a + b = c``; ``=`` and ``+`` need no quotes in a shell."""
@@ -30,12 +26,57 @@ _SIGNS = {_PLUS, *_MAKES}
 _SIGN = re.compile(r"\s*(\+|=|->|→)\s*")
 
 
-class _Slots:
-    """Labels of a query, of which one may be open (None)."""
+@dataclass(frozen=True)
+class Query:
+    """A query for a triple, as labels of which at most one may be open.
 
-    @property
-    def slots(self) -> tuple[str | None, ...]:
-        raise NotImplementedError
+    Attributes:
+        columns: names of the slots, the header of a file of such queries.
+        slots: a label for each column; None for the open slot.
+        line: line of the file that the query was read from, from 1; None for arguments.
+    """
+
+    columns: ClassVar[tuple[str, str, str]] = ("head", "relation", "tail")
+
+    slots: tuple[str | None, str | None, str | None]
+    line: int | None = None
+
+    @classmethod
+    def of(
+        cls, words: Sequence[str], entities: Collection[str], *, line: int | None = None
+    ) -> Self:
+        """Make a query from three typed words; an empty word and :data:`OPEN` leave a slot open.
+
+        Args:
+            words: a word for each column.
+            entities: labels of the graph. An entity may have the label ``_``, which then means the
+                entity.
+            line: line of the file, from 1; None for arguments.
+
+        Raises:
+            UnknownEntityError: for an unknown relation; the error names the nearest.
+            ConfigError: if several slots are open.
+        """
+        cls._check_relation(words[1])
+        first, second, third = (
+            None if word in ("", *OPEN) and word not in entities else word for word in words
+        )
+        slots = (first, second, third)
+        if slots.count(None) > 1:
+            raise ConfigError(cls._too_open(slots))
+        return cls(slots, line)
+
+    @classmethod
+    def _check_relation(cls, word: str) -> None:
+        if word not in RELATIONS:
+            raise UnknownEntityError(
+                f"no relation '{word}'; expected {' or '.join(RELATIONS)}."
+                f"{nearest(word, RELATIONS)}"
+            )
+
+    @classmethod
+    def _too_open(cls, slots: Sequence[str | None]) -> str:
+        return "both slots are open: name the head or the tail."
 
     @property
     def is_open(self) -> bool:
@@ -45,113 +86,33 @@ class _Slots:
     @property
     def labels(self) -> list[str]:
         """The named entities."""
-        return [slot for slot in self.slots if slot is not None]
+        return [label for label in (self.slots[0], self.slots[2]) if label is not None]
 
 
-@dataclass(frozen=True)
-class Query(_Slots):
-    """A query for a triple, as labels.
+class RecipeQuery(Query):
+    """A query for a recipe, see :class:`Query`."""
 
-    Attributes:
-        head: the head; None if open.
-        relation: the relation.
-        tail: the tail; None if open.
-        line: line of the file that the query was read from, from 1; None for arguments.
-    """
-
-    head: str | None
-    relation: str
-    tail: str | None
-    line: int | None = None
+    columns = ("ingredient_a", "ingredient_b", "result")
 
     @classmethod
-    def of(
-        cls,
-        head: str,
-        relation: str,
-        tail: str,
-        entities: Collection[str],
-        *,
-        line: int | None = None,
-    ) -> "Query":
-        """Make a query from typed words; an empty word and :data:`OPEN` leave a slot open.
-
-        Args:
-            head: the typed head.
-            relation: the typed relation.
-            tail: the typed tail.
-            entities: labels of the graph. An entity may have the label ``_``, which then means the
-                entity.
-            line: line of the file, from 1; None for arguments.
-
-        Raises:
-            UnknownEntityError: for an unknown relation; the error names the nearest.
-            ConfigError: if both slots are open.
-        """
-        slots = _slots((head, tail), entities)
-        if slots == [None, None]:
-            raise ConfigError("both slots are open: name the head or the tail.")
-        if relation not in RELATIONS:
-            hint = nearest(relation, RELATIONS)
-            raise UnknownEntityError(
-                f"no relation '{relation}'; expected {' or '.join(RELATIONS)}.{hint}"
-            )
-        return cls(slots[0], relation, slots[1], line)
-
-    @property
-    def slots(self) -> tuple[str | None, str | None]:
-        """Head and tail, None if open."""
-        return self.head, self.tail
-
-
-@dataclass(frozen=True)
-class RecipeQuery(_Slots):
-    """A query for a recipe, as labels of which at most one may be open.
-
-    Attributes:
-        ingredient_a: an ingredient; None if open.
-        ingredient_b: the second ingredient; None if open.
-        result: the result; None if open.
-        line: line of the file that the query was read from, from 1; None for arguments.
-    """
-
-    ingredient_a: str | None
-    ingredient_b: str | None
-    result: str | None
-    line: int | None = None
+    def _check_relation(cls, word: str) -> None:
+        """Accept any word: the second slot of a recipe is an entity."""
 
     @classmethod
-    def of(
-        cls, a: str, b: str, result: str, entities: Collection[str], *, line: int | None = None
-    ) -> "RecipeQuery":
-        """Make a query from typed words; open slots are those of :meth:`Query.of`.
-
-        Args:
-            a: the typed ingredient.
-            b: the typed second ingredient.
-            result: the typed result.
-            entities: labels of the graph.
-            line: line of the file, from 1; None for arguments.
-
-        Raises:
-            ConfigError: if several slots are open.
-        """
-        slots = _slots((a, b, result), entities)
-        if slots.count(None) > 1:
-            shown = f"{slots[0] or '_'} + {slots[1] or '_'} = {slots[2] or '_'}"
-            raise ConfigError(
-                f"{shown} has several open slots: leave a single slot open, an ingredient or the "
-                "result."
-            )
-        return cls(slots[0], slots[1], slots[2], line)
+    def _too_open(cls, slots: Sequence[str | None]) -> str:
+        first, second, result = (slot or "_" for slot in slots)
+        return (
+            f"{first} + {second} = {result} has several open slots: leave a single slot open, an "
+            "ingredient or the result."
+        )
 
     @property
-    def slots(self) -> tuple[str | None, str | None, str | None]:
-        """Both ingredients and the result, None if open."""
-        return self.ingredient_a, self.ingredient_b, self.result
+    def labels(self) -> list[str]:
+        """The named entities."""
+        return [label for label in self.slots if label is not None]
 
 
-def parse_query(words: Sequence[str], entities: Collection[str]) -> Query | RecipeQuery:
+def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
     """Parse a triple or recipe query from command line arguments.
 
     A triple is ``head relation [tail]``; a query without tail ranks all tails. A recipe is ``a +
@@ -174,8 +135,7 @@ def parse_query(words: Sequence[str], entities: Collection[str]) -> Query | Reci
             raise _unreadable(
                 words, "query", "a head, a relation and perhaps a tail, or a recipe such as a + b"
             )
-        head, relation, *tail = words
-        return Query.of(head, relation, tail[0] if tail else "", entities)
+        return Query.of([*words, ""][:3], entities)
     # The sign before the result is optional: a + b c.
     if len(pieces) > 3 and pieces[3] in _MAKES:
         del pieces[3]
@@ -184,8 +144,7 @@ def parse_query(words: Sequence[str], entities: Collection[str]) -> Query | Reci
         raise _unreadable(
             words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners"
         )
-    a, b, *result = labels
-    return RecipeQuery.of(a, b, result[0] if result else "", entities)
+    return RecipeQuery.of([*labels, ""][:3], entities)
 
 
 def _pieces(words: Sequence[str], entities: Collection[str]) -> Iterator[str]:
@@ -197,18 +156,14 @@ def _pieces(words: Sequence[str], entities: Collection[str]) -> Iterator[str]:
             yield from filter(None, _SIGN.split(word))
 
 
-def _unreadable(words: Sequence[str], what: str, expected: str) -> ConfigError:
+def _unreadable(words: Sequence[str], query: str, expected: str) -> ConfigError:
     return ConfigError(
-        f"cannot parse {what} '{' '.join(words)}'; expected {expected}. Quote labels with several "
+        f"cannot parse {query} '{' '.join(words)}'; expected {expected}. Quote labels with several "
         "words."
     )
 
 
-def _slots(typed: Sequence[str], entities: Collection[str]) -> list[str | None]:
-    return [None if slot in ("", *OPEN) and slot not in entities else slot for slot in typed]
-
-
-def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[RecipeQuery]:
+def read_queries(path: Path, entities: Collection[str]) -> list[Query]:
     """Read queries from a CSV or TSV file of triples or recipes.
 
     Recipes need the header ingredient_a, ingredient_b, result; triples need none. A tab in the
@@ -224,27 +179,25 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
             error names.
     """
     rows = list(_rows(path))
-    header = rows[0][1] if rows and rows[0][1] in (HEADER, _RECIPE_HEADER) else None
-    has_recipes = header == _RECIPE_HEADER
-    kind = RecipeQuery if has_recipes else Query
-    columns = _RECIPE_HEADER if has_recipes else HEADER
+    header = tuple(rows[0][1]) if rows else ()
+    kind = RecipeQuery if header == RecipeQuery.columns else Query
     # An entity may be called "head": only a whole row of these words is a header.
-    if header is not None:
+    if header == kind.columns:
         del rows[0]
-    queries: list[Any] = []
+    queries = []
     for line, cells in rows:
         if len(cells) != 3:
             shown = ",".join(cells)[:80]
-            expected = ", ".join(columns)
             raise QueryFileError(
-                f"{path}, line {line}: '{shown}' has {len(cells)} columns; expected {expected}."
+                f"{path}, line {line}: '{shown}' has {len(cells)} columns; expected "
+                f"{', '.join(kind.columns)}."
             )
         try:
-            queries.append(kind.of(cells[0], cells[1], cells[2], entities, line=line))
+            queries.append(kind.of(cells, entities, line=line))
         except WordCraftKGError as error:
             raise QueryFileError(f"{path}, line {line}: {error}") from None
     if not queries:
-        raise QueryFileError(f"{path} has no query; expected lines with {', '.join(columns)}.")
+        raise QueryFileError(f"{path} has no query; expected lines with {', '.join(kind.columns)}.")
     return queries
 
 
@@ -252,7 +205,7 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the cells of each line that is not blank, and the line where they begin."""
     if not path.is_file():
         raise QueryFileError(
-            f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(HEADER)}."
+            f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(Query.columns)}."
         )
     try:
         text = path.read_bytes().decode("utf-8-sig")
@@ -266,11 +219,11 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     else:
         reader = csv.reader(lines, strict=True)
     # A quoted cell may span lines, so the reader's line number is the last line of a row.
-    begun = 1
+    begin = 1
     try:
         for cells in reader:
             if any(cell.strip() for cell in cells):
-                yield begun, cells
-            begun = reader.line_num + 1
+                yield begin, cells
+            begin = reader.line_num + 1
     except csv.Error as error:
         raise QueryFileError(f"{path}, line {reader.line_num}: {error}.") from None

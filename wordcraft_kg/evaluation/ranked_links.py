@@ -1,20 +1,27 @@
-"""Ranks of the evaluation triples in a graph by a link predictor."""
+"""Ranks of triples by a link predictor, and link predictors compared on the same queries."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import SplitError
-from wordcraft_kg.base.settings import refuse, whole
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.settings import MAX_SIZE, refuse, whole
+from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.model import Model
+from wordcraft_kg.models.scorers import ranking
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -101,12 +108,14 @@ class RankedLinks:
 
         Beside an untrained scorer, baselines know the train recipes.
         """
-        known = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
-        scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
+        sample = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
+        scorers: dict[str, TripleScorer] = {
+            "frequency": FrequencyScorer(self.graph, sample.triples)
+        }
         # These two need the scores of all pairs.
         if self.has_table:
-            scorers["votes"] = VoteScorer(self.graph, known.recipes)
-            scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
+            scorers["votes"] = VoteScorer(self.graph, sample.recipes)
+            scorers["neighbours"] = NeighbourScorer(self.graph, sample.triples)
         return {
             name: rank_triples(scorer, self.queries, self.graph.triples)
             for name, scorer in scorers.items()
@@ -172,16 +181,16 @@ def rank_links(
 
 
 def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
-    needed = f"a meaningful metric needs at least {MIN_TRIPLES}."
+    rule = f"a meaningful metric needs at least {MIN_TRIPLES}."
     if kg == "full":
         more = "Use a recipe book with more recipes."
-        return f"only {count} triples in the whole graph; {needed} {more}"
+        return f"only {count} triples in the whole graph; {rule} {more}"
     # A smaller ratio helps only if the ratio is not small yet.
     ratio = "or use a recipe book with more recipes"
     if opened.split.config.train_ratio > 0.7:
         ratio = "such as 0.7"
     remedy = f"Build the graph with a smaller `train_ratio`, {ratio}."
-    return f"only {count} unseen test triples; {needed} {remedy}"
+    return f"only {count} unseen test triples; {rule} {remedy}"
 
 
 def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
@@ -194,3 +203,242 @@ def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
         frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
     frame["relation"] = relations[frame["relation"].to_numpy(dtype=np.int64)]
     return frame
+
+
+Bounds = tuple[float, float]
+
+
+class ComparedModel(ranking.RankingMetrics, kw_only=True):
+    """A model's metrics on the shared queries, averaged over seeds.
+
+    Attributes:
+        name: the model's name.
+        has_seen_the_test_recipes: whether the full graph was used in training, so that the queries
+            are no test.
+        seeds: training seeds; empty for a model without a recorded seed.
+        mrr_of_seeds: MRR with each seed.
+        difference: MRR difference to the first model; None for the first model.
+        difference_ci: interval of the difference; the intervals of all model pairs hold together
+            with 95 % confidence.
+        probability_better: share of resamples with a higher MRR than the first model; ties count
+            half.
+    """
+
+    name: str
+    has_seen_the_test_recipes: bool
+    seeds: tuple[int, ...]
+    mrr_of_seeds: tuple[Share, ...]
+    difference: float | None = None
+    difference_ci: Bounds | None = None
+    probability_better: Share | None = None
+
+
+class LinkComparison(Record, omit_defaults=True):
+    """Models compared on the same queries; differences are to the first model.
+
+    Attributes:
+        graph: name of the graph.
+        hash: content hash of the graph.
+        split: content hash of the split.
+        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
+            resample them.
+        triples: number of ranked unseen triples, that is, test triples outside the training data.
+        queries: number of queries, two for each triple.
+        resamples: number of bootstrap resamples.
+        pairs: number of model pairs, for which the intervals of differences are corrected
+            (Bonferroni).
+        models: the models in the order given.
+        sampled_from: number of unseen triples if a uniform sample is ranked; None if all are
+            ranked.
+        best: model with the highest MRR among models that have not seen the test recipes; None
+            without such models.
+        not_significant: models without a significant difference from `best` at 5 %: the interval
+            of the difference contains 0.
+        out: the written page; None without a page.
+    """
+
+    graph: str
+    hash: Hash
+    split: Hash
+    unit: str
+    triples: Count
+    queries: Count
+    resamples: Annotated[int, msgspec.Meta(ge=1)]
+    pairs: Annotated[int, msgspec.Meta(ge=1)]
+    models: Annotated[tuple[ComparedModel, ...], msgspec.Meta(min_length=2)]
+    sampled_from: Count | None = None
+    best: str | None = None
+    not_significant: tuple[str, ...] = ()
+    out: str | None = None
+
+
+def by_mrr(view: LinkComparison) -> list[ComparedModel]:
+    """Return the models of a comparison by MRR, best first."""
+    return sorted(view.models, key=lambda model: model.mrr or 0.0, reverse=True)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A model to compare.
+
+    Attributes:
+        name: the model's name.
+        runs: a trained model for each seed, with equal settings.
+    """
+
+    name: str
+    runs: Sequence[Model]
+
+
+def compare(
+    contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed: int = 0
+) -> LinkComparison:
+    """Compare models by MRR on test triples outside training, with bootstrap intervals.
+
+    All models share the resamples of the groups that the split holds out together, such as recipes
+    or goals: a difference on the same queries is far more precise than two separate intervals.
+    Reciprocal ranks of a query are averaged over a model's seeds. Intervals cover the choice of
+    recipes and say nothing about further seeds.
+
+    Args:
+        contenders: two or more models; the first is the reference. Very many triples are sampled.
+        resamples: number of bootstrap resamples.
+        seed: seed of the bootstrap and of the sample.
+
+    Returns:
+        Metrics, differences to the first model, and the best model.
+
+    Raises:
+        ConfigError: if a setting is out of range, or the seeds of a model were trained with
+            different settings.
+        GraphMismatchError: if the models were trained on different graphs or splits.
+        SplitError: if the split leaves too few unseen triples.
+        ArtefactError: if a score is not a finite number.
+    """
+    whole("resamples", resamples, 1, MAX_SIZE)
+    whole("seed", seed, 0)
+    for contender in contenders:
+        _check_alike(contenders[0].runs[0], contender)
+    opened = contenders[0].runs[0].opened
+    graph = opened.graph
+    split = opened.split
+    everything = split.held_out("test")
+    # Each triple gives two queries, one with an open tail and one with an open head.
+    queries = ranking.sampled(everything, MAX_QUERIES // 2, seed)
+    if len(queries) < ranking.MIN_TRIPLES:
+        raise SplitError(
+            f"only {len(queries)} unseen test triples to compare on; {ranking.MIN_TRIPLES} are "
+            "needed. Build the graph with a split and a smaller `train_ratio`, such as 0.7."
+        )
+    # Tails come before heads, so the groups of the triples repeat.
+    clusters = np.tile(ranking.triple_groups(split, split.is_in("test"), queries), 2)
+    pairs = len(contenders) * (len(contenders) - 1) // 2
+    # Bonferroni: all intervals hold together at 95 %, whichever pair a reader picks.
+    confidence = 1 - 0.05 / pairs
+
+    def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return bootstrap(values, clusters, resamples=resamples, seed=seed)
+
+    ranked = [_ranked(contender, queries) for contender in contenders]
+
+    def bounds(values: NDArray[np.float64], means: NDArray[np.float64], level: float) -> Bounds:
+        return cluster_interval(values, clusters, means, level=level)
+
+    models = _with_intervals(ranked, resampled, bounds, confidence)
+    # A model that has seen the test recipes would win by memory.
+    fair = [(model.name, values) for model, values in ranked if not model.has_seen_the_test_recipes]
+    best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
+    not_significant = []
+    for candidate in fair:
+        if best is None or candidate is best:
+            continue
+        lead = best[1] - candidate[1]
+        # The best model is ahead by its mean: only the lower end can include 0.
+        if bounds(lead, resampled(lead), confidence)[0] <= 0:
+            not_significant.append(candidate[0])
+    return LinkComparison(
+        graph=graph.name,
+        hash=graph.hash,
+        split=split.hash,
+        unit=split.unit,
+        triples=len(queries),
+        queries=len(clusters),
+        resamples=resamples,
+        pairs=pairs,
+        sampled_from=len(everything) if len(everything) > len(queries) else None,
+        models=tuple(models),
+        best=best[0] if best else None,
+        not_significant=tuple(not_significant),
+    )
+
+
+def _with_intervals(
+    ranked: Sequence[tuple[ComparedModel, NDArray[np.float64]]],
+    resampled: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    bounds: Callable[[NDArray[np.float64], NDArray[np.float64], float], Bounds],
+    confidence: float,
+) -> list[ComparedModel]:
+    models = [
+        msgspec.structs.replace(model, mrr_ci=_from_zero(bounds(values, resampled(values), 0.95)))
+        for model, values in ranked
+    ]
+    for i in range(1, len(models)):
+        # The same queries in the same order, so reciprocal ranks subtract query by query.
+        gain = ranked[i][1] - ranked[0][1]
+        means = resampled(gain)
+        models[i] = msgspec.structs.replace(
+            models[i],
+            difference=float(gain.mean()),
+            difference_ci=bounds(gain, means, confidence),
+            # A tie says nothing about either model: half for each.
+            probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
+        )
+    return models
+
+
+def _from_zero(ends: Bounds) -> Bounds:
+    # Student's t over few groups may reach below 0, where no MRR lies.
+    return max(ends[0], 0.0), ends[1]
+
+
+def _check_alike(reference: Model, contender: Contender) -> None:
+    for run in contender.runs:
+        for input_name, left, right in (
+            ("graphs", reference.opened.graph.hash, run.opened.graph.hash),
+            ("splits", reference.opened.split.hash, run.opened.split.hash),
+        ):
+            if left != right:
+                raise GraphMismatchError(
+                    f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different "
+                    f"{input_name} ({left[:12]}, {right[:12]}); their metrics cannot be compared. "
+                    "Train all on the same graph."
+                )
+        if run.comparable_settings != contender.runs[0].comparable_settings:
+            raise ConfigError(
+                f"the seeds of '{contender.name}' were trained with different settings; give each "
+                "folder as a model."
+            )
+
+
+def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
+    # Filtered ranks: other true answers of a query do not compete, whichever part they are in.
+    true_triples = contender.runs[0].opened.graph.triples
+    ranks = [ranking.rank_triples(run.scorer, queries, true_triples) for run in contender.runs]
+    metrics = [ranking.ranking_metrics(frame) for frame in ranks]
+    # Means over seeds of each metric, and no metric of mean ranks, which would favour many seeds.
+    averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
+    means: dict[str, Any] = {}
+    for name in averaged:
+        values = [getattr(seed_metrics, name) for seed_metrics in metrics]
+        means[name] = float(np.mean(values))
+    # MRR is None only without queries, which compare() refuses.
+    model = ComparedModel(
+        queries=metrics[0].queries,
+        **means,
+        name=contender.name,
+        has_seen_the_test_recipes=contender.runs[0].kg == "full",
+        seeds=tuple(run.seed for run in contender.runs if run.seed is not None),
+        mrr_of_seeds=tuple(seed_metrics.mrr or 0.0 for seed_metrics in metrics),
+    )
+    reciprocal_ranks = [1 / frame["rank"].to_numpy(dtype=float) for frame in ranks]
+    return model, np.mean(reciprocal_ranks, axis=0)

@@ -1,32 +1,52 @@
-"""Triple scores, also for words outside the graph, and best entities for a query's open slot."""
+"""Scores of triples and of recipes, also for words outside the graph.
 
+:func:`scoring_of` returns the scoring of a query: :class:`LinkScoring` for triples,
+:class:`RecipeScoring` for recipes. Both score whole queries, rank each entity in its slot, and list
+the best entities for an open slot.
+"""
+
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, ClassVar, Literal, cast, get_args
 
 import msgspec
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ArtefactError, QueryFileError, UnknownEntityError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    QueryFileError,
+    UnknownEntityError,
+)
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.queries import Query, RecipeQuery
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.chains import is_half_product, mark_half_products
+from wordcraft_kg.graphs.arrays import Ids, are_among, recipe_keys
+from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.splits import PARTS, Split
+from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
-from wordcraft_kg.models.scorers.cross_fitting import folds_of
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.neighbours.knowledge import LEAST_SHARE
+from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores, Witness
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 Known = Literal["train", "valid", "test", "new"]
-"""The split part with a recipe that gives a triple (train takes precedence), or ``new``."""
+"""The split part with a triple or recipe (train takes precedence), or ``new``."""
+# Supporting recipes are sorted by share; more would push the results off the screen.
+_SUPPORT = 3
+# A file of queries may name thousands of new entities; a few show what happened.
+_LISTED = 5
 
 
 class ScoredTriple(Record):
@@ -40,7 +60,8 @@ class ScoredTriple(Record):
         tail: the tail.
         score: higher is more plausible, on the scorer's own scale.
         known: split part with the triple, see :data:`Known`; None without the graph.
-        rank_as_tail, rank_as_head: rank of tail and head among all entities, from 1.
+        rank_as_tail, rank_as_head: rank of tail and head among all entities, from 1; entities with
+            equal scores share the best rank.
         trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
         probability: calibrated probability; None for a train triple and without a calibration.
         by_words: entities outside the graph, scored by their words alone.
@@ -122,6 +143,90 @@ class ScoredRow(Record):
     probability: Share | None = None
 
 
+class ScoredRecipe(Record):
+    """A recipe with its score.
+
+    Attributes:
+        ingredient_a, ingredient_b: labels of the ingredients.
+        result: label of the result.
+        score: higher is more plausible, on the scorer's own scale.
+        known: split part with the recipe, or `new` if the book lacks it; None without the graph.
+        in_sample: whether the scorer was trained on the recipe, so that its score says nothing
+            about other recipes.
+        because: supporting train recipes; recipes that make the result itself come first.
+        probability: probability of the result if the pair makes something, where results of a pair
+            are listed; None elsewhere and without a calibration.
+        outside: evidence from outside the train recipes.
+    """
+
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    score: float
+    known: Known | None
+    in_sample: bool
+    because: tuple[Witness, ...]
+    probability: Share | None
+    outside: tuple[OutsideEvidence, ...]
+
+
+class RankedRecipe(ScoredRecipe):
+    """A recipe with its score, and the rank of each entity in its slot among all entities.
+
+    Known recipes compete: the ranks are unfiltered.
+
+    Attributes:
+        rank_as_result: rank of the result, from 1.
+        rank_as_ingredient_a, rank_as_ingredient_b: rank of each ingredient, from 1.
+        trained_on: training graph of the scorer; None if not recorded.
+    """
+
+    rank_as_result: Count
+    rank_as_ingredient_a: Count
+    rank_as_ingredient_b: Count
+    trained_on: TrainedOn | None
+
+
+class OpenRecipe(Record):
+    """The best entities for the open slot in a recipe.
+
+    Attributes:
+        ingredient_a, ingredient_b: labels of the ingredients; None for the open slot.
+        result: label of the result; None for the open slot.
+        top: the completed recipes, best first.
+        trained_on: training graph of the scorer; None if not recorded.
+    """
+
+    ingredient_a: str | None
+    ingredient_b: str | None
+    result: str | None
+    top: tuple[ScoredRecipe, ...]
+    trained_on: TrainedOn | None
+
+
+class ScoredRecipeRow(Record):
+    """A row in a file of recipe scores.
+
+    Attributes:
+        line: line of the query in the queries' file, from 1.
+        ingredient_a, ingredient_b: labels of the ingredients.
+        result: label of the result.
+        score: higher is more plausible, on the scorer's own scale.
+        rank: rank in the list for an open slot, from 1; None for a full recipe.
+        known: split part with the recipe, or `new`; None without the graph.
+        in_sample: whether the scorer was trained on the recipe.
+    """
+
+    line: int
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    score: float
+    rank: int | None
+    known: Known | None
+    in_sample: bool
+
+
 class ScoredFile(Record, omit_defaults=True):
     """Scores for all queries in a file.
 
@@ -138,7 +243,7 @@ class ScoredFile(Record, omit_defaults=True):
     scored: Count
     trained_on: TrainedOn | None
     by_words: tuple[str, ...] = ()
-    rows: tuple[Record, ...] = ()
+    rows: tuple[ScoredRow | ScoredRecipeRow, ...] = ()
     out: str | None = None
 
 
@@ -193,26 +298,6 @@ class ScoringModel:
         outside = OutsideEvidenceFinder.open(folder, model.opened)
         return cls(model.scorer, model.opened.split, model.kg, outside=outside)
 
-    @property
-    def proposes_self_results(self) -> bool:
-        """Whether an entity may be proposed for itself: if the graph has such a recipe."""
-        return self.split is not None and self.split.graph.has_self_results
-
-    def known(self, triples: Ids) -> list[Known | None]:
-        """Return the split part of each triple, ids of shape (T, 3), see :data:`Known`.
-
-        Without the graph, all parts are None.
-        """
-        if self.split is None:
-            return [None] * len(triples)
-        # In the order of the split's part numbers.
-        names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
-        # New entities are in no recipe: index -1 is "new".
-        is_in_graph = (triples < self.split.graph.num_entities).all(axis=1)
-        part = np.full(len(triples), -1)
-        part[is_in_graph] = self.split.part_of(triples[is_in_graph])
-        return [names[number] for number in part.tolist()]
-
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
         """Return calibrated probabilities for triples, ids of shape (T, 3).
 
@@ -226,178 +311,396 @@ class ScoringModel:
         pairs = zip(values, known, strict=True)
         return [None if part == "train" else value for value, part in pairs]
 
-    def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
+
+@dataclass(frozen=True)
+class Scoring(ABC):
+    """Scores of queries of one kind; an answer is a row of three ids, a triple or a recipe.
+
+    Attributes:
+        model: the opened model.
+        row_type: type of a row in a file of scores.
+    """
+
+    row_type: ClassVar[type[ScoredRow | ScoredRecipeRow]]
+
+    model: ScoringModel
+
+    @abstractmethod
+    def scores(self, rows: Ids) -> torch.Tensor:
+        """Return scores, shape (n,), of rows of ids, shape (n, 3)."""
+
+    @abstractmethod
+    def known(self, rows: Ids) -> list[Known | None]:
+        """Return the split part of each row of ids, shape (n, 3).
+
+        The part is ``new`` for a row that the book lacks, and None without the graph.
+        """
+
+    @abstractmethod
+    def facts(self, rows: Ids) -> list[dict[str, Any]]:
+        """Return the fields that all records of these rows have besides their score."""
+
+    @abstractmethod
+    def view(self, query: Query) -> ScoredTriple | RankedRecipe:
+        """Score a whole query, and rank each entity in its slot.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
+        """
+
+    @abstractmethod
+    def view_open(self, query: Query, top: int, *, new_only: bool = False) -> OpenSlot | OpenRecipe:
         """List the best entities for a query's open slot.
 
         Args:
             query: a query with an open slot.
             top: most entities to list.
-            new_only: omit known triples; only with a graph, as without one no triple counts as new
-                and the list is empty.
-
-        Returns:
-            The entities, best first; equal scores in id order.
+            new_only: omit known triples or recipes.
 
         Raises:
-            UnknownEntityError: for an entity that the scorer does not know.
+            UnknownEntityError: for a label that the scorer does not know.
         """
-        everything = torch.arange(len(self.scorer.entities))
-        head = everything if query.head is None else query.head
-        tail = everything if query.tail is None else query.tail
-        scores = self.scorer.score(head, query.relation, tail).cpu()
-        order = torch.sort(scores, descending=True, stable=True).indices.numpy()
+
+    @abstractmethod
+    def _repeats_result(self, rows: Ids) -> NDArray[np.bool_]:
+        """Mark rows whose result is its own ingredient, shape (n, 3) -> (n,)."""
+
+    def _ids(self, label: str, place: int) -> list[int]:
+        """Return the id of the label in a slot, in a list."""
+        ids: list[int] = self.model.scorer.entity_ids([label]).tolist()
+        return ids
+
+    @property
+    def entities(self) -> Sequence[str]:
+        """Labels of the entities, by id."""
+        return self.model.scorer.entities
+
+    def rows(self, query: Query) -> Ids:
+        """Return a query's answers, shape (n, 3): one, or one for each entity in the open slot.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
+        """
         # Half-products of chains are no things of the game, and no answers.
-        order = order[~mark_half_products(self.scorer.entities)[order]]
-        if query.relation == RELATIONS[COMPONENT_OF] and not self.proposes_self_results:
-            (named,) = (label for label in (query.head, query.tail) if label is not None)
-            order = order[order != int(self.scorer.entity_ids(named))]
-        # Without a filter the first ones are the answer, and parts of all others need no look-up.
-        if not new_only:
-            order = order[:top]
-        heads = order if query.head is None else int(self.scorer.entity_ids(query.head))
-        tails = order if query.tail is None else int(self.scorer.entity_ids(query.tail))
-        triples = _triples(heads, RELATIONS.index(query.relation), tails)
-        parts = self.known(triples)
-        chances = self.probabilities(triples, parts)
-        places = [i for i in range(len(order)) if not new_only or parts[i] == "new"]
-        best = []
-        for i in places[:top]:
-            entity = int(order[i])
-            candidate = ScoredEntity(
-                entity=self.scorer.entities[entity],
-                score=float(scores[entity]),
-                known=parts[i],
-                probability=chances[i],
+        candidates = np.flatnonzero(~mark_half_products(self.entities))
+        ids = []
+        for place, label in enumerate(query.slots):
+            ids.append(candidates if label is None else self._ids(label, place))
+        # Named entities broadcast along the open slot.
+        return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
+
+    def labels(self, row: Ids) -> tuple[str, str, str]:
+        """Return the labels of a row, shape (3,)."""
+        first, second, third = (self.entities[entity] for entity in row.tolist())
+        return first, second, third
+
+    def candidates(self, query: Query, top: int) -> tuple[Ids, torch.Tensor]:
+        """Return rows for a query's open slot, shape (n, 3), and their scores.
+
+        ``top`` is the number of answers that will be listed at most.
+        """
+        rows = self.rows(query)
+        return rows, self.scores(rows)
+
+    def best(self, query: Query, top: int, *, new_only: bool = False) -> tuple[Ids, list[float]]:
+        """Return the best answers for a query's open slot, best first; equal scores in id order.
+
+        Answers that make their own ingredient are omitted if the book has none, because recipe
+        books drop such recipes by default.
+
+        Args:
+            query: a query with an open slot.
+            top: most answers to return.
+            new_only: omit known triples or recipes; without a graph, none counts as new.
+
+        Returns:
+            Rows of ids, shape (n, 3), and their scores.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
+        """
+        rows, scores = self.candidates(query, top)
+        split = self.model.split
+        # Stable: equal scores keep the order of ids on every device.
+        order = torch.sort(scores, descending=True, stable=True).indices.numpy()
+        if split is None or not split.graph.has_self_results:
+            order = order[~self._repeats_result(rows[order])]
+        if new_only:
+            is_new = np.array([part == "new" for part in self.known(rows[order])], dtype=bool)
+            order = order[is_new]
+        order = order[:top].copy()
+        return rows[order], scores[order].tolist()
+
+    def rank(self, query: Query, place: int, row: Ids, score: float) -> int:
+        """Return the rank of the entity in a slot of a whole query, among all entities.
+
+        Known answers compete: the rank is unfiltered.
+
+        Args:
+            query: a whole query.
+            place: place of the slot, 0 to 2.
+            row: ids of the query, shape (1, 3).
+            score: its score.
+
+        Returns:
+            The rank from 1; entities with equal scores share the best rank.
+        """
+        slots = [None if i == place else label for i, label in enumerate(query.slots)]
+        rows = self.rows(replace(query, slots=(slots[0], slots[1], slots[2])))
+        scores = self.scores(rows)
+        # A score among others may differ in its last bits from the score alone, so that an entity
+        # would be ranked behind itself.
+        is_competitor = (rows != row).any(axis=1)
+        among = score if is_competitor.all() else float(scores[~is_competitor].max())
+        return 1 + int((scores[is_competitor] > among).sum())
+
+    def score_queries(
+        self, queries: Sequence[Query], top: int, *, new_only: bool = False
+    ) -> Iterator[ScoredRow | ScoredRecipeRow]:
+        """Score queries in their order.
+
+        Args:
+            queries: whole or open queries.
+            top: most rows for a query with an open slot.
+            new_only: omit known triples or recipes.
+
+        Yields:
+            A row for a whole query, up to ``top`` rows for a query with an open slot.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
+        """
+        # Whole queries are scored in one batch, which is much faster than one by one.
+        batch = [self.rows(query) for query in queries if not query.is_open]
+        scores = iter(self.scores(np.concatenate(batch)).tolist() if batch else ())
+        for query in queries:
+            if query.is_open:
+                rows, values = self.best(query, top, new_only=new_only)
+                ranks: Sequence[int | None] = range(1, len(rows) + 1)
+            else:
+                rows = self.rows(query)
+                values = [next(scores)]
+                ranks = [None]
+            for row, score, rank, facts in zip(rows, values, ranks, self.facts(rows), strict=True):
+                if not new_only or facts["known"] == "new":
+                    labels = self.labels(row)
+                    yield self.row_type(query.line or 0, *labels, score=score, rank=rank, **facts)
+
+
+class LinkScoring(Scoring):
+    """Scores of triples: head, relation and tail."""
+
+    row_type = ScoredRow
+
+    def scores(self, rows: Ids) -> torch.Tensor:  # noqa: D102
+        return self.model.scorer.score(*torch.from_numpy(rows.copy()).T).cpu()
+
+    def known(self, rows: Ids) -> list[Known | None]:  # noqa: D102
+        split = self.model.split
+        if split is None:
+            return [None] * len(rows)
+        # In the order of the split's part numbers.
+        names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
+        # New entities are in no recipe: index -1 is "new".
+        is_in_graph = (rows < split.graph.num_entities).all(axis=1)
+        parts = np.full(len(rows), -1)
+        parts[is_in_graph] = split.part_of(rows[is_in_graph])
+        return [names[part] for part in parts.tolist()]
+
+    def facts(self, rows: Ids) -> list[dict[str, Any]]:  # noqa: D102
+        parts = self.known(rows)
+        probabilities = self.model.probabilities(rows, parts)
+        return [
+            {"known": part, "probability": probability}
+            for part, probability in zip(parts, probabilities, strict=True)
+        ]
+
+    def labels(self, row: Ids) -> tuple[str, str, str]:  # noqa: D102
+        head, relation, tail = row.tolist()
+        return self.entities[head], RELATIONS[relation], self.entities[tail]
+
+    def view(self, query: Query) -> ScoredTriple:  # noqa: D102
+        row = self.rows(query)
+        score = float(self.scores(row)[0])
+        labels = self.labels(row[0])
+        (facts,) = self.facts(row)
+        return ScoredTriple(
+            *labels,
+            score=score,
+            rank_as_tail=self.rank(query, 2, row, score),
+            rank_as_head=self.rank(query, 0, row, score),
+            trained_on=self.model.kg,
+            by_words=self.model.by_words,
+            outside=self._outside(labels),
+            **facts,
+        )
+
+    def view_open(self, query: Query, top: int, *, new_only: bool = False) -> OpenSlot:  # noqa: D102
+        rows, scores = self.best(query, top, new_only=new_only)
+        place = query.slots.index(None)
+        entities = []
+        for row, score, facts in zip(rows, scores, self.facts(rows), strict=True):
+            labels = self.labels(row)
+            # Evidence only for the listed entities: looking it up is slow beside scoring.
+            outside = self._outside(labels)
+            entities.append(
+                ScoredEntity(entity=labels[place], score=score, outside=outside, **facts)
             )
-            best.append(candidate)
-        return best
+        head, relation, tail = query.slots
+        assert relation is not None
+        best = tuple(entities)
+        return OpenSlot(head, relation, tail, best, self.model.kg, self.model.by_words)
+
+    def _outside(self, labels: tuple[str, str, str]) -> tuple[OutsideEvidence, ...]:
+        finder = self.model.outside
+        return finder.of_link(*labels) if finder else ()
+
+    def _ids(self, label: str, place: int) -> list[int]:
+        return [RELATIONS.index(label)] if place == 1 else super()._ids(label, place)
+
+    def _repeats_result(self, rows: Ids) -> NDArray[np.bool_]:
+        return np.asarray((rows[:, 1] == COMPONENT_OF) & (rows[:, 0] == rows[:, 2]))
 
 
-def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
-    columns = np.broadcast_arrays(np.atleast_1d(heads), relation, tails)
-    return np.stack(columns, axis=1).astype(np.int64)
-
-
-def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
-    """Score a triple, and rank its head and its tail among all entities.
-
-    Raises:
-        UnknownEntityError: for an entity that the scorer does not know.
-    """
-    scorer = model.scorer
-    head, relation, tail = _labels(query)
-    ((_, part, probability),) = _scores(model, [(head, relation, tail)])
-    # Whole lists: the rank is the place, known triples included.
-    tails = _ranked_names(scorer.top(head, relation, None, limit=None), tail)
-    heads = _ranked_names(scorer.top(None, relation, tail, limit=None), head)
-    return ScoredTriple(
-        head=head,
-        relation=relation,
-        tail=tail,
-        score=float(scorer.score(head, relation, tail)),
-        known=part,
-        rank_as_tail=1 + tails.index(tail),
-        rank_as_head=1 + heads.index(head),
-        trained_on=model.kg,
-        probability=probability,
-        by_words=model.by_words,
-        outside=model.outside.of_link(head, relation, tail) if model.outside else (),
-    )
-
-
-def _ranked_names(answers: Sequence[tuple[str, float]], given: str) -> list[str]:
-    """Return the names of answers without half-products, but for a given one."""
-    return [name for name, _ in answers if name == given or not is_half_product(name)]
-
-
-def view_open_slot(
-    model: ScoringModel, query: Query, top: int, *, new_only: bool = False
-) -> OpenSlot:
-    """List the best entities for a query's open slot, with evidence from outside the train recipes.
-
-    Args:
-        model: the model.
-        query: a query with an open slot.
-        top: most entities to list.
-        new_only: omit known triples.
-
-    Returns:
-        The entities, best first.
+@dataclass(frozen=True)
+class RecipeScoring(Scoring):
+    """Scores of recipes: two ingredients and the result.
 
     Raises:
-        UnknownEntityError: for an entity that the scorer does not know.
+        ConfigError: if the model scores links (triples), not recipes.
     """
-    best = model.answers(query, top, new_only=new_only)
-    # Evidence only for the listed entities: looking it up is slow beside scoring.
-    if model.outside:
-        for i, entity in enumerate(best):
-            head = query.head or entity.entity
-            tail = query.tail or entity.entity
-            outside = model.outside.of_link(head, query.relation, tail)
-            best[i] = msgspec.structs.replace(entity, outside=outside)
-    return OpenSlot(query.head, query.relation, query.tail, tuple(best), model.kg, model.by_words)
 
+    row_type = ScoredRecipeRow
 
-def score_queries(
-    model: ScoringModel, queries: Sequence[Query], top: int, *, new_only: bool = False
-) -> Iterator[ScoredRow]:
-    """Score queries in their order.
-
-    Args:
-        model: the model.
-        queries: triples with or without an open slot.
-        top: most rows for a query with an open slot.
-        new_only: omit known triples.
-
-    Yields:
-        A row for a full triple, up to ``top`` rows for a query with an open slot.
-
-    Raises:
-        UnknownEntityError: for an entity that the scorer does not know.
-    """
-    # Full triples are scored in one batch, which is much faster than one by one.
-    scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
-    for query in queries:
-        line = query.line or 0
-        if not query.is_open:
-            score, part, chance = next(scores)
-            if not new_only or part == "new":
-                head, relation, tail = _labels(query)
-                yield ScoredRow(line, head, relation, tail, score, None, part, chance)
-            continue
-        for rank, best in enumerate(model.answers(query, top, new_only=new_only), start=1):
-            yield ScoredRow(
-                line=line,
-                head=query.head or best.entity,
-                relation=query.relation,
-                tail=query.tail or best.entity,
-                score=best.score,
-                rank=rank,
-                known=best.known,
-                probability=best.probability,
+    def __post_init__(self) -> None:
+        if not isinstance(self.scorer, RecipeScores):
+            raise ConfigError(
+                f"{self.model.scorer.name} scores links, not recipes. Give a link, such as flour "
+                "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`."
             )
 
+    @property
+    def scorer(self) -> RecipeScores:
+        """The recipe scorer; of a cross-fitted one that of all train recipes.
 
-def _scores(
-    model: ScoringModel, triples: Sequence[tuple[str, str, str]]
-) -> list[tuple[float, Known | None, float | None]]:
-    if not triples:
-        return []
-    head, relation, tail = zip(*triples, strict=True)
-    heads = model.scorer.entity_ids(head)
-    tails = model.scorer.entity_ids(tail)
-    relations = torch.tensor([RELATIONS.index(label) for label in relation])
-    ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
-    parts = model.known(ids)
-    chances = model.probabilities(ids, parts)
-    scores = model.scorer.score(heads, relations, tails).tolist()
-    return list(zip(scores, parts, chances, strict=True))
+        It answers because queries are about new recipes.
+        """
+        return cast(RecipeScores, whole_of(self.model.scorer))
+
+    @cached_property
+    def parts(self) -> dict[Part, Ids]:
+        """Keys of the recipes in each split part, ascending; empty without the graph."""
+        split = self.model.split
+        if split is None:
+            return {}
+        return {part: np.sort(self._keys(split.recipes(part))) for part in get_args(Part)}
+
+    @cached_property
+    def seen(self) -> Ids:
+        """Keys of the recipes that the scorer was trained on, ascending."""
+        return np.sort(self._keys(self.scorer.recipes.cpu().numpy().astype(np.int64)))
+
+    def _keys(self, rows: Ids) -> Ids:
+        """Return a number for each recipe, ids of shape (n, 3), by which recipes are looked up."""
+        return recipe_keys(*rows.T, num_entities=len(self.entities))
+
+    def scores(self, rows: Ids) -> torch.Tensor:  # noqa: D102
+        return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
+
+    def known(self, rows: Ids) -> list[Known | None]:  # noqa: D102
+        if self.model.split is None:
+            return [None] * len(rows)
+        known: list[Known | None] = ["new"] * len(rows)
+        keys = self._keys(rows)
+        for part, recipes in self.parts.items():
+            for place in np.flatnonzero(are_among(keys, recipes)):
+                known[place] = part
+        return known
+
+    def facts(self, rows: Ids) -> list[dict[str, Any]]:  # noqa: D102
+        in_sample = are_among(self._keys(rows), self.seen).tolist()
+        return [
+            {"known": part, "in_sample": is_seen}
+            for part, is_seen in zip(self.known(rows), in_sample, strict=True)
+        ]
+
+    def candidates(self, query: Query, top: int) -> tuple[Ids, torch.Tensor]:
+        """Return rows for a query's open slot, shape (n, 3), and their scores.
+
+        A scorer with a pair encoder, or of a large book, proposes the results of a pair; elsewhere
+        all entities are scored.
+        """
+        scorer = self.scorer
+        is_pair = query.slots[2] is None
+        if not (is_pair and isinstance(scorer, RecipeScorer) and scorer.proposes_results):
+            return super().candidates(query, top)
+        a, b = (scorer.entity_ids([label]) for label in query.labels)
+        ids, scores = scorer.best_results(a, b, max(top, CANDIDATES))
+        results = ids[0].cpu()
+        # Half-products of chains are no answers, and the id E stands for missing results.
+        is_answer = torch.from_numpy(~np.append(mark_half_products(self.entities), True))[results]
+        results = results[is_answer]
+        pair = torch.cat([a, b]).cpu().expand(len(results), 2)
+        return torch.cat([pair, results[:, None]], dim=1).numpy(), scores[0].cpu()[is_answer]
+
+    def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
+        """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""
+        finder = self.model.outside
+        for row, score, facts in zip(rows, scores, self.facts(rows), strict=True):
+            labels = self.labels(row)
+            yield ScoredRecipe(
+                *labels,
+                score=score,
+                because=tuple(self.scorer.supporting_recipes(*labels, limit=_SUPPORT)),
+                probability=None,
+                outside=finder.of_recipe(*labels) if finder else (),
+                **facts,
+            )
+
+    def view(self, query: Query) -> RankedRecipe:  # noqa: D102
+        row = self.rows(query)
+        score = float(self.scores(row)[0])
+        (recipe,) = self.recipes(row, [score])
+        return RankedRecipe(
+            **msgspec.structs.asdict(recipe),
+            rank_as_result=self.rank(query, 2, row, score),
+            rank_as_ingredient_a=self.rank(query, 0, row, score),
+            rank_as_ingredient_b=self.rank(query, 1, row, score),
+            trained_on=self.model.kg,
+        )
+
+    def view_open(self, query: Query, top: int, *, new_only: bool = False) -> OpenRecipe:
+        """List the best entities for the open slot in a recipe, see :meth:`Scoring.view_open`.
+
+        Results of a pair have probabilities if the scorer is calibrated.
+        """
+        rows, scores = self.best(query, top, new_only=new_only)
+        best = list(self.recipes(rows, scores))
+        folds = folds_of(self.model.scorer)
+        # Calibrated for results of a pair only: partners of an ingredient compete in another way.
+        if query.slots[2] is None and folds is not None and folds.probabilities is not None:
+            shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
+            for place, share in enumerate(shares):
+                best[place] = msgspec.structs.replace(best[place], probability=share)
+        return OpenRecipe(*query.slots, tuple(best), self.model.kg)
+
+    def _repeats_result(self, rows: Ids) -> NDArray[np.bool_]:
+        return np.asarray((rows[:, :2] == rows[:, 2:]).any(axis=1))
+
+
+def scoring_of(model: ScoringModel, query: Query) -> Scoring:
+    """Return the scoring for queries of the kind of ``query``.
+
+    Raises:
+        ConfigError: if the query is a recipe, and the model scores links (triples) only.
+    """
+    return RecipeScoring(model) if isinstance(query, RecipeQuery) else LinkScoring(model)
 
 
 def view_file(
     model: ScoringModel,
-    queries: Sequence[Query | RecipeQuery],
-    rows: Sequence[Record],
+    queries: Sequence[Query],
+    rows: Sequence[ScoredRow | ScoredRecipeRow],
     out: Path | None = None,
 ) -> ScoredFile:
     """Return the scores for a file of queries as a record.
@@ -412,22 +715,13 @@ def view_file(
         The record to show.
     """
     # Recipe scores always use words.
-    by_words = model.by_words if any(isinstance(query, Query) for query in queries) else ()
+    by_words = () if isinstance(queries[0], RecipeQuery) else model.by_words
     view = ScoredFile(len(queries), len(rows), model.kg, by_words, tuple(rows))
     return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
 
 
-def _labels(query: Query) -> tuple[str, str, str]:
-    assert query.head is not None
-    assert query.tail is not None
-    return query.head, query.relation, query.tail
-
-
 def with_new_words(
-    model: ScoringModel,
-    folder: Path,
-    queries: Sequence[Query | RecipeQuery],
-    file: Path | None = None,
+    model: ScoringModel, folder: Path, queries: Sequence[Query], file: Path | None = None
 ) -> ScoringModel:
     """Extend a model by the queries' entities that its graph lacks, described by their words alone.
 
@@ -468,10 +762,6 @@ def with_new_words(
     return replace(model, scorer=scorer, by_words=tuple(lines))
 
 
-# A file of queries may name thousands of new entities; a few show what happened.
-_LISTED = 5
-
-
 def note_of_words(model: ScoringModel) -> list[str]:
     """Return a note on new entities in queries, scored by their words; empty without any."""
     words = model.by_words
@@ -485,5 +775,28 @@ def note_of_words(model: ScoringModel) -> list[str]:
             f"{nearest(words[0], entities)}"
         ]
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
-    rest = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
-    return [f"{listed}{rest} are not in the graph: scored by their words alone."]
+    ending = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
+    return [f"{listed}{ending} are not in the graph: scored by their words alone."]
+
+
+def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
+    """Return the supporting recipes with at least 1 % weight share, or else the first recipe."""
+    return [witness for witness in witnesses if witness.share >= LEAST_SHARE] or witnesses[:1]
+
+
+def because(witnesses: Sequence[Witness]) -> str:
+    """Format supporting recipes with their strengths, as ``river + wood -> driftwood 0.41``."""
+    supporting = main_support(witnesses)
+    return ", ".join(f"{witness.recipe} {strength(witness)}" for witness in supporting)
+
+
+def strength(witness: Witness) -> str:
+    """Format the evidence of a supporting recipe, relative to the strongest."""
+    return "< 0.01" if witness.strength < 0.01 else format(witness.strength, ".2g")
+
+
+BECAUSE = (
+    "similar train recipes, one part of a score: those with the same result first, each by its "
+    "strength (1: the strongest)"
+)
+"""What a list of supporting recipes covers, and its order."""

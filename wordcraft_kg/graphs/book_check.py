@@ -16,11 +16,10 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.wording import counted, quoted
+from wordcraft_kg.base.wording import counted, for_terminal, quoted
 from wordcraft_kg.graphs.audit import degrees, reachability
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.files import Decoded, read_bytes

@@ -4,9 +4,8 @@ from collections.abc import Iterator
 
 import msgspec
 
-from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, for_terminal
 
 _SHOWN = 6  # names of columns that are left out, in the line
 

@@ -14,7 +14,7 @@ from typing import Any, overload
 import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.base.spelling import case_key, grouped, spelling_key
+from wordcraft_kg.base.wording import case_key, grouped, spelling_key
 from wordcraft_kg.graphs.arrays import (
     Ids,
     frozen,
@@ -355,7 +355,7 @@ def alike_labels(labels: Iterable[str]) -> list[tuple[str, ...]]:
     Differences are case, width, Unicode composition, variation selectors, and blanks, hyphens,
     apostrophes and points between letters. Labels that differ in a digit or a sign, such as ``O2``
     and ``O2-``, or ``1.0`` and ``10``, are different things; see
-    :mod:`wordcraft_kg.base.spelling`.
+    :mod:`wordcraft_kg.base.wording`.
     """
     return grouped(labels, spelling_key)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from wordcraft_kg.base.errors import NotRegisteredError
-from wordcraft_kg.base.registry import Registry
+from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.train_samples import TrainSample, is_subsample
 from wordcraft_kg.models.links.config import LinksConfig
@@ -17,8 +17,7 @@ from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS, load_scorer
 from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 MODELS: Registry[Callable[[RunFiles], History]] = Registry(
     "wordcraft_kg.models",

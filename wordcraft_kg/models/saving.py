@@ -21,10 +21,8 @@ from wordcraft_kg.models.scorers.folder import (
     write_scorer,
 )
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.runs.record import RunFiles, end_run, scorer_card, start_run
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,7 @@ Read :mod:`~wordcraft_kg.reports.pages` first: it renders templates and writes r
 Reports evaluate nothing. A function takes a view and returns a :class:`~pages.Report` or a page:
 
 - ``link_report``, ``agent_report``, ``discovery_report``: a file for each page, with its template
-  of the same name in ``templates/``.
-- ``agent_pictures``: charts of agents, shared with the explorer.
+  of the same name in ``templates/``. The explorer shares the charts of agents.
 - ``charts``: figures of Matplotlib from plain numbers, shown as SVG; trees and maps of discoveries.
 - ``glossary`` and ``glossary.toml``: explained terms.
 

@@ -1,13 +1,211 @@
-"""The agent report: evaluation results for all agents, with charts."""
+"""The agent report: evaluation results for all agents, with charts.
+
+Charts are curves of success, statistics and mixing weights, and bars of score sources.
+"""
 
 import re
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from markupsafe import Markup
+
+from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.agents.players import advice_on_words
-from wordcraft_kg.evaluation.agent_metrics import NEVER, Slice
+from wordcraft_kg.base.wording import for_html
+from wordcraft_kg.evaluation.agent_metrics import (
+    NEVER,
+    CurvePoint,
+    LambdaCurve,
+    SeedCurve,
+    Slice,
+    TrainingMetric,
+)
 from wordcraft_kg.evaluation.agents import AgentsView, by_success
-from wordcraft_kg.evaluation.goal_groups import MADE, NOT_MADE
-from wordcraft_kg.reports import agent_pictures, charts
+from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
+from wordcraft_kg.evaluation.slices import MADE, NOT_MADE
+from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
+from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import Report
+
+METRICS: dict[TrainingMetric, str] = {
+    "test_success": "greedy success on test tasks",
+    "return": "return of the last episodes",
+    "loss": "loss",
+    "pg_loss": "loss of the policy",
+    "baseline_loss": "loss of the state value (V)",
+    "entropy": "entropy of the policy, nats",
+    "grad_norm": "gradient norm",
+}
+
+
+def source_colours() -> dict[str, int]:
+    """Return the colour number for each score source, by name."""
+    names = (ALPHA.name, *source_names())
+    return {name: number for number, name in enumerate(names)}
+
+
+def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> charts.Chart:
+    """Draw success curves on train and test tasks, from the points by agent and task part."""
+    series: dict[str, list[charts.CurvePoint]] = {}
+    colours = {}
+    dashed = set()
+    for number, (agent, parts) in enumerate(curves.items()):
+        for part, points in parts.items():
+            name = f"{agent}, {part}"
+            series[name] = []
+            for point in points:
+                series[name].append((point.step, point.success, point.low, point.high))
+            # Both curves of an agent share a colour, so the distance between them is easy to see.
+            colours[name] = number
+            if part == "train":
+                dashed.add(name)
+    return charts.curves(
+        series,
+        "environment steps",
+        "greedy success",
+        "Success on train and test tasks over training",
+        percent=True,
+        dashed=dashed,
+        colours=colours,
+    )
+
+
+def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> charts.Chart:
+    """Draw an agent's mixing weights (λ for each score source) over training."""
+    colour_of_source = source_colours()
+    series = {}
+    colours = {}
+    dashed = set()
+    for curve in lambdas:
+        name = f"{label_of(curve.source).coefficient} {curve.action}"
+        series[name] = _without_interval(curve.points)
+        # Both actions of a source share its colour; dashes tell them apart.
+        colours[name] = colour_of_source[curve.source]
+        if curve.action == "second":
+            dashed.add(name)
+    return charts.curves(
+        series,
+        "environment steps",
+        "mean mixing weight (λ) in the last batch",
+        f"Mixing weights of {agent} over training",
+        dashed=dashed,
+        colours=colours,
+    )
+
+
+def _without_interval(points: Sequence[tuple[int, float]]) -> list[charts.CurvePoint]:
+    return [(step, value, None, None) for step, value in points]
+
+
+def pictures_of_metrics(
+    figures: Mapping[str, Mapping[TrainingMetric, Sequence[SeedCurve]]],
+) -> dict[TrainingMetric, charts.Chart]:
+    """Draw a chart for each logged statistic with a curve for each run.
+
+    ``figures`` has the curves by agent and statistic.
+    """
+    pictures = {}
+    for figure, title in METRICS.items():
+        series: dict[str, list[charts.CurvePoint]] = {}
+        colours: dict[str, int] = {}
+        labels = {}
+        for number, (agent, by_metric) in enumerate(figures.items()):
+            for curve in by_metric.get(figure, ()):
+                name = f"{agent}, seed {curve.seed}"
+                # The first seed's curve carries the agent's name.
+                if number not in colours.values():
+                    labels[name] = agent
+                series[name] = _without_interval(curve.points)
+                colours[name] = number
+        if series:
+            pictures[figure] = charts.curves(
+                series,
+                "environment steps",
+                title,
+                f"{title} over training, a curve for each seed".capitalize(),
+                percent=figure == "test_success",
+                colours=colours,
+                labels=labels,
+            )
+    return pictures
+
+
+def contribution_bar(
+    contributions: Mapping[str, float],
+    scale: float,
+    colours: Mapping[str, int],
+) -> Markup:
+    """Draw terms of a sum as a bar.
+
+    Positive terms are stacked to the right of the middle, negative terms to the left.
+
+    Args:
+        contributions: terms by name.
+        scale: value for half the width.
+        colours: colour number by name.
+
+    Returns:
+        The bar as SVG.
+    """
+    half = 70.0
+    height = 12
+    # The next term of each sign begins where the last one ended, at first in the middle.
+    right = half
+    last_left = half
+    box = f"0 0 {2 * half:g} {height}"
+    parts = [f'<svg class="bar" viewBox="{box}" aria-hidden="true">']
+    for name, value in contributions.items():
+        # A scale of 0 means that all terms are 0.
+        share = min(abs(value) / scale, 1) if scale else 0.0
+        width = share * half
+        if value >= 0:
+            left = right
+            right += width
+        else:
+            last_left -= width
+            left = last_left
+        place = f'x="{left:.1f}" y="1"'
+        size = f'width="{width:.1f}" height="{height - 2}"'
+        style = f"series-{colours[name]}"
+        title = f"{for_html(name)}: {value:.2f}"
+        parts.append(f'<rect {place} {size} class="{style}"><title>{title}</title></rect>')
+    # The middle, drawn last and so above the terms.
+    parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/>')
+    parts.append("</svg>")
+    return Markup("".join(parts))
+
+
+def column_labels(step: ExplainedStep) -> list[Label]:
+    """Return the labels of the score sources in an explained action, in the columns' order."""
+    return [label_of(name) for name in step.slots[0].sources]
+
+
+def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
+    """Return an action's slots by descending logit, each with a bar of its sources' shares."""
+    # One scale for all slots: the longest side of any bar fills half the width.
+    sides = []
+    for slot in step.slots:
+        values = slot.contributions.values()
+        sides.append(sum(value for value in values if value > 0))
+        sides.append(sum(-value for value in values if value <= 0))
+    scale = max(sides)
+    colours = source_colours()
+    rows = []
+    for slot in sorted(step.slots, key=lambda slot: slot.logit, reverse=True):
+        bar = contribution_bar(slot.contributions, scale, colours)
+        rows.append((slot, bar))
+    return rows
+
+
+ACTIONS: dict[str, Any] = {
+    "colours": source_colours,
+    "column_labels": column_labels,
+    "label_of": label_of,
+    "slot_rows": slot_rows,
+    "main_support": main_support,
+    "strength": strength,
+    "because": BECAUSE,
+}
 
 # With fewer seeds, Student's interval over seeds is so wide that the page says so.
 _MIN_SEEDS = 5
@@ -28,14 +226,10 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
         "agent_report.html.j2",
         {
             "success": _success(view),
-            "curves": agent_pictures.picture_of_success(
-                {agent.name: agent.curves for agent in view.agents}
-            ),
-            "training": agent_pictures.pictures_of_metrics(
-                {agent.name: agent.training for agent in view.agents}
-            ),
+            "curves": picture_of_success({agent.name: agent.curves for agent in view.agents}),
+            "training": pictures_of_metrics({agent.name: agent.training for agent in view.agents}),
             "lambdas": {
-                agent.name: agent_pictures.picture_of_lambdas(agent.name, agent.lambdas)
+                agent.name: picture_of_lambdas(agent.name, agent.lambdas)
                 for agent in view.agents
                 if agent.lambdas
             },
@@ -45,8 +239,8 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
             "min_seeds": _MIN_SEEDS,
             "slice_titles": {key: title for key, (title, _) in _SLICES.items()},
             "ranked": by_success(view, view.headline),
-            "colours": agent_pictures.source_colours(),
-            "actions": agent_pictures.ACTIONS,
+            "colours": source_colours(),
+            "actions": ACTIONS,
             "advice": advice_on_words(row.name for row in view.baselines),
         },
     )
@@ -54,10 +248,10 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
 
 def _place(label: str) -> int:
     """Return the place of a group of tasks in a chart: named groups, then groups by number."""
-    named = (NEVER, MADE, NOT_MADE)
+    names = (NEVER, MADE, NOT_MADE)
     # Negative places come before all numbers, which begin at 0.
-    if label in named:
-        return named.index(label) - len(named)
+    if label in names:
+        return names.index(label) - len(names)
     return int(re.split("[–+]", label)[0])
 
 
@@ -91,17 +285,17 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, charts.Chart]:
     pictures: dict[Slice, charts.Chart] = {}
     for key, (_, axis) in _SLICES.items():
         groups: dict[str, dict[str, charts.Estimate]] = {}
-        found: set[str] = set()
+        slice_names: set[str] = set()
         for agent in view.agents:
             rows: dict[str, charts.Estimate] = {}
             for row in agent.slices.get(key, ()):
                 low, high = row.ci
                 rows[row.slice] = (row.success, low, high)
             groups[agent.name] = rows
-            found.update(rows)
-        if not found:
+            slice_names.update(rows)
+        if not slice_names:
             continue
-        labels = sorted(found, key=_place)
+        labels = sorted(slice_names, key=_place)
         cells = {}
         for name, rows in groups.items():
             # An agent has None for a group in which it played no task.

@@ -37,25 +37,25 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
     # People come last, so that the players have the colours of the other charts.
     drawn = (*view.players, _PEOPLE)
     colours = {name: number for number, name in enumerate(drawn)}
-    known: dict[str, list[charts.CurvePoint]] = {name: [] for name in drawn}
+    curves: dict[str, list[charts.CurvePoint]] = {name: [] for name in drawn}
     repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     names = ("player", "attempt", "mean", "low", "high", "repeated")
     columns = [table[name].tolist() for name in names]
     for player, attempt, mean, low, high, share in zip(*columns, strict=True):
         # Bounds are equal if all runs agree, and NaN for a single run.
         bounds = (low, high) if low < high else (None, None)
-        known[player].append((attempt, mean, *bounds))
+        curves[player].append((attempt, mean, *bounds))
         repeated[player].append((attempt, share, None, None))
     for attempt, mean in HUMAN_CURVE.items():
         if attempt <= view.attempts:
-            known[_PEOPLE].append((attempt, mean, None, None))
+            curves[_PEOPLE].append((attempt, mean, None, None))
     # Players that never repeat a pair are named in the text: their curves would all lie at 0.
     repeats = {}
     for name, points in repeated.items():
         if any(share for _, share, _, _ in points):
             repeats[name] = points
     about = "Mean number of entities known after each attempt"
-    picture = charts.curves(known, "attempts", "entities known", about, colours=colours)
+    picture = charts.curves(curves, "attempts", "entities known", about, colours=colours)
     pictures: dict[str, charts.Chart | Markup] = {"known": picture}
     if repeats:
         share = "share of the attempts so far"
@@ -112,9 +112,9 @@ def discovery_map(
     entities = []
     for entity in np.flatnonzero(layer >= 0).tolist():
         attempts = learnt[:, entity]
-        known = attempts[attempts != NEVER]
-        share = len(known) / len(attempts)
-        attempt = float(np.median(known)) if len(known) else None
+        made_attempts = attempts[attempts != NEVER]
+        share = len(made_attempts) / len(attempts)
+        attempt = float(np.median(made_attempts)) if len(made_attempts) else None
         label = graph.entities[entity]
         crafting_round = int(layer[entity])
         entities.append(charts.Found(label, crafting_round, attempt, share))

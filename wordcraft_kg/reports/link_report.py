@@ -3,12 +3,12 @@
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.agents.players import FEWEST_USES, advice_on_words, is_words_player
-from wordcraft_kg.evaluation.link_comparison import LinkComparison, by_mrr
 from wordcraft_kg.evaluation.links import (
     FEW_TEST_RECIPES,
     LinkView,
     has_few_test_recipes,
 )
+from wordcraft_kg.evaluation.ranked_links import LinkComparison, by_mrr
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
 from wordcraft_kg.reports import charts

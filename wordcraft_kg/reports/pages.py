@@ -15,13 +15,13 @@ import jinja2
 from markupsafe import Markup
 
 from wordcraft_kg.base.artefacts import drop_temporary, dump_json, staged_folder, write_atomically
-from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
+from wordcraft_kg.base.wording import for_html
 from wordcraft_kg.reports.charts import Chart, palette
 from wordcraft_kg.reports.glossary import Term, find_term
-from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import RUN_FILE
+from wordcraft_kg.runs.run_folder import locked
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,12 +8,12 @@ records the result hashes.
 Read ``training`` first: :func:`~wordcraft_kg.runs.training.train` begins a run or resumes an
 interrupted run with the same settings, and a trainer is a subclass of
 :class:`~wordcraft_kg.runs.training.Training`. Then read ``config_file`` (settings and
-``config.toml``), ``folder`` (begin, resume, finish, fail, replace), ``record`` (``run.json``),
-``files`` (verified run files) and ``checkpoints``. ``parallel`` has the processes, ``interruption``
-Ctrl-C, ``trackers`` metrics for other tools, and ``cards`` model cards.
+``config.toml``), ``run_folder`` (begin, resume, interrupt, finish, fail, replace), ``record``
+(``run.json``, verified files, model cards) and ``checkpoints`` (also of parts that are trained in
+parallel processes). ``trackers`` sends metrics to other tools, and ``progress`` shows a bar.
 
 Trackers and texts of cards may be added freely. ``run.json`` and ``config.toml`` are read by later
-versions, so fields are only added, with a default. The order of writes in ``folder`` and
+versions, so fields are only added, with a default. The order of writes in ``run_folder`` and
 ``checkpoints`` is what survives a power failure: change it only with the slow tests in
 ``tests/runs``, which kill a run at every point.
 """

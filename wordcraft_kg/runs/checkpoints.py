@@ -1,7 +1,8 @@
 """Checkpoints: the whole state of a training, in files that survive a power failure.
 
 A checkpoint is complete when its JSON record exists: the record is written after the tensors, has
-their hash, and both are on the disk before they get their names.
+their hash, and both are on the disk before they get their names. Parts of a training, such as
+folds, have a checkpoint each, and run in parallel processes by joblib's executor.
 """
 
 import hashlib
@@ -9,18 +10,21 @@ import logging
 import re
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from wordcraft_kg.base.artefacts import dump_json, read_large_file, write_atomically
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.locks import is_locked
+from wordcraft_kg.base.artefacts import dump_json, is_locked, read_large_file, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGError, reason
 from wordcraft_kg.base.records import Record, as_values, read_record
+from wordcraft_kg.base.settings import cores
 
 if TYPE_CHECKING:
     from torch import Tensor
+
 
 KEPT = 2
 """Default number of checkpoints to keep: if the last is damaged, the one before is used."""
@@ -133,11 +137,11 @@ class Checkpoints(Generic[P]):
         # Without a number to keep, every part is needed until the end.
         if self.kept is None:
             return
-        known = self.records()
+        paths = self.records()
         # Checkpoints with a higher number were damaged: the run was resumed from an earlier one.
-        kept = [other for other in known if other <= number][: self.kept]
-        for other, old in known.items():
-            if other not in kept:
+        newest = [saved_number for saved_number in paths if saved_number <= number][: self.kept]
+        for saved_number, old in paths.items():
+            if saved_number not in newest:
                 # The record first, for the same reason.
                 old.unlink()
                 old.with_suffix(".safetensors").unlink(missing_ok=True)
@@ -194,3 +198,121 @@ class Checkpoints(Generic[P]):
         # An optimiser's numbers may be larger than a model's.
         values = read_tensors(tensors, data, largest_value=sys.float_info.max)
         return Checkpoint(number, values, record.progress)
+
+
+_TICK = 0.2
+"""Seconds between calls of ``note``: Ctrl-C is noticed within this time."""
+
+
+class Job(Protocol):
+    """A part of a training, such as the model for one fold, with a checkpoint for its result."""
+
+    @property
+    def fold(self) -> int:
+        """Number of the fold (or other part) that this job trains, and of its checkpoint."""
+
+    @property
+    def done(self) -> Any:
+        """Progress record of the finished job; a checkpoint with another record is trained anew."""
+
+    def train(self, after: Callable[[int], None]) -> None:
+        """Train and save the result; call ``after`` with the number of finished steps or epochs."""
+
+
+J = TypeVar("J", bound=Job)
+
+
+def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
+    """Return all jobs that have no intact result among the checkpoints ``kept``."""
+
+    def is_done(job: J) -> bool:
+        try:
+            return job.fold in kept.records() and bool(kept.read(job.fold).progress == job.done)
+        except ArtefactError as error:
+            logging.getLogger(__name__).warning("%s Training fold %s again.", error, job.fold)
+            return False
+
+    return [job for job in jobs if not is_done(job)]
+
+
+def train_jobs(
+    jobs: Sequence[Job],
+    threads: int,
+    note: Callable[..., None],
+    *,
+    is_long: bool,
+) -> None:
+    """Run all jobs, in parallel if they are long and there are enough CPU cores.
+
+    Args:
+        jobs: the jobs; their results do not depend on the order or the process.
+        threads: CPU threads with which each job computes.
+        note: called with a job's fold and its number of finished steps or epochs; in parallel, with
+            those of the last one, and also regularly without arguments. It may raise, such as after
+            Ctrl-C, to end all jobs.
+        is_long: whether the jobs take longer than the start of a process, some seconds.
+
+    Raises:
+        WordCraftKGError: raised by a job; any other exception, too, if the jobs run in this
+            process.
+        TrainingError: in parallel, if a job raises another exception or its process dies.
+    """
+    workers = min(len(jobs), max(cores() // threads, 1))
+    # A process takes seconds to start, which short jobs would not win back.
+    if is_long and workers > 1:
+        train_in_processes(jobs, workers, note)
+        return
+    for job in jobs:
+        job.train(partial(note, job.fold))
+
+
+def train_in_processes(
+    jobs: Sequence[Job],
+    workers: int,
+    note: Callable[..., None],
+) -> None:
+    """Run jobs in processes; an error, or one that ``note`` raises, ends all at once.
+
+    Processes and not threads, because threads would share PyKEEN's global random generators.
+
+    Args:
+        jobs: the jobs, see :func:`train_jobs`.
+        workers: number of processes, from 1.
+        note: see :func:`train_jobs`.
+
+    Raises:
+        WordCraftKGError: raised by a job.
+        TrainingError: if a job raises another exception or its process dies.
+    """
+    from joblib.externals.loky import ProcessPoolExecutor
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    executor = ProcessPoolExecutor(workers)
+    try:
+        fold_of = {executor.submit(_last_number, job): job.fold for job in jobs}
+        waiting = set(fold_of)
+        while waiting:
+            # First: after Ctrl-C, jobs fail in their own ways.
+            note()
+            ended, waiting = wait(waiting, timeout=_TICK, return_when=FIRST_COMPLETED)
+            for future in ended:
+                note(fold_of[future], future.result())
+    except TerminatedWorkerError as error:
+        raise TrainingError(
+            f"a process that trained folds ended ({reason(error)}); perhaps the memory is too "
+            "small for several at once. Use more `threads`, or fewer `folds`."
+        ) from error
+    finally:
+        executor.shutdown(kill_workers=True)
+
+
+def _last_number(job: Job) -> int:
+    """Train a job; return its number of finished steps or epochs."""
+    numbers = [0]
+    try:
+        job.train(numbers.append)
+    except WordCraftKGError:
+        raise
+    except Exception as error:
+        raise TrainingError(f"a fold could not be trained ({reason(error)}).") from error
+    return numbers[-1]

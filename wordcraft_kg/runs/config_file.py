@@ -17,8 +17,8 @@ from msgspec.structs import asdict
 
 from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError
-from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.records import as_record
+from wordcraft_kg.base.settings import FeatureSpec
 from wordcraft_kg.graphs.library import without_prefix
 
 CONFIG_FILE = "config.toml"
@@ -107,23 +107,25 @@ def _taken(
     hints = get_type_hints(kind)
     nested: dict[str, Any] = {}
     plain: list[tuple[Any, ...]] = []
-    given: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for field in fields(kind):  # type: ignore[arg-type]
         hint = hints[field.name]
-        groups = [each for each in (hint, *get_args(hint)) if is_dataclass(each)]
+        groups = [
+            kind_in_hint for kind_in_hint in (hint, *get_args(hint)) if is_dataclass(kind_in_hint)
+        ]
         if groups:
-            chosen = [group for group in groups if getattr(group, "command", None) == command]
-            group: Any = [*chosen, *groups][0]
+            matching = [group for group in groups if getattr(group, "command", None) == command]
+            group: Any = [*matching, *groups][0]
             nested[field.name] = _taken(group, settings, command, path)
             continue
         has_default = field.default is not MISSING
         plain.append((field.name, hint, field.default) if has_default else (field.name, hint))
         if _key(field.name) in settings:
-            given[field.name] = settings.pop(_key(field.name))
+            values[field.name] = settings.pop(_key(field.name))
     # A record of these fields checks their types, and only then the dataclass their values.
-    taken = as_record(given, defstruct(kind.__name__, plain, kw_only=True), path)
+    record = as_record(values, defstruct(kind.__name__, plain, kw_only=True), path)
     try:
-        return kind(**asdict(taken), **nested)
+        return kind(**asdict(record), **nested)
     except NotRegisteredError as error:
         raise NotRegisteredError(f"'{path.parent}': {error}") from None
     except ConfigError as error:
@@ -171,8 +173,8 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 
     def from_here(path: str) -> str:
         prefix, path = without_prefix(path)
-        there = folder / path
-        return prefix + (os.path.normpath(there) if os.path.exists(there) else path)
+        target = folder / path
+        return prefix + (os.path.normpath(target) if os.path.exists(target) else path)
 
     path = folder / CONFIG_FILE
     try:
@@ -202,7 +204,9 @@ def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str
             result[key] = change(result[key])
     sources = result.get("with")
     if isinstance(sources, list | tuple):
-        result["with"] = [change(each) if isinstance(each, str) else each for each in sources]
+        result["with"] = [
+            change(source) if isinstance(source, str) else source for source in sources
+        ]
     features = result.get("features")
     if isinstance(features, str):
         spec = FeatureSpec.parse(features)

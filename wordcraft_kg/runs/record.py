@@ -1,29 +1,43 @@
 """Run records: ``run.json`` in a run folder, with command, status, inputs, versions and outputs.
 
 A record may be published, so it holds no host name, user name or environment variables, and the
-home folder in arguments becomes ``~``.
+home folder in arguments becomes ``~``. :class:`RunFiles` reads the other files of a run only if
+they and the training graph match the hashes in the record: a result cannot come from a file that
+was changed, mixed up or half copied after the training. A model card describes the run to people.
 """
 
+import hashlib
 import os
 import platform
 import re
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base.artefacts import dump_json, sha256_of, what_is, write_atomically
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.locks import is_locked
-from wordcraft_kg.base.records import Record, as_values, read_record
-from wordcraft_kg.graphs.folder import TrainedOn
+from wordcraft_kg.base.artefacts import (
+    dump_json,
+    is_locked,
+    read_large_file,
+    sha256_of,
+    what_is,
+    write_atomically,
+)
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.base.records import Record, as_values, parse_lines, parse_record, read_record
+from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn, open_graph
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
 
 RUN_FILE = "run.json"
 _SEED = re.compile(r"seed-(\d+)")
@@ -173,7 +187,7 @@ def resume_run(
     Returns:
         the record with the status ``running`` and this resumption.
     """
-    again = Resumption(
+    resumption = Resumption(
         started=_now(),
         argv=_arguments(),
         versions=dict(_versions()),
@@ -184,7 +198,7 @@ def resume_run(
         status="running",
         ended=None,
         inputs={**run.inputs, **(inputs or {})},
-        resumed=(*run.resumed, again),
+        resumed=(*run.resumed, resumption),
     )
     return _write(folder, resumed)
 
@@ -341,7 +355,7 @@ def _git_state() -> GitState | None:
 
 
 def _git(root: Path, *arguments: str) -> str:
-    done = subprocess.run(
+    process = subprocess.run(
         ["git", *arguments],
         cwd=root,
         capture_output=True,
@@ -349,4 +363,143 @@ def _git(root: Path, *arguments: str) -> str:
         check=True,
         timeout=10,
     )
-    return done.stdout.strip()
+    return process.stdout.strip()
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Verified access to a run's files; a missing or changed file is an ArtefactError.
+
+    Attributes:
+        folder: the run folder.
+        run: the run record, with the hashes.
+    """
+
+    folder: Path
+    run: RunRecord
+
+    def bytes(self, name: str) -> bytes:
+        """Return the content of an input or output file as it was written, after a SHA-256 check.
+
+        Git on Windows gives text files other line ends (CRLF) by default. Such a file is taken if
+        its SHA-256 is right with the line ends that were written (LF); so no other change passes.
+
+        Args:
+            name: the file's name, as ``run.json`` lists it.
+
+        Raises:
+            ArtefactError: if the file is missing, damaged or was changed.
+        """
+        path = self.folder / name
+        data = read_large_file(path)
+        expected = self.run.outputs.get(name, self.run.inputs.get(name))
+        if hashlib.sha256(data).hexdigest() == expected:
+            return data
+        unix_data = data.replace(b"\r\n", b"\n")
+        if hashlib.sha256(unix_data).hexdigest() == expected:
+            return unix_data
+        raise ArtefactError(
+            f"{path} is damaged or was changed: the SHA-256 differs from run.json. "
+            "Train again, or restore a copy."
+        )
+
+    def record(self, name: str, kind: type[T]) -> T:
+        """Read a JSON file, such as ``metrics.json``, into an instance of the class ``kind``.
+
+        Raises:
+            ArtefactError: if the file is missing, was changed, or does not fit ``kind``.
+        """
+        return parse_record(self.bytes(name), kind, self.folder / name, is_verified=True)
+
+    def lines(self, name: str, kind: type[T]) -> list[T]:
+        """Read a JSON Lines file, a JSON object per line, as instances of the class ``kind``.
+
+        Raises:
+            ArtefactError: if the file is missing, was changed, or a line does not fit ``kind``.
+        """
+        return parse_lines(self.bytes(name), kind, self.folder / name)
+
+    def tensors(self, name: str) -> "dict[str, Tensor]":
+        """Read all tensors in a safetensors file, by tensor name.
+
+        Raises:
+            ArtefactError: if the file is missing, damaged or was changed, or a tensor holds NaN or
+                infinity.
+        """
+        # Imported here, because torch takes long and most files hold no tensors.
+        from wordcraft_kg.base.tensors import read_tensors
+
+        return read_tensors(self.folder / name, self.bytes(name))
+
+    def graph(self, source: str | OpenedGraph) -> OpenedGraph:
+        """Return the run's graph and split.
+
+        Args:
+            source: where they are: a folder, a file or a book name; or the opened graph.
+
+        Raises:
+            ArtefactError: if there is no such graph.
+            GraphMismatchError: if graph or split are not those of the training.
+        """
+        try:
+            opened = open_graph(source) if isinstance(source, str) else source
+        except ArtefactError:  # a damaged graph folder is not a missing one
+            raise
+        except ValueError as error:
+            raise ArtefactError(
+                f"the graph that '{self.folder}' was trained on was not found ({error}) "
+                "Give the path as `graph`."
+            ) from None
+        hashes = {"graph": opened.graph.hash, "split": opened.split.hash}
+        for name, actual in hashes.items():
+            expected = self.run.inputs.get(name, "")
+            if actual != expected:
+                raise GraphMismatchError(
+                    f"'{self.folder}' was trained on {name} {expected[:12]} "
+                    f"but '{opened.source}' has {actual[:12]}. "
+                    "Give the right graph as `graph`, or train again."
+                )
+        return opened
+
+
+def front_matter(*tags: str) -> str:
+    """Return the YAML header of a model card, where model hubs read library name and tags."""
+    lines = ["---", "library_name: wordcraft-kg", "tags:"]
+    lines += [f"- {tag}" for tag in tags]
+    return "\n".join([*lines, "---"])
+
+
+def scorer_card(
+    opened: OpenedGraph,
+    title: str,
+    about: str,
+    points: Sequence[str],
+    closing: str,
+    usage: Iterable[str],
+) -> str:
+    """Return a scorer's model card, in Markdown.
+
+    Args:
+        opened: graph and split of the training.
+        title: heading.
+        about: paragraph below the heading.
+        points: list of facts; the first continues the line on graph and split.
+        closing: paragraph of caveats below the list.
+        usage: lines of Python that use ``scorer``.
+    """
+    graph = opened.graph
+    split = opened.split.config
+    trained_on = (
+        f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; "
+        f"split `{split.kind}`, seed {split.seed}"
+    )
+    if points:
+        points = [f"{trained_on}; {points[0]}" if points[0] else trained_on, *points[1:]]
+    lines = "\n".join(f"- {point}" for point in points or [trained_on])
+    loading = ["from wordcraft_kg import load_scorer", "", 'scorer = load_scorer("this folder")']
+    code = "\n".join([*loading, *usage])
+    head = f"{front_matter('knowledge-graph', 'link-prediction')}\n# {title}"
+    return f"{head}\n\n{about}\n\n{lines}\n\n{closing}\n\n```python\n{code}\n```\n"

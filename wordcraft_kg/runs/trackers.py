@@ -13,8 +13,8 @@ from typing import Any, Protocol
 from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.settings import one_of
-from wordcraft_kg.runs.folder import RunFolder
 from wordcraft_kg.runs.record import Status
+from wordcraft_kg.runs.run_folder import RunFolder
 
 Log = Callable[[int, Mapping[str, float | None]], None]
 """Logging function: takes finished epochs or steps, and metrics by name (None: no value)."""

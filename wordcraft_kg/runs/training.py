@@ -15,8 +15,9 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsErr
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig, moved
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import (
+from wordcraft_kg.runs.progress import ProgressBar
+from wordcraft_kg.runs.record import RUN_FILE, RunFiles, RunRecord, read_run
+from wordcraft_kg.runs.run_folder import (
     Progress,
     RunFolder,
     RunKind,
@@ -24,10 +25,8 @@ from wordcraft_kg.runs.folder import (
     new_run,
     resumed_run,
 )
-from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_run
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 
-_SHOWN_BY_TQDM = ("epoch", "seconds", "steps_per_second")
 _ADVICE = "Choose another `out`, or train again with `force`."
 C = TypeVar("C", bound=RunConfig)
 P = TypeVar("P")
@@ -229,8 +228,8 @@ def _checked_settings(
         raise ConfigError(
             f"'{files.folder}' was written by {recorded.command}, not {config.command}. {_ADVICE}"
         )
-    given = trainer.input_hashes(config)
-    hashes = {"graph": opened.graph.hash, "split": opened.split.hash, **given}
+    input_hashes = trainer.input_hashes(config)
+    hashes = {"graph": opened.graph.hash, "split": opened.split.hash, **input_hashes}
     for name, expected in hashes.items():
         if files.run.inputs.get(name) != expected:
             raise ConfigError(f"'{files.folder}' was trained with another {name}. {_ADVICE}")
@@ -238,7 +237,7 @@ def _checked_settings(
     old = moved(recorded.values(), os.path.realpath)
     new = moved(config.values(), os.path.realpath)
     for name in dict.fromkeys([*new, *old]):
-        is_input = name == "graph" or name in given
+        is_input = name == "graph" or name in input_hashes
         is_decided = name not in new and name in trainer.decided
         if not is_input and not is_decided and old.get(name) != new.get(name):
             raise ConfigError(
@@ -246,7 +245,7 @@ def _checked_settings(
                 f"and this command has {new.get(name)}. {_ADVICE}"
             )
     # Inputs with equal hashes may have moved: the recorded settings get their current paths.
-    paths = {name: getattr(config, name) for name in given if hasattr(config, name)}
+    paths = {name: getattr(config, name) for name in input_hashes if hasattr(config, name)}
     return replace(recorded, graph=config.graph, **paths)
 
 
@@ -306,26 +305,16 @@ def shown(
     """Yield a progress callback.
 
     Args:
-        progress: a callback; True for a progress bar in a terminal or notebook; None or False for
-            none.
+        progress: a callback; True for a progress bar in a terminal or notebook, or lines elsewhere;
+            None or False for none.
         name: label of the bar.
-        unit: epoch or step; numbers of steps are shown as thousands and millions.
+        unit: epoch or step.
     """
     if progress is not True:
         yield progress or None
         return
-    from tqdm.auto import tqdm
-
-    with tqdm(desc=name, unit=unit, unit_scale=unit == "step") as bar:
-
-        def show(
-            done: int,
-            total: int,
-            figures: dict[str, float],
-        ) -> None:
-            bar.total = total
-            names = [name for name in figures if name not in _SHOWN_BY_TQDM]
-            bar.set_postfix({name: f"{figures[name]:.4g}" for name in names}, refresh=False)
-            bar.update(done - bar.n)  # tqdm counts differences
-
-        yield show
+    bar = ProgressBar(name, unit=unit)
+    try:
+        yield bar
+    finally:
+        bar.close()

@@ -5,12 +5,11 @@ Read ``study`` first: it says what a study is. Then follow a study through the r
 | file | content |
 |---|---|
 | ``study``, ``builtin/`` | the TOML file: variants, grid, seeds, claims; the package's studies |
-| ``plan``, ``tasks`` | tasks that make graphs, scorers and runs; equal tasks are planned once |
-| ``engine``, ``perform`` | missing tasks by joblib, inputs first; what a worker does with one |
-| ``ray_cluster`` | the connection to a Ray cluster, another backend of joblib |
-| ``store``, ``results``, ``played_tasks`` | the results folder, and the record with all results |
-| ``variants``, ``view``, ``claims`` | means, intervals, comparisons and verdicts |
-| ``tables``, ``report`` | the same as text, CSV, pictures and page |
+| ``plan`` | tasks that make graphs, scorers and runs; equal tasks are planned once |
+| ``engine``, ``perform`` | missing tasks by joblib or Ray, inputs first; a worker's part |
+| ``results`` | the results folder, and the record with all results |
+| ``view``, ``claims`` | means, intervals, comparisons and verdicts |
+| ``report`` | the same as text, CSV, pictures and page |
 
 A task's folder name (its address) is a hash over non-default settings and input addresses, so
 studies share finished tasks. ``figures.json``, with a task's results, is written last and marks the

@@ -236,20 +236,20 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
         right = _runs(results, claim.right, right_point)
     seeds = sorted(left.keys() & right.keys())
     runs = [left[seed] for seed in seeds]
-    others = [right[seed] for seed in seeds]
-    _check_runs(results, claim, point, runs + others)
+    partners = [right[seed] for seed in seeds]
+    _check_runs(results, claim, point, runs + partners)
     lefts = []
     rights = []
-    for run, other in zip(runs, others, strict=True):
-        lefts.append(_metrics(claim.measure, run, other))
-        rights.append(_metrics(claim.measure, other, other))
-    of_left = np.array(lefts)
-    of_right = np.array(rights)
+    for run, partner in zip(runs, partners, strict=True):
+        lefts.append(_metrics(claim.measure, run, partner))
+        rights.append(_metrics(claim.measure, partner, partner))
+    left_scores = np.array(lefts)
+    right_scores = np.array(rights)
     if not claim.right:
-        of_right = np.full_like(of_left, claim.than)
+        right_scores = np.full_like(left_scores, claim.than)
     # All runs have the same tasks, see _check_runs, and so the same groups.
     groups = results.groups_of(runs[0]) if claim.measure == "success" else None
-    return _Sides(seeds, of_left, of_right, groups)
+    return _Sides(seeds, left_scores, right_scores, groups)
 
 
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
@@ -295,12 +295,12 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
             runs[run.seed] = run
     if runs:
         return runs
-    why = "not in the study"
+    reason = "not in the study"
     for missing in results.missing:
         if missing.variant == variant and missing.values == point:
-            why = missing.why
+            reason = missing.why
             break
-    raise ConfigError(f"no runs for '{variant}', {_point(point)}: {why}")
+    raise ConfigError(f"no runs for '{variant}', {_point(point)}: {reason}")
 
 
 def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
@@ -393,9 +393,9 @@ def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple
         return "reproduced", f"{word}, by less than {_SAME:g}" if high < _SAME else word
     if high < 0:
         return "not reproduced", f"it is {opposite}"
-    least = by or _SAME
-    if high < least:
-        return "not reproduced", f"not {word} by {least:g}"
+    threshold = by or _SAME
+    if high < threshold:
+        return "not reproduced", f"not {word} by {threshold:g}"
     return "undecided", "the interval is too wide"
 
 
@@ -420,23 +420,23 @@ def _varies(
     measured: Sequence[Measured],
     intervals: Sequence[tuple[float, float]],
 ) -> tuple[Verdict, str]:
-    more: list[str] = []
-    less: list[str] = []
+    above: list[str] = []
+    below: list[str] = []
     for at, (low, high) in zip(measured, intervals, strict=True):
         if low > 0:
-            more.append(_point(at.values))
+            above.append(_point(at.values))
         if high < 0:
-            less.append(_point(at.values))
-    if more and less:
+            below.append(_point(at.values))
+    if above and below:
         right = claim.right or f"{claim.than:g}"
-        ahead = f"{claim.left} is ahead with {'; '.join(more)}"
-        return "reproduced", f"{ahead}, {right} with {'; '.join(less)}"
-    if len(measured) in (len(more), len(less)):
-        word = "more" if more else "less"
+        ahead = f"{claim.left} is ahead with {'; '.join(above)}"
+        return "reproduced", f"{ahead}, {right} with {'; '.join(below)}"
+    if len(measured) in (len(above), len(below)):
+        word = "more" if above else "less"
         everywhere = f"{word} at all {counted(len(measured), 'point')}"
         # The same sign everywhere contradicts the claim, unless at least the amount varies.
         pairs = combinations(measured, 2)
-        if any(_changes(results, claim, one, other) for one, other in pairs):
+        if any(_changes(results, claim, first, second) for first, second in pairs):
             return "differs", f"{everywhere}, but by different amounts"
         return "not reproduced", f"{everywhere}, by amounts without a significant difference at 5 %"
     if all(low >= -_SAME and high <= _SAME for low, high in intervals):
@@ -452,19 +452,19 @@ def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured
     have no counterparts, and too few common seeds no interval: then the points' own intervals must
     be disjoint.
     """
-    here = _sides(results, claim, one.values)
-    there = _sides(results, claim, other.values)
-    common = sorted(set(here.seeds) & set(there.seeds))
+    first_sides = _sides(results, claim, one.values)
+    second_sides = _sides(results, claim, other.values)
+    common = sorted(set(first_sides.seeds) & set(second_sides.seeds))
     has_same_tasks = _tasks(results, claim, one) == _tasks(results, claim, other)
     if not has_same_tasks or len(common) < FEWEST_PAIRS:
         greatest_low = max(one.low or 0, other.low or 0)
         least_high = min(one.high or 0, other.high or 0)
         return greatest_low > least_high
     # A value that the claim names is the same at both points, and so cancels in the change.
-    of_differences = msgspec.structs.replace(claim, than=None)
-    differences_here = here.differences(common)
-    differences_there = there.differences(common)
-    low, high = _interval(of_differences, differences_here, differences_there, here.groups)
+    difference_claim = msgspec.structs.replace(claim, than=None)
+    differences_here = first_sides.differences(common)
+    differences_there = second_sides.differences(common)
+    low, high = _interval(difference_claim, differences_here, differences_there, first_sides.groups)
     if low is None or high is None:
         return False
     return low > 0 or high < 0
@@ -489,10 +489,10 @@ def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
     """
     left, right = claim.sides
     # A value that the claim names has no measurement of its own beside it.
-    other = right
+    opponent = right
     if not claim.is_value:
-        other = f"{mark}{right}{mark} {share(measured.right)}"
-    sides = f"{mark}{left}{mark} {share(measured.left)} against {other}"
+        opponent = f"{mark}{right}{mark} {share(measured.right)}"
+    sides = f"{mark}{left}{mark} {share(measured.left)} against {opponent}"
     difference = signed(measured.difference)
     # A single seed has no interval.
     if measured.low is not None:

@@ -5,22 +5,30 @@ import os
 import shutil
 import sys
 import threading
+import uuid
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGError, reason
-from wordcraft_kg.base.settings import CORES_VARIABLE
-from wordcraft_kg.runs.interruption import first_interrupt
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    TrainingError,
+    WordCraftKGError,
+    reason,
+)
+from wordcraft_kg.base.extras import missing_extra
+from wordcraft_kg.base.settings import CORES_VARIABLE, cores
+from wordcraft_kg.runs.run_folder import first_interrupt, sigterm_as_interrupt
 from wordcraft_kg.studies.perform import check_whole, is_done, make_graph, perform
-from wordcraft_kg.studies.plan import Plan, make_plan
-from wordcraft_kg.studies.ray_cluster import ray_cluster
-from wordcraft_kg.studies.results import METRICS_FILE, StudyResults
-from wordcraft_kg.studies.store import (
+from wordcraft_kg.studies.plan import Kind, Outcome, Plan, Task, make_plan
+from wordcraft_kg.studies.results import (
+    METRICS_FILE,
+    StudyResults,
     collect_study,
     forget_failure,
     note_failure,
@@ -29,7 +37,57 @@ from wordcraft_kg.studies.store import (
     write_plan,
 )
 from wordcraft_kg.studies.study import Study, check_study
-from wordcraft_kg.studies.tasks import Kind, Outcome, Task
+
+
+@contextmanager
+def ray_cluster(address: str | None) -> Iterator[int]:
+    """Connect to a Ray cluster, so that joblib has a backend ``ray``; leave it at the end.
+
+    Args:
+        address: host:port of the head node, or auto for the cluster of this machine; None starts a
+            cluster on this machine.
+
+    Yields:
+        The number of cores of the cluster.
+
+    Raises:
+        MissingExtraError: without Ray.
+        ConfigError: if there is no such cluster.
+    """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    # Ray itself tries for minutes to reach an address.
+    os.environ.setdefault("RAY_NUM_REDIS_GET_RETRIES", "1")
+    settings: dict[str, Any] = {}
+    if address is None:
+        settings = {"num_cpus": cores(), "include_dashboard": False}
+        if "RAY_AUTH_MODE" not in os.environ and "ray" not in sys.modules:
+            # Its own cluster opens ports for nobody else. Ray reads these when it is imported.
+            os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex}
+    try:
+        import ray
+        from ray.util.joblib import register_ray
+    except ImportError:
+        raise missing_extra("ray", ["Ray"]) from None
+    # Stdout is for the result, not for Ray's messages about lost nodes.
+    with redirect_stdout(sys.stderr):
+        try:
+            ray.init(
+                address=address or "local", log_to_driver=False, logging_level="ERROR", **settings
+            )
+        except Exception as error:
+            raise ConfigError(
+                f"no Ray cluster at '{address or 'this machine'}' ({reason(error)}); expected auto "
+                "or host:port. Run `ray start --head --port=6379` on one machine and `ray start "
+                "--address=HOST:6379` on the others, this one included; then repeat the command."
+            ) from None
+        register_ray()
+        try:
+            # Ray has set a handler of its own.
+            with sigterm_as_interrupt():
+                yield int(ray.cluster_resources().get("CPU", 1))
+        finally:
+            ray.shutdown()
+
 
 Engine = Literal["processes", "ray"]
 """Processes of this machine, or the nodes of a Ray cluster; both by joblib."""
@@ -167,10 +225,10 @@ def missing_tasks(plan: Plan, root: Path) -> list[Task]:
             missing[address] = task
     # Scorers first: a damaged scorer is trained again, and so needs a whole graph.
     for kind in ("scorers", "graphs"):
-        needed: set[str] = set()
+        inputs: set[str] = set()
         for task in missing.values():
-            needed.update(task.needs)
-        for address in needed - missing.keys():
+            inputs.update(task.needs)
+        for address in inputs - missing.keys():
             task = plan.tasks[address]
             if task.kind == kind and not _passes(check_whole, task, root):
                 missing[address] = task
@@ -196,8 +254,8 @@ def _ready(wave: Sequence[Task], plan: Plan, root: Path, state: StudyProgress) -
             ready.append(task)
             continue
         # Named as failed, too: otherwise the study would seem to wait for them.
-        why = f"{plan.tasks[broken[0]].title} failed: {state.failed[broken[0]].error}"
-        _fail(Outcome(task.address, "failed", why), plan, root, state)
+        reason = f"{plan.tasks[broken[0]].title} failed: {state.failed[broken[0]].error}"
+        _fail(Outcome(task.address, "failed", reason), plan, root, state)
     return ready
 
 

@@ -20,10 +20,9 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import locked
-from wordcraft_kg.runs.record import read_run
-from wordcraft_kg.studies.plan import agent_config, content_of, scorer_config
+from wordcraft_kg.runs.record import RunFiles, read_run
+from wordcraft_kg.runs.run_folder import locked
+from wordcraft_kg.studies.plan import Kind, Outcome, Task, agent_config, content_of, scorer_config
 from wordcraft_kg.studies.results import (
     METRICS_FILE,
     RunMetrics,
@@ -32,7 +31,6 @@ from wordcraft_kg.studies.results import (
     read_metrics,
     write_metrics,
 )
-from wordcraft_kg.studies.tasks import Kind, Outcome, Task
 
 if TYPE_CHECKING:
     from wordcraft_kg.runs.training import Training
@@ -280,16 +278,18 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     from wordcraft_kg.models.scorers.kernel import KernelScorer
 
     opened = open_graph(graph)
-    whole = opened.graph
+    graph_of_book = opened.graph
 
     def make(recipes):  # type: ignore[no-untyped-def]
         if name == "kernel":
-            return KernelScorer(whole, recipes, glove_features(whole.entities).vectors)
+            return KernelScorer(
+                graph_of_book, recipes, glove_features(graph_of_book.entities).vectors
+            )
         kind = SymbolicScorer if name == "facts" else NeighbourScorer
-        return kind(whole, recipe_triples(recipes))
+        return kind(graph_of_book, recipe_triples(recipes))
 
     is_full = settings.get("kg", "partial") == "full"
-    scorer = make(whole.recipes) if is_full else cross_fit(opened.split, make)
+    scorer = make(graph_of_book.recipes) if is_full else cross_fit(opened.split, make)
     save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)
 
 

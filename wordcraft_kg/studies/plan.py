@@ -1,12 +1,15 @@
-"""A study's plan: the tasks that make its graphs, scorers and agent runs.
+"""A study's plan: the tasks that make its graphs, scorers and agent runs, and their outcomes.
 
-Equal tasks are planned once.
+Equal tasks are planned once. A task has a folder, named after inputs and settings.
 """
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from wordcraft_kg.agents.config import (
     KNOWLEDGE_SETTINGS,
@@ -17,8 +20,19 @@ from wordcraft_kg.agents.config import (
 )
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ConfigError, SplitError
-from wordcraft_kg.base.feature_spec import LEARNED, NAMES, SHUFFLED, VECTORS, FeatureSpec
-from wordcraft_kg.base.settings import MAX_THREADS, cores, nearest, one_of, refuse, whole
+from wordcraft_kg.base.settings import (
+    LEARNED,
+    MAX_THREADS,
+    NAMES,
+    SHUFFLED,
+    VECTORS,
+    FeatureSpec,
+    cores,
+    nearest,
+    one_of,
+    refuse,
+    whole,
+)
 from wordcraft_kg.graphs.folder import default_split
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -39,7 +53,62 @@ from wordcraft_kg.studies.study import (
     cells_of,
     split_of,
 )
-from wordcraft_kg.studies.tasks import Kind, Task
+
+Kind = Literal["graphs", "scorers", "runs"]
+"""Kind of result that a task makes, and subfolder in the results folder."""
+TerminationReason = Literal["done", "failed", "interrupted"]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A task in a study: a graph folder, a model folder or an agent's run folder to make.
+
+    Attributes:
+        kind: kind of result.
+        settings: everything that decides the result, as plain JSON values; inputs by their
+            addresses.
+        title: the task in a line for people; not a part of the address.
+        needs: addresses of the inputs: none, the graph, or the graph and the scorer.
+        threads: CPU threads.
+        device: torch device.
+    """
+
+    kind: Kind
+    settings: dict[str, Any]
+    title: str
+    needs: tuple[str, ...] = ()
+    threads: int = 1
+    device: str = "cpu"
+
+    @cached_property
+    def address(self) -> str:
+        """Folder relative to the results folder: kind and settings hash."""
+        text = json.dumps(self.settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
+        return f"{self.kind}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+    def folder(self, root: Path) -> Path:
+        """Return the folder for the output of this training in the results folder ``root``."""
+        return root / self.address
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a task ended.
+
+    Attributes:
+        address: address of the task.
+        termination: done, failed, or interrupted with a checkpoint.
+        error: the error in a line; empty without an error.
+        detail: traceback of an error that is not the user's; else empty.
+        disk_full: whether the disk was full, which ends the study.
+    """
+
+    address: str
+    termination: TerminationReason
+    error: str = ""
+    detail: str = ""
+    disk_full: bool = False
+
 
 VERSIONS: dict[Kind, int] = {"graphs": 1, "scorers": 1, "runs": 3}
 """Versions of code and default settings that decide the results of graphs, scorers and agents.
@@ -189,10 +258,10 @@ def _refuse_equal(cells: Sequence[StudyCell], runs: Mapping[int, str]) -> None:
         by_variant.setdefault(cell.variant, []).append(runs[number])
     names: dict[tuple[str, ...], str] = {}
     for name, addresses in by_variant.items():
-        other = names.setdefault(tuple(addresses), name)
-        if other != name:
+        twin = names.setdefault(tuple(addresses), name)
+        if twin != name:
             raise ConfigError(
-                f"variants '{other}' and '{name}' are the same trainings; remove the duplicate."
+                f"variants '{twin}' and '{name}' are the same trainings; remove the duplicate."
             )
 
 
@@ -221,11 +290,11 @@ class _Planner:
         return task.address
 
     def _graph(self, settings: Values) -> str:
-        given = {name: settings[name] for name in OF_GRAPH if name in settings}
+        graph_settings = {name: settings[name] for name in OF_GRAPH if name in settings}
         # All cells of a study usually share a graph, and making one takes seconds.
-        key = repr(given)
+        key = repr(graph_settings)
         if key not in self._made:
-            self._made[key] = self._make_graph(str(settings.get("book", BOOK)), given)
+            self._made[key] = self._make_graph(str(settings.get("book", BOOK)), graph_settings)
         return self._made[key]
 
     def _make_graph(self, book: str, given: Values) -> str:
@@ -306,31 +375,31 @@ class _Planner:
         """Return the address of a cell's run."""
         # A scorer that learns from nothing leaves its agent without settings for knowledge.
         is_without_knowledge = scorer is None and SCORER in cell.settings
-        given: dict[str, Any] = {}
+        agent_settings: dict[str, Any] = {}
         for name, value in cell.settings.items():
             if name in OF_AGENT and not (is_without_knowledge and name in KNOWLEDGE_SETTINGS):
-                given[name] = value
-        given["seed"] = cell.seed
+                agent_settings[name] = value
+        agent_settings["seed"] = cell.seed
         # Curves of all lengths have as many points, so that their files stay small.
-        if "eval_every" not in given:
-            steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
-            given["eval_every"] = max(steps // _CURVE_POINTS, 1)
+        if "eval_every" not in agent_settings:
+            steps = whole("steps", agent_settings.get("steps", ImpalaConfig.steps), 1)
+            agent_settings["eval_every"] = max(steps // _CURVE_POINTS, 1)
         # The folders of graph and scorer do not exist yet; only the settings are checked.
-        config = agent_config(given, graph, scorer)
+        config = agent_config(agent_settings, graph, scorer)
         # Addresses know sources by letter alone, however the study spells them.
-        if "use" in given:
-            given["use"] = config.policy.use
+        if "use" in agent_settings:
+            agent_settings["use"] = config.policy.use
         # Where the cost changes nothing it must not change the address either.
         has_cost = ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth)
-        cost = given.get("scorer_cost", ImpalaConfig.scorer_cost)
-        given["scorer_cost"] = cost if has_cost else 0.0
+        cost = agent_settings.get("scorer_cost", ImpalaConfig.scorer_cost)
+        agent_settings["scorer_cost"] = cost if has_cost else 0.0
         settings: dict[str, Any] = {}
         # Without defaults: a study that names one has the address of a study that does not.
         for kind in _PART_OF_AGENT.values():
-            settings |= _not_default(given, kind)
+            settings |= _not_default(agent_settings, kind)
         if config.trainer.preset != "paper":
             # The paper's values, left out above, are not those of another preset.
-            settings |= {name: given[name] for name in PAPER if name in given}
+            settings |= {name: agent_settings[name] for name in PAPER if name in agent_settings}
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
@@ -393,11 +462,11 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
         settings = {**_IN_STUDIES[PolicyConfig], **settings}
     parts: dict[str, Any] = {}
     for part, kind in _PART_OF_AGENT.items():
-        of_part = {}
+        part_settings = {}
         for field in fields(kind):
             if field.name in settings:
-                of_part[field.name] = settings[field.name]
-        parts[part] = kind(**of_part)
+                part_settings[field.name] = settings[field.name]
+        parts[part] = kind(**part_settings)
     return replace(AgentConfig(graph, scorer), **parts)
 
 
@@ -419,11 +488,11 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
     """Return the settings that are not at their default, in the order of the class."""
-    changed: dict[str, Any] = {}
+    differing: dict[str, Any] = {}
     for name, default in defaults_of(kind).items():
         if name in settings and settings[name] != default:
-            changed[name] = settings[name]
-    return changed
+            differing[name] = settings[name]
+    return differing
 
 
 def _values(values: Mapping[str, Any]) -> str:

@@ -1,6 +1,11 @@
-"""A study report: page, tables and pictures from a study's summarised results."""
+"""A study report: tables, page and pictures from a study's summarised results."""
 
-from itertools import groupby
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, groupby
 from operator import attrgetter
 from pathlib import Path
 
@@ -8,10 +13,290 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts import Chart, Estimate
 from wordcraft_kg.reports.pages import Report, write_report
-from wordcraft_kg.studies.claims import in_words
-from wordcraft_kg.studies.tables import as_csv, notes, tables_of, with_bounds
-from wordcraft_kg.studies.variants import Correlation, PointMetrics, ScorerScatter
-from wordcraft_kg.studies.view import StudyView, title_of
+from wordcraft_kg.studies.claims import ClaimVerdict, in_words
+from wordcraft_kg.studies.view import (
+    Correlation,
+    Interval,
+    PointMetrics,
+    ScorerScatter,
+    StudyView,
+    VariantMetrics,
+    title_of,
+)
+
+
+@dataclass(frozen=True)
+class StudyTable:
+    """A table of texts.
+
+    Attributes:
+        title: the grid point.
+        headings: column headings; the first column names the variants.
+        rows: texts of each variant, one for each heading.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+_Column = tuple[str, Callable[[VariantMetrics], str]]
+"""Heading, and text of a variant's cell."""
+
+
+def tables_of(view: StudyView) -> list[StudyTable]:
+    """Return the tables of a study report, one per grid point with a row per agent.
+
+    A column without text at all points is left out of all tables, so that tables stay comparable.
+    """
+    entries = _entries(view)
+    headings = []
+    texts = []
+    for heading, text in _COLUMNS:
+        if any(text(entry) for entry in entries):
+            headings.append(heading)
+            texts.append(text)
+    tables = []
+    for point in view.points:
+        rows = []
+        for entry in point.variants:
+            rows.append(tuple(text(entry) for text in texts))
+        tables.append(StudyTable(point.title, tuple(headings), tuple(rows)))
+    return tables
+
+
+def _entries(view: StudyView) -> list[VariantMetrics]:
+    return list(chain.from_iterable(point.variants for point in view.points))
+
+
+def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> str:
+    """Format a value with its interval bounds, such as ``0.500 [0.400, 0.610]``.
+
+    Args:
+        value: the value.
+        interval: lower and upper end; None leaves the bounds out.
+        form: format specification of all three numbers.
+    """
+    shown = signed(value, form)
+    return f"{shown} {bounds(interval, form)}" if interval else shown
+
+
+def bounds(interval: Interval | None, form: str = ".3f") -> str:
+    """Format interval bounds by a format specification such as ".3f"; empty for None."""
+    if interval is None:
+        return ""
+    low, high = interval
+    return f"[{signed(low, form)}, {signed(high, form)}]"
+
+
+def signed(value: float, form: str) -> str:
+    """Format a number with a true minus sign, and a rounded 0 without sign."""
+    text = format(value, form)
+    is_zero = not re.search("[1-9]", text)
+    if is_zero:
+        sign = "+" if "+" in form else ""
+        text = text.replace("-", sign)
+    return text.replace("-", "−")
+
+
+def _mrr(at: VariantMetrics) -> str:
+    if at.mrr is None or at.mrr_range is None:
+        return ""
+    lowest, highest = at.mrr_range
+    low = f"{lowest:.3f}"
+    high = f"{highest:.3f}"
+    # Variants often share one scorer: then there is no range to show.
+    shown_range = "" if low == high else f" ({low}–{high})"
+    return f"{at.mrr:.3f}{shown_range}"
+
+
+def _reached(at: VariantMetrics) -> str:
+    if not at.curve:
+        return ""
+    if at.reached_interval is None:
+        return _amount(at.reached)
+    low, high = at.reached_interval
+    ends = "" if low == high else f" [{_amount(low)}, {_amount(high)}]"
+    return _amount(at.reached) + ends
+
+
+def _difference(at: VariantMetrics) -> str:
+    if at.comparison is None:
+        return ""
+    return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
+
+
+def _amount(steps: int | None) -> str:
+    return "never" if steps is None else f"{steps:,}"
+
+
+_COLUMNS: tuple[_Column, ...] = (
+    ("variant", lambda at: at.variant),
+    ("seeds", lambda at: str(len(at.seeds))),
+    ("success [seeds, tasks]", lambda at: with_bounds(at.mean, at.interval)),
+    ("success [seeds]", lambda at: bounds(at.seed_interval)),
+    ("difference [seeds, tasks]", _difference),
+    ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
+    ("MRR", _mrr),
+    ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
+    ("reached after", _reached),
+)
+
+
+def notes(view: StudyView) -> list[str]:
+    """Return sentences that explain the columns of :func:`tables_of`."""
+    sentences = [
+        "Success: share of episodes on test tasks in which the greedy agent makes the goal, with "
+        "95 % intervals: over seeds and tasks, that is, for other such tasks too, and over seeds "
+        "alone (Student's t), for these tasks."
+    ]
+    entries = _entries(view)
+    if any(entry.comparison for entry in entries):
+        corrected = ""
+        if view.comparisons:
+            corrected = f"; corrected by Holm for {counted(view.comparisons, 'comparison')}"
+        sentences += [
+            f"Differences are to {view.reference}, paired by seed and task, with intervals over "
+            "both.",
+            "Reached after: environment steps until the mean learning curve reaches where that of "
+            f"{view.reference} ends, with the interval over seeds.",
+            "p: of no difference, the level at which the interval of the difference reaches 0, "
+            f"none below three seeds{corrected}.",
+        ]
+    return sentences
+
+
+def as_csv(view: StudyView) -> str:
+    """Return all results but durations as CSV, a row per variant and grid point.
+
+    Equal results give equal bytes.
+    """
+    grid: dict[str, None] = {}
+    for point in view.points:
+        grid |= dict.fromkeys(point.values)
+    rows: list[dict[str, object]] = []
+    for point in view.points:
+        rows += [_values(point, entry, list(grid)) for entry in point.variants]
+    text = io.StringIO()
+    # The same line ends on each system, for equal bytes.
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({name: _cell(value) for name, value in row.items()})
+    return text.getvalue()
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, bool):
+        return str(value).lower()
+    # Six digits are those of the stored shares; more would show the rounding of a platform.
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
+def _values(point: PointMetrics, at: VariantMetrics, grid: Sequence[str]) -> dict[str, object]:
+    comparison = at.comparison
+
+    def ends(name: str, interval: Sequence[object] | None) -> dict[str, object]:
+        low, high = interval or ("", "")
+        return {f"{name}_low": low, f"{name}_high": high}
+
+    # Without a curve nothing is known; with one, None means that it never got there.
+    never = "never" if at.curve else ""
+
+    def steps(value: int | None) -> object:
+        return never if value is None else value
+
+    reached = None
+    if at.reached_interval is not None:
+        reached = [steps(end) for end in at.reached_interval]
+    return {
+        **{name: point.values.get(name, "") for name in grid},
+        "variant": at.variant,
+        "seeds": len(at.seeds),
+        "tasks": point.tasks,
+        "success": at.mean,
+        **ends("success", at.interval),
+        **ends("success_seeds", at.seed_interval),
+        "by_plan": at.by_plan,
+        "train": at.train,
+        "mrr": at.mrr,
+        **ends("mrr", at.mrr_range),
+        "difference": comparison and comparison.difference,
+        **ends("difference", comparison.interval if comparison else None),
+        "p_value": comparison and comparison.p_value,
+        "p_holm": comparison and comparison.p_corrected,
+        "steps_to_reference": steps(at.reached),
+        **ends("steps_to_reference", reached),
+        "steps": at.steps,
+    }
+
+
+def lines_of(view: StudyView) -> Iterator[str]:
+    """Yield the success of each agent at each grid point, and verdicts on claims, as text."""
+    yield f"{view.title}: success on test tasks"
+    for point in view.points:
+        yield from _lines_of_point(point)
+    yield f"intervals: 95 % over seeds and tasks{_compared(view)}"
+    yield from _lines_of_claims(view.claims)
+    if view.missing:
+        first = view.missing[0]
+        number = counted(len(view.missing), "training")
+        training = f"{first.variant}, seed {first.seed}"
+        yield f"{number} without results; the first, {training}: {first.why}"
+
+
+def _compared(view: StudyView) -> str:
+    if not view.comparisons:
+        return ""
+    of = "of the comparison"
+    if view.comparisons > 1:
+        of = f"of {view.comparisons} comparisons, corrected by Holm"
+    return f"; differences to {view.reference}; p {of}"
+
+
+def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
+    if not claims:
+        return
+    yield "claims"
+    width = max(len(claim.verdict) for claim in claims)
+    indent = "".ljust(width)
+    for claim in claims:
+        yield f"  {claim.verdict:<{width}}  {claim.text}"
+        for measured in claim.measured:
+            yield f"  {indent}  {title_of(measured.values)}: {in_words(claim, measured)}"
+
+
+def _lines_of_point(point: PointMetrics) -> Iterator[str]:
+    facts = []
+    # Without a grid, the title of the point already names the graphs.
+    if point.values:
+        facts = [f"{graph.name}, {graph.kind}" for graph in point.graphs]
+    # Splits of one graph and kind are named once.
+    facts = list(dict.fromkeys(facts))
+    facts.append(counted(point.tasks, "test task"))
+    yield f"{point.title} ({'; '.join(facts)})"
+    # Columns of one width for all variants.
+    names = [entry.variant for entry in point.variants]
+    values = [with_bounds(entry.mean, entry.interval) for entry in point.variants]
+    width = max(map(len, names))
+    longest = max(map(len, values))
+    for entry, value in zip(point.variants, values, strict=True):
+        name = f"{entry.variant:<{width}}"
+        seeds = counted(len(entry.seeds), "seed")
+        yield f"  {name}  {value:<{longest}}  {seeds}{_comparison(entry)}".rstrip()
+
+
+def _p_value(p: float | None) -> str:
+    if p is None:
+        return "–"
+    return "<.001" if p < 0.001 else f"{p:.2g}"
+
+
+def _comparison(entry: VariantMetrics) -> str:
+    if entry.comparison is None:
+        return ""
+    return f"  {_difference(entry)}  p {_p_value(entry.comparison.p_corrected)}"
+
 
 _SUCCESS = "greedy success on test tasks"
 
@@ -43,7 +328,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         The page with its charts, and the files ``table.csv`` and ``figure.svg``.
     """
     # A claim has one verdict for each grid point, all in a row: the page prints its text once.
-    claims = [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))]
+    claims = [list(verdicts) for _, verdicts in groupby(view.claims, key=attrgetter("text"))]
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
@@ -137,11 +422,11 @@ def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Chart:
         has_several = has_several or len(agents) > 1
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for scatter in scatters:
-        how = "in-sample" if scatter.in_sample else "cross-fitted"
+        scoring = "in-sample" if scatter.in_sample else "cross-fitted"
         for at in scatter.points:
             # One agent alone needs no name: what then tells points apart is how train tasks are
             # scored.
-            name = at.variant if has_several else how
+            name = at.variant if has_several else scoring
             mrr: Estimate = (at.mrr, *at.mrr_range)
             success: Estimate = (at.success, *at.interval)
             series.setdefault(name, []).append((at.label, mrr, success))

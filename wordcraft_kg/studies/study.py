@@ -234,22 +234,22 @@ def adapted(
     Raises:
         ConfigError: if the study itself varies the setting, or a value is out of range.
     """
-    given: Values = {}
+    changes: Values = {}
     if book is not None:
-        given["book"] = book
+        changes["book"] = book
     if steps is not None:
-        given["steps"] = steps
+        changes["steps"] = steps
     tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]
-    for name in given:
+    for name in changes:
         if any(name in table for table in tables):
             raise ConfigError(f"`{name}`: the study varies this setting; change the study file.")
-    changed = msgspec.structs.replace(
+    adapted_study = msgspec.structs.replace(
         study,
-        settings={**study.settings, **given},
+        settings={**study.settings, **changes},
         seeds=study.seeds if seeds is None else seeds,
     )
-    check_study(changed)
-    return changed
+    check_study(adapted_study)
+    return adapted_study
 
 
 def check_study(study: Study, source: str = "study") -> None:
@@ -303,20 +303,20 @@ def _check_scorers(study: Study, source: str) -> None:
 
 def _check_settings(study: Study, source: str) -> None:
     # Which scorer a variant names is not known here, so a setting of any scorer passes.
-    of_scorers = {f"{SCORER}.{name}" for name in chain.from_iterable(SCORER_SETTINGS.values())}
-    known = {SCORER, *OF_GRAPH, *OF_AGENT, *of_scorers} - set(NO_SETTINGS)
-    _known(source, "settings.", study.settings, known)
-    _known(source, "grid.", study.grid, known)
+    scorer_settings = {f"{SCORER}.{name}" for name in chain.from_iterable(SCORER_SETTINGS.values())}
+    allowed_settings = {SCORER, *OF_GRAPH, *OF_AGENT, *scorer_settings} - set(NO_SETTINGS)
+    _known(source, "settings.", study.settings, allowed_settings)
+    _known(source, "grid.", study.grid, allowed_settings)
     for number, point in enumerate(study.points):
-        _known(source, f"points[{number}].", point, known)
+        _known(source, f"points[{number}].", point, allowed_settings)
     varied = {*study.grid, *chain.from_iterable(study.points)}
     for variant, settings in study.variants.items():
-        where = f"variants.{variant}."
-        _known(source, where, settings, known)
+        prefix = f"variants.{variant}."
+        _known(source, prefix, settings, allowed_settings)
         for name in settings:
             if name in varied:
                 raise ConfigError(
-                    f"{source}: {where}{name} is also in the grid; remove the setting from the "
+                    f"{source}: {prefix}{name} is also in the grid; remove the setting from the "
                     "variant."
                 )
 
@@ -348,26 +348,26 @@ def _check_points(study: Study, source: str) -> None:
 
 
 def _check_claim(study: Study, claim: Claim, source: str) -> None:
-    where = f"{source}: claim {claim.text!r}"
+    prefix = f"{source}: claim {claim.text!r}"
     if (claim.than is None) == (not claim.right):
-        raise ConfigError(f"{where} needs either 'right', a variant, or 'than', a value.")
+        raise ConfigError(f"{prefix} needs either 'right', a variant, or 'than', a value.")
     for variant in (claim.left, claim.right):
         if variant and variant not in study.variants:
             hint = nearest(variant, study.variants)
             raise ConfigError(
-                f"{where} names an unknown variant {variant!r}; expected "
+                f"{prefix} names an unknown variant {variant!r}; expected "
                 f"{', '.join(study.variants)}.{hint}"
             )
     # Without a size, any interval that excludes 0 by a hair would contradict the claim.
     if claim.expected == "comparable" and not claim.by:
-        raise ConfigError(f"{where} needs 'by': how close is comparable?")
+        raise ConfigError(f"{prefix} needs 'by': how close is comparable?")
     if claim.measure == "steps" and not claim.right:
         raise ConfigError(
-            f"{where}: steps are counted until the curve of a variant is reached; give 'right'."
+            f"{prefix}: steps are counted until the curve of a variant is reached; give 'right'."
         )
     for values in (claim.at, {**claim.at, **claim.right_at}):
         if not points_at(study, values):
-            raise ConfigError(f"{where} is about {values}, which is not a grid point.")
+            raise ConfigError(f"{prefix} is about {values}, which is not a grid point.")
 
 
 def points_of(study: Study) -> list[Values]:
@@ -380,8 +380,8 @@ def points_of(study: Study) -> list[Values]:
         crossed.append(dict(zip(study.grid, values, strict=True)))
     points: list[Values] = []
     for point in study.points or [{}]:
-        for of_grid in crossed:
-            points.append({**point, **of_grid})
+        for grid_point in crossed:
+            points.append({**point, **grid_point})
     return points
 
 

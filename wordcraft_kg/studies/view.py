@@ -1,26 +1,431 @@
-"""Summary of a study's results.
+"""Summary of a study's results: each variant at each grid point.
 
-It has all variants for all grid settings, with intervals and differences to the reference.
+It has means, intervals, differences to the reference, and success by scorer MRR.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.statistics import holm
-from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
-from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
-from wordcraft_kg.studies.study import Drawing, Value, Values
-from wordcraft_kg.studies.variants import (
-    PointMetrics,
-    ScorerScatter,
-    VariantMetrics,
-    metrics_of,
-    scatters_of,
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.statistics import (
+    FEWEST_PAIRS,
+    correlation,
+    crossed_difference,
+    holm,
+    rate_interval,
+    student_interval,
 )
+from wordcraft_kg.evaluation.agent_metrics import CurvePoint
+from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
+from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults, steps_to
+from wordcraft_kg.studies.study import SCORER, Drawing, Value, Values
+
+Interval = tuple[float, float]
+"""Lower and upper end."""
+_ROUNDING = 1e-12
+"""A mean of equal curves may lie this far below the level that it reaches."""
+
+
+class VariantComparison(Record):
+    """A variant compared with the study's reference variant under the same grid settings.
+
+    Attributes:
+        difference: mean success on test tasks, variant minus reference.
+        interval: 95 % interval of the difference over seeds and groups of tasks; the same seed and
+            the same task are pairs.
+        pairs: number of seeds that both have.
+        p_value: of no difference, the level at which the interval reaches 0; None below three
+            pairs, where a p-value would rest on one degree of freedom.
+        p_corrected: the p-value with Holm's correction over all comparisons in the study, or None.
+    """
+
+    difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
+    interval: Interval
+    pairs: Annotated[int, msgspec.Meta(ge=1)]
+    p_value: Share | None
+    p_corrected: Share | None
+
+
+class VariantMetrics(Record):
+    """Results of a variant under fixed grid settings; all intervals are 95 % intervals.
+
+    Attributes:
+        variant: name of the variant.
+        seeds: seeds of its runs.
+        success: success rate of each run on test tasks.
+        mean: mean of ``success``.
+        seed_interval: interval for ``mean`` over seeds, by Student's t, for the same tasks; None
+            for a single seed.
+        interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks
+            for a single seed.
+        by_plan: mean share of episodes in which the last pair of a plan made the goal.
+        train: mean success on train tasks; None if not measured for every run.
+        mrr: mean MRR of the agents' scorers on test triples outside training; None without a
+            scorer, or if the scorers have seen these triples.
+        mrr_range: least and greatest of these MRRs, or None.
+        comparison: difference to the reference; None for the reference, and without common seeds or
+            tasks.
+        reached: steps until the mean learning curve reaches the reference's final success; None for
+            never, or without a reference to reach.
+        reached_interval: interval for ``reached``, with None for never; None below two common
+            seeds.
+        curve: mean success at the steps that the curves of all runs have, with intervals over
+            seeds.
+        runs: address of each run in the results folder.
+        seconds: mean training time; results from a store count as 0.
+        steps: environment steps of a run.
+    """
+
+    variant: str
+    seeds: tuple[int, ...]
+    success: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
+    mean: Share
+    seed_interval: Interval | None
+    interval: Interval
+    by_plan: Share
+    train: Share | None
+    mrr: Share | None
+    mrr_range: Interval | None
+    comparison: VariantComparison | None
+    reached: Count | None
+    reached_interval: tuple[Count | None, Count | None] | None
+    curve: tuple[CurvePoint, ...]
+    runs: tuple[str, ...]
+    seconds: float
+    steps: Count
+
+
+class PointMetrics(Record):
+    """Results for all variants at a grid point.
+
+    Attributes:
+        values: grid settings of the point.
+        title: the settings in words; graph and split without a grid.
+        graphs: graphs with which the variants were evaluated, in the order of the variants; usually
+            one.
+        tasks: number of test tasks.
+        distractor_seeds: episodes of each task, with other distractors each.
+        variants: results of the variants that have runs, in the order of the study.
+    """
+
+    values: Values
+    title: str
+    graphs: tuple[PlayedGraph, ...]
+    tasks: Count
+    distractor_seeds: Count
+    variants: tuple[VariantMetrics, ...]
+
+
+def metrics_of(
+    results: StudyResults,
+    variant: str,
+    members: list[RunResult],
+    base: list[RunResult],
+) -> VariantMetrics:
+    """Summarise the runs of a variant at a grid point, and compare them with the reference.
+
+    Args:
+        results: the study, which knows the groups of test tasks.
+        variant: name of the variant.
+        members: the variant's runs, at least one, all on the same test tasks.
+        base: runs of the reference at the same point; empty if there are none. The reference itself
+            is recognised by being the same list.
+    """
+    success = [run.success["test"] for run in members]
+    # Runs of earlier studies may lack train tasks or a scorer: these lists may be shorter.
+    train = [run.success["train"] for run in members if "train" in run.success]
+    mrr = [run.mrr for run in members if run.mrr is not None]
+    by_plan = [run.by_plan["test"] for run in members]
+    seconds = [run.seconds for run in members]
+    reached, reached_interval = _reached(members, base)
+    return VariantMetrics(
+        variant=variant,
+        seeds=tuple(run.seed for run in members),
+        success=tuple(success),
+        mean=mean_of(success),
+        seed_interval=student_interval(success),
+        interval=rate_interval(_table(members), results.groups_of(members[0])),
+        by_plan=mean_of(by_plan),
+        # A mean of some runs would stand beside the success of all.
+        train=mean_of(train) if len(train) == len(members) else None,
+        mrr=mean_of(mrr) if mrr else None,
+        mrr_range=(min(mrr), max(mrr)) if mrr else None,
+        comparison=_comparison(results, members, base),
+        reached=reached,
+        reached_interval=reached_interval,
+        curve=_curve(members),
+        runs=tuple(run.run for run in members),
+        seconds=mean_of(seconds),
+        steps=members[0].steps,
+    )
+
+
+def mean_of(values: Sequence[float]) -> float:
+    """Return the mean, exactly rounded: independent of the order of the values."""
+    return math.fsum(values) / len(values)
+
+
+def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
+    """Return the success rates of runs, shape (runs, tasks)."""
+    return np.array([run.rates for run in members])
+
+
+def _comparison(
+    results: StudyResults,
+    members: list[RunResult],
+    base: list[RunResult],
+) -> VariantComparison | None:
+    by_seed = {run.seed: run for run in base}
+    paired = [run for run in members if run.seed in by_seed]
+    if members is base or not paired:
+        return None
+    # Only the same task, with the same distractors, makes a pair.
+    if results.tasks_of(members[0]) != results.tasks_of(base[0]):
+        return None
+    partners = [by_seed[run.seed] for run in paired]
+    differences = _table(paired) - _table(partners)
+    (difference, low, high), exact = crossed_difference(differences, results.groups_of(base[0]))
+    p_value = exact if len(paired) >= FEWEST_PAIRS else None
+    # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
+    return VariantComparison(difference, (low, high), len(paired), p_value, p_corrected=p_value)
+
+
+def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
+    """Return the steps that all curves have, and the success at them, shape (runs, steps)."""
+    rows = [dict(run.curve) for run in members]
+    # A mean over fewer runs would jump where one of them ends.
+    common = set.intersection(*(set(row) for row in rows))
+    steps = sorted(common)
+    table = []
+    for row in rows:
+        table.append([row[step] for step in steps])
+    return steps, np.array(table)
+
+
+def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
+    steps, table = _curves(members)
+    if not steps:
+        return ()
+    points: list[CurvePoint] = []
+    for step, column in zip(steps, table.T, strict=True):
+        low, high = student_interval(column) or (None, None)
+        points.append(CurvePoint(step, float(column.mean()), low, high))
+    return tuple(points)
+
+
+def _reached(
+    members: list[RunResult],
+    base: list[RunResult],
+) -> tuple[int | None, tuple[int | None, int | None] | None]:
+    """Return the steps to the reference's final success, and their interval.
+
+    See :class:`VariantMetrics`.
+    """
+    if not base:
+        return None, None
+    steps, table = _curves(members)
+    goal_steps, goal = _curves(base)
+    if not steps or not goal_steps:
+        return None, None
+
+    # Curves are measured against the goal, so that each is asked when it reaches 0.
+    def first(curve: NDArray[np.float64]) -> int | None:
+        reached = steps_to(zip(steps, curve, strict=True), -_ROUNDING)
+        return round(reached) if math.isfinite(reached) else None
+
+    finals = goal[:, -1]
+    reached = first(table.mean(axis=0) - finals.mean())
+    # For the interval each run is measured against the reference's end with its own seed.
+    final_of = {run.seed: final for run, final in zip(base, finals, strict=True)}
+    ahead = []
+    for run, row in zip(members, table, strict=True):
+        if run.seed in final_of:
+            ahead.append(row - final_of[run.seed])
+    if len(ahead) < 2:
+        return reached, None
+    # Shape (steps, runs): an interval over the runs at each step.
+    by_step = np.array(ahead).T
+    bounds = np.array([student_interval(column, within=(-1, 1)) for column in by_step])
+    low, high = bounds.T
+    # The upper bound of success arrives first, so it gives the least number of steps.
+    return reached, (first(high), first(low))
+
+
+_EVERYTHING: Values = {"train_fraction": 1, "label_noise": 0}
+"""Settings for a scorer trained on all recipes without noise."""
+
+
+class Correlation(Record, array_like=True):
+    """A correlation coefficient over the points of a plot.
+
+    Attributes:
+        value: coefficient, -1 to 1.
+        low: lower end of its 95 % interval over the points.
+        high: upper end.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+class ScatterPoint(Record):
+    """Success of an agent (a variant) and MRR of its scorer, as in :class:`VariantMetrics`.
+
+    Attributes:
+        label: the scorer settings that distinguish the point, else the variant.
+        variant: name of the variant.
+        mrr: mean MRR of the scorers.
+        mrr_range: least and greatest MRR.
+        success: mean success on test tasks.
+        interval: 95 % interval of ``success`` over seeds and groups of tasks.
+        reached: steps to the reference's final success; None for never.
+    """
+
+    label: str
+    variant: str
+    mrr: Share
+    mrr_range: Interval
+    success: Share
+    interval: Interval
+    reached: Count | None
+
+
+class ScorerScatter(Record):
+    """Agents' success against their scorers' MRR, with all further settings equal.
+
+    Attributes:
+        values: these further grid settings.
+        in_sample: whether train tasks have scores from a scorer trained on the same recipes.
+        points: a point for each agent and scorer setting, by ascending MRR.
+        pearson: correlation of MRR and success; None for fewer than three points.
+        spearman: rank correlation of MRR and success, or None.
+        steps_spearman: rank correlation of MRR and the steps to the reference's success; "not
+            reached" is latest.
+        without: success of the reference agent, if it has no scorer.
+    """
+
+    values: Values
+    in_sample: bool
+    points: tuple[ScatterPoint, ...]
+    pearson: Correlation | None
+    spearman: Correlation | None
+    steps_spearman: Correlation | None
+    without: Share | None
+
+
+def scatters_of(
+    results: StudyResults,
+    points: Sequence[PointMetrics],
+    reference: str,
+) -> Iterator[ScorerScatter]:
+    """Yield a plot for each combination of settings other than the scorer's.
+
+    In-sample scores are apart.
+
+    Args:
+        results: the study, for the settings of its variants.
+        points: results of all grid points; variants without MRR are left out.
+        reference: name of the reference variant.
+    """
+    groups: dict[bytes, list[tuple[PointMetrics, VariantMetrics]]] = {}
+    for point in points:
+        for entry in point.variants:
+            if entry.mrr is None:
+                continue
+            # In-sample scores are better on train tasks than on test tasks: their MRR means less.
+            described = (_others(point), _is_in_sample(results, point, entry))
+            key = msgspec.json.encode(described, order="sorted")
+            groups.setdefault(key, []).append((point, entry))
+    for members in groups.values():
+        rows = [_scatter_point(point, entry) for point, entry in members]
+        bare: list[float] = []
+        for point, _ in members:
+            for at in point.variants:
+                if at.variant == reference and at.mrr is None:
+                    bare.append(at.mean)
+        mrr = [at.mrr for at in rows]
+        success = [at.success for at in rows]
+        # One step after the latest arrival: ranks need an order, not a duration.
+        never = 1 + max(at.reached or 0 for at in rows)
+        reached = [never if at.reached is None else at.reached for at in rows]
+        first_point, first_entry = members[0]
+        yield ScorerScatter(
+            values=_others(first_point),
+            in_sample=_is_in_sample(results, first_point, first_entry),
+            points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
+            pearson=_correlation(mrr, success, "pearson"),
+            spearman=_correlation(mrr, success, "spearman"),
+            steps_spearman=_correlation(mrr, reached, "spearman"),
+            without=mean_of(bare) if bare else None,
+        )
+
+
+def _others(point: PointMetrics) -> Values:
+    """Return a point's settings without those of the scorer."""
+    prefix = f"{SCORER}."
+    return {name: value for name, value in point.values.items() if not name.startswith(prefix)}
+
+
+def _is_in_sample(results: StudyResults, point: PointMetrics, entry: VariantMetrics) -> bool:
+    settings = {
+        **results.study.settings,
+        **point.values,
+        **results.study.variants.get(entry.variant, {}),
+    }
+    return settings.get("in_sample") is True
+
+
+def _scatter_point(point: PointMetrics, at: VariantMetrics) -> ScatterPoint:
+    assert at.mrr is not None
+    assert at.mrr_range is not None
+    return ScatterPoint(
+        label=_label(point, at.variant),
+        variant=at.variant,
+        mrr=at.mrr,
+        mrr_range=at.mrr_range,
+        success=at.mean,
+        interval=at.interval,
+        reached=at.reached,
+    )
+
+
+def _correlation(
+    x: Sequence[float],
+    y: Sequence[float],
+    kind: Literal["pearson", "spearman"],
+) -> Correlation | None:
+    estimate = correlation(x, y, kind)
+    return Correlation(*estimate) if estimate else None
+
+
+def _label(point: PointMetrics, variant: str) -> str:
+    """Return the scorer settings that are not at full training data.
+
+    Without any, the first setting, or else the variant.
+    """
+    prefix = f"{SCORER}."
+    values = {}
+    for name, value in point.values.items():
+        if name.startswith(prefix):
+            values[name.removeprefix(prefix)] = value
+    # Settings at their full value do not distinguish points; a point with all of them needs a
+    # label, too.
+    differing = [name for name in values if values[name] != _EVERYTHING.get(name)]
+    first = list(values)[:1]
+    shown: list[str] = []
+    for name in differing or first:
+        value = values[name]
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        shown.append(f"{name} {text}")
+    return ", ".join(shown) or variant
 
 
 class StudyView(Record):
@@ -123,12 +528,12 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     """
     missing = results.missing
     if not results.runs:
-        why = ""
+        reason = ""
         if missing:
             first = missing[0].why.rstrip(".")
-            why = f" The first: {first}."
+            reason = f" The first: {first}."
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(missing):,} missing.{why} "
+            f"study '{results.name}' has no finished run, {len(missing):,} missing.{reason} "
             f"Run the study first: {results.command}"
         )
     points: dict[bytes, tuple[Values, Runs]] = {}
@@ -146,9 +551,9 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
         in_order = {name: runs[name] for name in names}
         cells.append((values, in_order))
     for values, runs in cells:
-        where = f" with {title_of(values)}" if values else ""
+        condition = f" with {title_of(values)}" if values else ""
         for variant, members in runs.items():
-            cell = f"'{variant}'{where}"
+            cell = f"'{variant}'{condition}"
             _check_alike(results, cell, members)
     return cells
 
@@ -214,12 +619,12 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
 
 def _p_values(points: Sequence[PointMetrics]) -> list[float]:
     """Return all p-values of a study, in the order of points and variants."""
-    found: list[float] = []
+    p_values: list[float] = []
     for point in points:
         for entry in point.variants:
             if entry.comparison is not None and entry.comparison.p_value is not None:
-                found.append(entry.comparison.p_value)
-    return found
+                p_values.append(entry.comparison.p_value)
+    return p_values
 
 
 def _corrected(points: Sequence[PointMetrics]) -> list[PointMetrics]:
@@ -236,8 +641,8 @@ def _corrected(points: Sequence[PointMetrics]) -> list[PointMetrics]:
         comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
         return msgspec.structs.replace(entry, comparison=comparison)
 
-    changed: list[PointMetrics] = []
+    corrected_points: list[PointMetrics] = []
     for point in points:
         variants = tuple(with_p(entry) for entry in point.variants)
-        changed.append(msgspec.structs.replace(point, variants=variants))
-    return changed
+        corrected_points.append(msgspec.structs.replace(point, variants=variants))
+    return corrected_points

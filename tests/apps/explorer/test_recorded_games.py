@@ -21,7 +21,7 @@ from wordcraft_kg.apps.text_agents.submission import Submission
 from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values, parse_record
-from wordcraft_kg.evaluation.recorded_games import read_table_games
+from wordcraft_kg.evaluation.reference import read_table_games
 
 
 @pytest.fixture(scope="module")

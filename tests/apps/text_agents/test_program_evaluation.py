@@ -13,7 +13,7 @@ from wordcraft_kg.apps.text_agents import results
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import evaluation_of, groups_of, read_games
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.runs.folder import locked
+from wordcraft_kg.runs.run_folder import locked
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 DIES = "for _ in range(5): input(); print('1 + 2', flush=True)\n"

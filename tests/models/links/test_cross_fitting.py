@@ -268,10 +268,10 @@ from pathlib import Path
 from wordcraft_kg.models.links import cross_fitting
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
-from wordcraft_kg.runs import parallel
+from wordcraft_kg.runs import checkpoints
 
 cross_fitting.LONG = 0.0
-parallel.cores = lambda: 2
+checkpoints.cores = lambda: 2
 print("the program ran")
 config = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
 train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))

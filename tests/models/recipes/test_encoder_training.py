@@ -313,8 +313,7 @@ def test_evidence_names_recipes(trained):
 
 def test_results_of_a_pair_have_probabilities(trained, book):
     from wordcraft_kg.evaluation.queries import RecipeQuery
-    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe
-    from wordcraft_kg.evaluation.scores import ScoringModel
+    from wordcraft_kg.evaluation.scores import RecipeScoring, ScoringModel
 
     scorer = load_scorer(trained)
     calibration = json.loads((trained / "calibration.json").read_text())
@@ -322,9 +321,9 @@ def test_results_of_a_pair_have_probabilities(trained, book):
     shares = scorer.result_probabilities(0, [1, 2])
     assert shares.shape == (2, 12)
     torch.testing.assert_close(shares.sum(1), torch.full((2,), calibration["covered"]))
-    scoring = RecipeScoring.of(ScoringModel.open(trained, str(book)))
-    query = RecipeQuery(scorer.entities[0], scorer.entities[1], None)
-    view = view_open_recipe(scoring, query, 4)
+    scoring = RecipeScoring(ScoringModel.open(trained, str(book)))
+    query = RecipeQuery((scorer.entities[0], scorer.entities[1], None))
+    view = scoring.view_open(query, 4)
     assert len(view.top) == 4
     probabilities = [recipe.probability for recipe in view.top]
     assert probabilities == sorted(probabilities, reverse=True)

@@ -16,7 +16,7 @@ from typing import Any
 from weakref import finalize
 
 from wordcraft_kg.base.errors import ArtefactError, reason
-from wordcraft_kg.base.escaping import for_terminal
+from wordcraft_kg.base.wording import for_terminal
 
 SECONDS = 10.0
 """Longest time for a conversation; usual templates take a millisecond."""

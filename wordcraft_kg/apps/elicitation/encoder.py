@@ -40,8 +40,8 @@ from wordcraft_kg.base.artefacts import (
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.models.scorers.features import ENCODED
-from wordcraft_kg.runs.folder import Progress
 from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.runs.run_folder import Progress
 
 _PART = 512
 """Labels that are saved together, about a second's work."""

@@ -34,8 +34,8 @@ from wordcraft_kg.models.knowledge.folder import (
     TableInfo,
     write_knowledge,
 )
-from wordcraft_kg.runs.cards import front_matter
-from wordcraft_kg.runs.folder import Progress
+from wordcraft_kg.runs.record import front_matter
+from wordcraft_kg.runs.run_folder import Progress
 
 _BATCH = 32
 """Texts in a forward pass; part of the result's last bits, so also of the key of saved rows."""

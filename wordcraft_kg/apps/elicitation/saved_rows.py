@@ -11,7 +11,7 @@ from torch import Tensor
 from wordcraft_kg.base.artefacts import TEMPORARY, read_large_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.tensors import read_tensors
-from wordcraft_kg.runs.folder import locked_folder
+from wordcraft_kg.runs.run_folder import locked_folder
 
 
 @contextmanager

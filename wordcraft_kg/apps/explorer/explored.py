@@ -17,14 +17,13 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityEr
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.recorded_games import TableGame, read_table_games
+from wordcraft_kg.evaluation.reference import TableGame, read_table_games
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.planner import Planner
 from wordcraft_kg.graphs.splits import TEST
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import run_folders, run_name
+from wordcraft_kg.runs.record import RunFiles, run_folders, run_name
 
 T = TypeVar("T")
 

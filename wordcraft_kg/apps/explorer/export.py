@@ -15,9 +15,9 @@ from wordcraft_kg.apps.explorer.server import PACKAGE, SCRIPTS
 from wordcraft_kg.apps.web.files import static_texts, style_sheet
 from wordcraft_kg.base.artefacts import dump_json, sha256_of, staged_folder, write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, as_values
+from wordcraft_kg.base.wording import for_html
 from wordcraft_kg.runs.record import RUN_FILE
 
 SITE_FILE = "site.json"

@@ -11,9 +11,9 @@ from markupsafe import Markup
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
-from wordcraft_kg.base.escaping import for_html
+from wordcraft_kg.base.wording import for_html
 from wordcraft_kg.graphs.chains import is_half_product
-from wordcraft_kg.reports.agent_pictures import ACTIONS
+from wordcraft_kg.reports.agent_report import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 
 QUESTIONS = 5

@@ -14,9 +14,7 @@ from wordcraft_kg.graphs.library import known_books, open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.runs.cards import front_matter
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_finished_run
+from wordcraft_kg.runs.record import RUN_FILE, RunFiles, RunRecord, front_matter, read_finished_run
 
 CARD = "README.md"
 _EXPECTED = "a graph folder, a model folder or a run of train-agent"

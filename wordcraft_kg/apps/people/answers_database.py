@@ -22,7 +22,7 @@ from wordcraft_kg.apps.people.protocol import Answer
 from wordcraft_kg.base.artefacts import check_file
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_record
-from wordcraft_kg.runs.folder import locked
+from wordcraft_kg.runs.run_folder import locked
 
 ANSWERS_FILE = "answers.sqlite"
 APPLICATION = 0x57434B47

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from wordcraft_kg.apps.people.study import STUDY_FILE, read_study
-from wordcraft_kg.evaluation.recorded_games import GameReader, TableGame, check_hash
+from wordcraft_kg.evaluation.reference import GameReader, TableGame, check_hash
 from wordcraft_kg.graphs.folder import OpenedGraph
 
 

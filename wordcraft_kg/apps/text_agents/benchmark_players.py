@@ -29,8 +29,8 @@ from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
 from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
 from wordcraft_kg.base.artefacts import check_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import as_lines
-from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.open_ended import Discovery

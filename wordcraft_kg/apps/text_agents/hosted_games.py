@@ -17,7 +17,7 @@ from wordcraft_kg.apps.text_agents.results import append_game, open_games, recor
 from wordcraft_kg.base.artefacts import check_file, made_folder
 from wordcraft_kg.base.errors import EpisodeError
 from wordcraft_kg.base.settings import MAX_SIZE
-from wordcraft_kg.runs.folder import locked
+from wordcraft_kg.runs.run_folder import locked
 
 NEVER = MAX_SIZE
 """Value of ``max_invalid`` without a limit: invalid tool calls never cost an attempt."""

@@ -38,10 +38,10 @@ from wordcraft_kg.base.errors import (
     UnknownSettingError,
     WordCraftKGError,
 )
-from wordcraft_kg.base.escaping import for_file
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import MAX_SIZE, nearest, refuse, whole
+from wordcraft_kg.base.wording import for_file
 
 try:
     from inspect_ai import Task, task

@@ -16,9 +16,8 @@ from wordcraft_kg.apps.text_agents.submission import (
     verify,
 )
 from wordcraft_kg.apps.text_agents.submission_files import submissions_at
-from wordcraft_kg.base.escaping import for_markdown, look_alike_key
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, for_markdown, look_alike_key
 from wordcraft_kg.evaluation.reference import literature
 
 REFERENCES = {"oracle": "oracle", "random": "chance"}

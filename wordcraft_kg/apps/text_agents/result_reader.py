@@ -23,7 +23,7 @@ from wordcraft_kg.apps.text_agents.submission_files import (
     read_submission_file,
 )
 from wordcraft_kg.base.records import parse_record
-from wordcraft_kg.evaluation.recorded_games import (
+from wordcraft_kg.evaluation.reference import (
     GameReader,
     TableGame,
     begins_with,

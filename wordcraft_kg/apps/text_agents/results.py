@@ -37,18 +37,16 @@ from wordcraft_kg.base.errors import (
     PlayerError,
     WordCraftKGError,
 )
-from wordcraft_kg.base.escaping import for_file
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, for_file
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.runs.folder import locked_folder
-from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+from wordcraft_kg.runs.run_folder import locked_folder, sigterm_as_interrupt
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation

@@ -34,7 +34,6 @@ from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.apps.text_agents.submission_files import SUBMISSION_FILE, read_submission_file
 from wordcraft_kg.base.artefacts import TEMPORARY, dump_json, made_folder, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
-from wordcraft_kg.base.escaping import look_alike_key
 from wordcraft_kg.base.records import (
     Count,
     Hash,
@@ -47,7 +46,7 @@ from wordcraft_kg.base.records import (
 )
 from wordcraft_kg.base.settings import one_line, refuse
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, look_alike_key
 
 MESSAGES = "messages"
 """Folder in a submission with a text player's prompts and answers, which verification ignores."""

@@ -8,8 +8,7 @@ such as ``craft-8.zip/votes``. Other members have no effect.
 from pathlib import Path, PurePosixPath
 
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-from wordcraft_kg.base.archives import ZipArchive
-from wordcraft_kg.base.artefacts import SMALL_FILE, read_small_file
+from wordcraft_kg.base.artefacts import SMALL_FILE, ZipArchive, read_small_file
 from wordcraft_kg.base.errors import ArtefactError
 
 SUBMISSION_FILE = "submission.json"

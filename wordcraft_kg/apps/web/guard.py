@@ -12,7 +12,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.base.escaping import for_terminal
+from wordcraft_kg.base.wording import for_terminal
 
 POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src "

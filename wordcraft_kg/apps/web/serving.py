@@ -12,7 +12,7 @@ from starlette.types import ASGIApp
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
 
 LARGEST_PORT = 65_535
 _TICKS = 10

@@ -16,8 +16,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import Count, Record, as_values
 from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import end_run, read_finished_run, start_run
+from wordcraft_kg.runs.record import RunFiles, end_run, read_finished_run, start_run
 
 KNOWLEDGE = "knowledge.json"
 TABLES = "tables.safetensors"

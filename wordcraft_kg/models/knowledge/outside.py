@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.feature_spec import FeatureSpec
+from wordcraft_kg.base.settings import FeatureSpec
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

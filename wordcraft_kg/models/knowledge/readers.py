@@ -14,7 +14,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base.archives import read_lines
+from wordcraft_kg.base.artefacts import read_lines
 from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 from wordcraft_kg.models.knowledge.triple_lines import (

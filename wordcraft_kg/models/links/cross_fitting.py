@@ -29,8 +29,7 @@ from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.folder import write_folds
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.runs.checkpoints import Checkpoints
-from wordcraft_kg.runs.parallel import not_done, train_jobs
+from wordcraft_kg.runs.checkpoints import Checkpoints, not_done, train_jobs
 
 LONG = 10.0
 """Shortest training, in seconds, with parallel folds: a process takes seconds to start."""

@@ -29,7 +29,7 @@ from wordcraft_kg.models.links.records import LinkProgress, TraceRow
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.runs.checkpoints import Checkpoint
-from wordcraft_kg.runs.folder import Progress, RunFolder
+from wordcraft_kg.runs.run_folder import Progress, RunFolder
 from wordcraft_kg.runs.trackers import Log
 
 

@@ -5,7 +5,7 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.model import History, cross_fitted_words
-from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import RunFiles
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):

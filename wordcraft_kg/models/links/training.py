@@ -56,10 +56,9 @@ from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, make_scorer, write_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
+from wordcraft_kg.runs.record import RunFiles, scorer_card
+from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 

@@ -22,8 +22,8 @@ from wordcraft_kg.base.artefacts import (
     write_atomically,
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError, reason
-from wordcraft_kg.base.feature_spec import LEARNED
 from wordcraft_kg.base.records import Count, Record, as_values, read_record
+from wordcraft_kg.base.settings import LEARNED
 from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -39,9 +39,7 @@ from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.runs.cards import front_matter
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import end_run, read_finished_run, start_run
+from wordcraft_kg.runs.record import RunFiles, end_run, front_matter, read_finished_run, start_run
 
 _POLICY_FILES = ("policy.json", "constants.safetensors", "policy.safetensors")
 

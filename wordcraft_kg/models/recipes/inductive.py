@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
-from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.labels import LabelIndex
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base.settings import FeatureSpec, nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
@@ -28,8 +27,7 @@ from wordcraft_kg.models.scorers.neighbours.stored import LINK_TABLES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 _NEAREST = 8
 """Labels whose sentence vectors, or links by outside knowledge, stand for those of a new label."""

@@ -37,8 +37,7 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.records import RecipeMetrics
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS
 from wordcraft_kg.runs.config_file import CONFIG_FILE
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 LIMIT = 3
 """Most pieces of evidence for a recipe or a link."""

@@ -8,7 +8,7 @@ from wordcraft_kg.models.knowledge.books import OutsideSource
 from wordcraft_kg.models.knowledge.outside import describe_source
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import RunFiles
 
 
 class FitDone(Record, frozen=True, kw_only=True):

@@ -58,10 +58,9 @@ from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.ranker import Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
+from wordcraft_kg.runs.record import RunFiles, scorer_card
+from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training, train
 

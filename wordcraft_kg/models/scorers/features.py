@@ -18,11 +18,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.archives import read_lines
+from wordcraft_kg.base.artefacts import read_lines
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
-from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
-from wordcraft_kg.base.spelling import words_in
+from wordcraft_kg.base.settings import (
+    SHUFFLED,
+    VECTORS,
+    FeatureSpec,
+    nearest,
+    one_of,
+    refuse,
+    whole,
+)
+from wordcraft_kg.base.wording import words_in
 
 _VOCABULARY_BATCH = 20_000
 """Words of GloVe's vocabulary per batch, which bounds memory."""
@@ -126,7 +133,7 @@ def make_features(
     looked up first: as written, in lower case, then both with ``_`` for spaces, then both as
     separate words (``oak_log`` is the label ``oak log``); otherwise the words are pooled, each
     found like a label. A word that is not found, such as ``iron-plate``, is pooled from its own
-    words, see :func:`~wordcraft_kg.base.spelling.words_in`. If a word has several vectors, the
+    words, see :func:`~wordcraft_kg.base.wording.words_in`. If a word has several vectors, the
     first is used. In a text file, a whole number right before the vector belongs to the word
     (``route 66``). A sentence encoder's vectors are for whole labels only. Only the vectors of
     looked-up words stay in memory.
@@ -397,8 +404,7 @@ def _glove_rows(words: tuple[str, ...]) -> NDArray[np.int64]:
 
 def _checked_folder(folder: Path) -> Path:
     """Return a folder from ``encode`` after a check of all its files by SHA-256."""
-    from wordcraft_kg.runs.files import RunFiles
-    from wordcraft_kg.runs.record import read_finished_run
+    from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
     files = RunFiles(folder, read_finished_run(folder, "a file or folder with vectors", ENCODED))
     for name in files.run.outputs:

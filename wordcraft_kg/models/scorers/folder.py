@@ -16,8 +16,8 @@ import torch
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, reason
+from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import Record, as_values
-from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
@@ -36,8 +36,7 @@ from wordcraft_kg.models.scorers.ranking import (
 )
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
-from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 WEIGHTS = "model.safetensors"
 VOCABULARY = "vocabulary.json"

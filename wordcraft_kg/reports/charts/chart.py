@@ -1,4 +1,4 @@
-"""Charts as Matplotlib figures, and as SVG for pages and files.
+"""Charts as Matplotlib figures, and as SVG for pages and files; labels that do not overlap.
 
 Matplotlib is imported when the first chart is drawn, because importing it takes half a second.
 """
@@ -7,6 +7,7 @@ import io
 import math
 import re
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,13 +16,141 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from wordcraft_kg.base.escaping import for_terminal
+from wordcraft_kg.base.wording import for_html, for_terminal
 from wordcraft_kg.reports.charts.palette import LIGHT, dark_rules
-from wordcraft_kg.reports.charts.svg import element
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+def element(name: str, /, *inside: object, **attributes: object) -> Markup:
+    """Return an element of SVG.
+
+    Args:
+        name: name of the element.
+        inside: texts and elements in it; texts are escaped, elements (Markup) are not. Without
+            any, the element is a single tag.
+        attributes: values by name, in the order of the tag. A name's underscores stand for
+            hyphens, and the one in ``class_`` for nothing.
+
+    Example:
+        >>> print(element("text", "a < b", text_anchor="end", class_="small"))
+        <text text-anchor="end" class="small">a &lt; b</text>
+    """
+    opening = "<" + name
+    for key, value in attributes.items():
+        attribute = key.rstrip("_").replace("_", "-")
+        opening += f' {attribute}="{for_html(value)}"'
+    if not inside:
+        return Markup(opening + "/>")
+    content = "".join(map(for_html, inside))
+    return Markup(f"{opening}>{content}</{name}>")
+
+
+def titled(title: str) -> Markup:
+    """Return a tooltip, the element ``title``; nothing for an empty title."""
+    return element("title", title) if title else Markup()
+
+
+def shortened(text: str, letters: int) -> str:
+    """Shorten a text to a number of letters, with an ellipsis."""
+    if len(text) <= letters:
+        return text
+    # Room for the ellipsis, but never less than the first letter.
+    num_letters = max(letters - 1, 1)
+    return text[:num_letters].rstrip() + "…"
+
+
+def spread(
+    wanted: Sequence[float],
+    gap: float,
+    low: float,
+    high: float,
+) -> list[float]:
+    """Return the positions closest to the wanted ones that keep a distance from each other.
+
+    The positions have the order of the wanted ones and the least sum of squared moves, by pooling
+    adjacent violators.
+
+    Args:
+        wanted: N positions, in any order; ties keep their order.
+        gap: least distance between two positions; it shrinks if the bounds are too narrow for N.
+        low: least position.
+        high: greatest position.
+
+    Returns:
+        N positions, each for the wanted position of the same index.
+
+    Source: Barlow et al. 1972, "Statistical inference under order restrictions", for the pooling.
+    """
+    if not wanted:
+        return []
+    num_gaps = len(wanted) - 1
+    widest = (high - low) / max(num_gaps, 1)
+    gap = min(gap, widest)
+    order = sorted(range(len(wanted)), key=wanted.__getitem__)
+    # Without the gaps of the lower ranks (rank * gap), places only must not decrease: isotonic
+    # regression. Pools of equal places are kept as (sum, number).
+    pools: list[tuple[float, int]] = []
+    for rank, index in enumerate(order):
+        total = wanted[index] - rank * gap
+        size = 1
+        # A pool whose mean is not below the next one's joins it.
+        while pools:
+            pooled_total, pooled_size = pools[-1]
+            if pooled_total / pooled_size < total / size:
+                break
+            pools.pop()
+            total += pooled_total
+            size += pooled_size
+        pools.append((total, size))
+    means: list[float] = []
+    for total, size in pools:
+        means += [total / size] * size
+    # Bounds without the gaps; the lower one stays as it is.
+    highest = high - num_gaps * gap
+    places = [0.0] * len(wanted)
+    for rank, index in enumerate(order):
+        place = max(means[rank], low)
+        place = min(place, highest)
+        places[index] = place + rank * gap
+    return places
+
+
+class Labels:
+    """The space taken by texts in a chart, so that later texts do not overlap earlier ones.
+
+    Args:
+        line: height of a line of text, in pixels.
+    """
+
+    def __init__(self, line: float):
+        self._line = line
+        # Texts as (left, right, y) by row of one line height: only three rows can overlap a text.
+        self._taken = defaultdict[int, list[tuple[float, float, float]]](list)
+
+    def take(self, left: float, right: float, y: float) -> bool:
+        """Reserve space for a text, in pixels.
+
+        Args:
+            left: left end of the text.
+            right: right end.
+            y: height of the base line.
+
+        Returns:
+            False if the space is taken; then nothing is reserved.
+        """
+        row = int(y // self._line)
+        for near in (row - 1, row, row + 1):
+            for start, end, at in self._taken[near]:
+                is_beside = left > end or right < start
+                is_apart = abs(y - at) >= self._line
+                if not (is_beside or is_apart):
+                    return False
+        self._taken[row].append((left, right, y))
+        return True
+
 
 WIDTH = 460
 HEIGHT = 250
@@ -154,7 +283,7 @@ def as_file(panels: Sequence[tuple[str, Chart]], title: str) -> str:
     width, height = (round(inches * _POINTS) for inches in figure.get_size_inches())
     dark = Markup(f"@media screen and (prefers-color-scheme: dark) {{\n{dark_rules()}\n}}")
     page = element("rect", width=width, height=height, fill=LIGHT["page"])
-    whole = element(
+    svg = element(
         "svg",
         element("title", title),
         element("style", dark),
@@ -169,7 +298,7 @@ def as_file(panels: Sequence[tuple[str, Chart]], title: str) -> str:
         font_family="Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif",
         stroke_linejoin="round",
     )
-    return f"{whole}\n"
+    return f"{svg}\n"
 
 
 @contextmanager
@@ -206,9 +335,9 @@ def _with_attributes(tag: re.Match[str]) -> str:
 
 def _attributes(style: re.Match[str]) -> str:
     """Return rules of CSS as attributes of SVG."""
-    written = ""
+    attributes = ""
     for name, value in _RULE.findall(style[1]):
         # The page has its own letters, and shows them in the size that Matplotlib has measured.
         if name != "font-family":
-            written += f' {name}="{value}"'
-    return written
+            attributes += f' {name}="{value}"'
+    return attributes

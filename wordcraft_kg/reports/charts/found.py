@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.svg import element, titled
+from wordcraft_kg.reports.charts.chart import element, titled
 
 CELL = 10
 """Distance between the corners of two cells, in pixels."""
@@ -86,10 +86,10 @@ def _cell(entity: Found, x: int, y: int, attempts: int, number: int) -> Markup:
     if entity.attempt is None:
         tooltip = f"{entity.label}: not found"
     else:
-        when = "known at the start"
+        attempt = "known at the start"
         if entity.attempt > 0:
-            when = f"attempt {entity.attempt:g}"
-        tooltip = f"{entity.label}: {when}"
+            attempt = f"attempt {entity.attempt:g}"
+        tooltip = f"{entity.label}: {attempt}"
         if entity.share < 1:
             tooltip += f", in {entity.share:.0%} of the runs"
         # By the square root: half of all entities are found in the first quarter of a run.

@@ -6,8 +6,7 @@ from itertools import chain
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.placement import shortened, spread
-from wordcraft_kg.reports.charts.svg import element, titled
+from wordcraft_kg.reports.charts.chart import element, shortened, spread, titled
 
 LETTER = 5.9
 SMALL_LETTER = 5.2
@@ -139,12 +138,12 @@ def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
     for thing in things:
         label = shortened(thing.label, _LONGEST)
         ingredients = " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
-        of_label = LETTER * len(label)
-        of_ingredients = SMALL_LETTER * len(ingredients)
+        label_width = LETTER * len(label)
+        ingredients_width = SMALL_LETTER * len(ingredients)
         # Four pixels on each side of a text keep it off the frame of its box.
-        needed = round(max(of_label, of_ingredients)) + 8
+        width = round(max(label_width, ingredients_width)) + 8
         column = thing.layer - first
-        widths[column] = max(widths[column], needed)
+        widths[column] = max(widths[column], width)
     return widths
 
 
@@ -195,13 +194,13 @@ def _settle(layers: list[list[_Place]]) -> None:
     for sweep in range(_SWEEPS):
         from_left = sweep % 2 == 0
         # Late sweeps use both sides; the last sweep straightens arrows to a single box.
-        both = _SWEEPS - 8 <= sweep < _SWEEPS - 1
+        from_both_sides = _SWEEPS - 8 <= sweep < _SWEEPS - 1
         for layer in layers if from_left else reversed(layers):
-            wanted = [_mean(place, from_left, both) for place in layer]
+            means = [_mean(place, from_left, from_both_sides) for place in layer]
             # Bounds so wide that they move nothing: only the gaps count.
-            farthest = max(map(abs, wanted), default=0.0)
+            farthest = max(map(abs, means), default=0.0)
             reach = _GAP * len(layer) + farthest
-            heights = spread(wanted, _GAP, -reach, reach)
+            heights = spread(means, _GAP, -reach, reach)
             for place, y in zip(layer, heights, strict=True):
                 place.y = y
 
@@ -217,17 +216,17 @@ def _mean(place: _Place, from_left: bool, both: bool) -> float:
         near = place.before if from_left else place.after
     if not near:
         return place.y
-    total = sum(one.y for one in near)
+    total = sum(neighbour.y for neighbour in near)
     return total / len(near)
 
 
 def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
     """Return an arrow's SVG path: straight through the layers, curved between them, with a head."""
-    start, *rest = route
+    start, *stops = route
     y = int(start.y)
     right = lefts[start.column] + widths[start.column]
     path = [f"M{right} {y}"]
-    for place in rest:
+    for place in stops:
         left = lefts[place.column]
         end = int(place.y)
         # Both control points lie half-way, at the height of their end: an S without overshoot.

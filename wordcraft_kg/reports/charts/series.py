@@ -5,10 +5,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-from wordcraft_kg.base.escaping import for_terminal
-from wordcraft_kg.reports.charts.chart import HEIGHT, SMALL, WIDTH, Chart
+from wordcraft_kg.base.wording import for_terminal
+from wordcraft_kg.reports.charts.chart import HEIGHT, SMALL, WIDTH, Chart, Labels, shortened, spread
 from wordcraft_kg.reports.charts.palette import COLOURS, LIGHT, LIGHT_SERIES
-from wordcraft_kg.reports.charts.placement import Labels, shortened, spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -240,10 +239,10 @@ def log_reliability(
     """
     values = [value for point in chain.from_iterable(series.values()) for value in point[:2]]
     # Zeros have no logarithm.
-    least = min((value for value in values if value > 0), default=0.1)
+    smallest = min((value for value in values if value > 0), default=0.1)
     # The axis has a decade at least, and ends at a millionth: below, a share from some thousand
     # triples means nothing.
-    decade = min(math.floor(math.log10(max(least, 1e-6))), -1)
+    decade = min(math.floor(math.log10(max(smallest, 1e-6))), -1)
     lowest = 10.0**decade
     ticks = [10.0**power for power in range(decade, 1)]
     tick_labels = [f"{tick:.10g}" for tick in ticks]
@@ -256,14 +255,14 @@ def log_reliability(
         axes.plot([lowest, 1], [lowest, 1], color=LIGHT["soft"], linestyle="--", linewidth=1)
         markers = {}
         for number, (name, points) in enumerate(series.items()):
-            drawn = []
+            marks = []
             for point in points:
                 x, share, low, high = (max(value, lowest) for value in point[:4])
-                drawn.append((x, share))
+                marks.append((x, share))
                 marker = _draw_estimate(axes, (x, None, None), (share, low, high), number)
                 markers[name] = marker
-            xs = [x for x, _ in drawn]
-            shares = [share for _, share in drawn]
+            xs = [x for x, _ in marks]
+            shares = [share for _, share in marks]
             axes.plot(xs, shares, color=_colour(number))
         names = [_clean(name) for name in markers]
         axes.legend(markers.values(), names, loc="upper left")
@@ -390,15 +389,15 @@ def _label_points(axes: "Axes", series: Iterable[Sequence[tuple[str, Estimate, E
             room.take(across - 4, across + 4, up)
             ends = {-1: y if low is None else low, 1: y if high is None else high}
             points.append((label, x, ends, sides))
-    named: set[str] = set()
+    labels: set[str] = set()
     for label, x, ends, sides in points:
         half = _SMALL_LETTER * len(label) / 2
         for side in sides:
             across, end = place((x, ends[side]))
             # Ten points from the whisker to the middle of the text: a line of small letters.
             middle = end + 10 * side
-            if label not in named and room.take(across - half, across + half, middle):
-                named.add(label)
+            if label not in labels and room.take(across - half, across + half, middle):
+                labels.add(label)
                 axes.annotate(
                     _clean(label),
                     (x, ends[side]),

@@ -20,7 +20,7 @@ from wordcraft_kg.apps.explorer.pages.predictions import (
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.evaluation import link_comparison
+from wordcraft_kg.evaluation import ranked_links
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.models.scorers.ranking import RankingMetrics, ranking_metrics
 
@@ -82,7 +82,7 @@ class ModelsCompared(Record):
         ranks: the ranks.
     """
 
-    headline: link_comparison.LinkComparison | None
+    headline: ranked_links.LinkComparison | None
     without_headline: str
     ranks: ComparedRanks
 
@@ -188,10 +188,10 @@ def _view(explored: Explored, state: CompareState) -> ModelsCompared:
 
 def _headline(
     one: LinkPredictor, other: LinkPredictor
-) -> tuple[link_comparison.LinkComparison | None, str]:
-    contenders = [link_comparison.Contender(model.name, [model.model]) for model in (one, other)]
+) -> tuple[ranked_links.LinkComparison | None, str]:
+    contenders = [ranked_links.Contender(model.name, [model.model]) for model in (one, other)]
     try:
-        return link_comparison.compare(contenders), ""
+        return ranked_links.compare(contenders), ""
     except SplitError as error:
         # Without unseen test triples there is nothing to test, but there still are ranks to show.
         return None, str(error)

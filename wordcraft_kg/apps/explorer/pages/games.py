@@ -9,7 +9,7 @@ import numpy as np
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.evaluation.recorded_games import TableGame
+from wordcraft_kg.evaluation.reference import TableGame
 
 TABLES_A_PAGE = 100
 

@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts.placement import Labels, shortened
+from wordcraft_kg.reports.charts.chart import Labels, shortened
 
 PLACED = 1_000
 """Maximum number of placed entities, by uses: layout time and memory grow quadratically."""

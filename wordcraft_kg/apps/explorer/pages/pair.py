@@ -15,7 +15,7 @@ from wordcraft_kg.apps.explorer.predictor import (
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.evaluation.queries import RecipeQuery
-from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipe, view_open_recipe
+from wordcraft_kg.evaluation.scores import RecipeScoring, ScoredRecipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 
 RESULTS = 10
@@ -76,7 +76,7 @@ def _view(explored: Explored, state: PairState) -> PairProfile:
     if predictor is not None:
         link = predictor.ranked(predictor.slot(a_id, COMBINES_WITH, "tail"), b_id)
         if predictor.scores_recipes:
-            results = _results(explored, predictor, RecipeQuery(a, b, None))
+            results = _results(explored, predictor, RecipeQuery((a, b, None)))
     return PairProfile(
         a=a,
         b=b,
@@ -94,8 +94,8 @@ def _results(
 ) -> tuple[ScoredRecipe, ...]:
     # The truth of all recipes is indexed once for each model.
     key = ("recipe scores", predictor.name)
-    scoring = explored.once(key, lambda: RecipeScoring.of(predictor.scoring))
-    return view_open_recipe(scoring, query, RESULTS).top
+    scoring = explored.once(key, lambda: RecipeScoring(predictor.scoring))
+    return scoring.view_open(query, RESULTS).top
 
 
 def _pair(

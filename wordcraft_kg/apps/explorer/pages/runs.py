@@ -13,11 +13,11 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.evaluation import training_curves
+from wordcraft_kg.evaluation import agent_metrics
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import ALPHA, shown_setting, source_names
-from wordcraft_kg.reports.agent_pictures import (
+from wordcraft_kg.reports.agent_report import (
     picture_of_lambdas,
     picture_of_success,
     pictures_of_metrics,
@@ -135,9 +135,9 @@ class RunView(Record):
     steps_per_second: float | None = None
     outcomes: dict[TaskPart, dict[TerminationReason, Share]] = msgspec.field(default_factory=dict)
     settings: dict[str, str] = msgspec.field(default_factory=dict)
-    curves: dict[str, tuple[training_curves.CurvePoint, ...]] = msgspec.field(default_factory=dict)
-    lambdas: tuple[training_curves.LambdaCurve, ...] = ()
-    training: dict[training_curves.TrainingMetric, tuple[training_curves.SeedCurve, ...]] = (
+    curves: dict[str, tuple[agent_metrics.CurvePoint, ...]] = msgspec.field(default_factory=dict)
+    lambdas: tuple[agent_metrics.LambdaCurve, ...] = ()
+    training: dict[agent_metrics.TrainingMetric, tuple[agent_metrics.SeedCurve, ...]] = (
         msgspec.field(default_factory=dict)
     )
     provenance: dict[str, str] = msgspec.field(default_factory=dict)
@@ -184,9 +184,9 @@ def _view_run(explored: Explored, state: RunState) -> RunView:
         steps_per_second=speed,
         outcomes=summary.outcomes if summary else {},
         settings={name: _shown(name, value) for name, value in records.config.differing().items()},
-        curves=training_curves.success_curves([records]),
-        lambdas=tuple(training_curves.lambda_curves([records])),
-        training=training_curves.training_metrics([records]),
+        curves=agent_metrics.success_curves([records]),
+        lambdas=tuple(agent_metrics.lambda_curves([records])),
+        training=agent_metrics.training_metrics([records]),
         provenance=records.provenance,
     )
 

@@ -81,7 +81,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.apps.text_agents.results import continuable
     from wordcraft_kg.apps.text_agents.submission import MESSAGES, write_submission
-    from wordcraft_kg.runs.folder import locked_folder
+    from wordcraft_kg.runs.run_folder import locked_folder
 
     # Everything that the user can mistype is checked before the games, which may take hours.
     messages = out / MESSAGES

@@ -1,12 +1,14 @@
-"""The run folder during training: begin, resume, finish, fail, and replace an earlier folder.
+"""The run folder during training: begin, resume, interrupt, finish, fail, replace an earlier one.
 
 An earlier folder is moved aside and lost only when the new run has a checkpoint or a result, so
-that an error in the first minute costs nothing. A lock keeps a second process out.
+that an error in the first minute costs nothing. A lock keeps a second process out. Ctrl-C is a
+request to save and stop.
 """
 
 import logging
 import os
 import shutil
+import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -19,6 +21,7 @@ from wordcraft_kg.base.artefacts import (
     check_output,
     drop_temporary,
     has_only_temporary,
+    in_use,
     made_folder,
     output_target,
     sha256_of,
@@ -26,12 +29,10 @@ from wordcraft_kg.base.artefacts import (
     with_a_name,
     write_atomically,
 )
+from wordcraft_kg.base.artefacts import locked as locked
 from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
-from wordcraft_kg.base.locks import in_use
-from wordcraft_kg.base.locks import locked as locked
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
-from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
 from wordcraft_kg.runs.record import (
     RUN_FILE,
     RunRecord,
@@ -41,6 +42,69 @@ from wordcraft_kg.runs.record import (
     resume_run,
     start_run,
 )
+
+
+@contextmanager
+def first_interrupt(action: Callable[[], None] | None = None) -> Iterator[threading.Event]:
+    """Yield an event that the first Ctrl-C sets; the second Ctrl-C stops at once.
+
+    The training looks at the event after each step or epoch, where its state is whole.
+
+    Args:
+        action: called by the first Ctrl-C, for a wait that looks at no event.
+    """
+    requested = threading.Event()
+    before = signal.getsignal(signal.SIGINT)
+
+    def request(signum: int, frame: Any) -> None:
+        requested.set()
+        if action is not None:
+            action()
+        signal.signal(signal.SIGINT, before)
+
+    with _handling(signal.SIGINT, request):
+        yield requested
+
+
+@contextmanager
+def sigterm_as_interrupt() -> Iterator[None]:
+    """Treat SIGTERM (the stop signal of cluster and service managers) as Ctrl-C in this block."""
+
+    def interrupt(signum: int, frame: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    with _handling(signal.SIGTERM, interrupt):
+        yield
+
+
+@contextmanager
+def _handling(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Handle a signal in this block; only the main thread can, others change nothing."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+def interruption_message(
+    folder: Path,
+    unit: str,
+    number: int,
+) -> str:
+    """Return the message for an interrupted run.
+
+    Args:
+        folder: the run folder.
+        unit: epoch or step.
+        number: number of the saved checkpoint.
+    """
+    saved = f"{unit} {number:,} is saved in '{folder}'"
+    return f"interrupted; {saved}. Repeat the command to resume from there."
+
 
 _BEGUN = ".begun-by-wordcraft-kg"
 """Marks a new folder until the first record; after an earlier kill, the folder can be removed."""
@@ -232,12 +296,12 @@ class RunFolder(Generic[P]):
             return error
         if isinstance(error, KeyboardInterrupt):
             return KeyboardInterrupt(interruption_message(self.path, unit, last))
-        kept = f"The checkpoint of {unit} {last:,} is safe"
+        safe = f"The checkpoint of {unit} {last:,} is safe"
         if isinstance(error, TrainingError):
-            return TrainingError(f"{error} {kept}, in '{self.path}'.")
+            return TrainingError(f"{error} {safe}, in '{self.path}'.")
         if isinstance(error, OSError):
             return ArtefactError(
-                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; "
+                f"'{self.path}' cannot be written ({error.strerror or error}). {safe}; "
                 "free some space, then repeat the command to resume from there."
             )
         return error

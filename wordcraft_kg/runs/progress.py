@@ -1,13 +1,12 @@
 """Progress on stderr: a bar on a terminal, otherwise a plain line every few seconds."""
 
 import logging
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from wordcraft_kg.base.escaping import for_terminal
+from wordcraft_kg.base.wording import for_terminal
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -16,7 +15,7 @@ MIN_BAR = 16
 """Minimum bar width in columns."""
 
 
-class Progress:
+class ProgressBar:
     """Reporter of progress for one piece of work, such as a training.
 
     A terminal has room for one bar: within a piece of work, nested work is not shown.
@@ -31,7 +30,7 @@ class Progress:
     # Seconds between plain lines.
     INTERVAL = 5.0
     # Of the class, because there is one terminal: the reporter whose bar is open,
-    _current: ClassVar["Progress | None"] = None
+    _current: ClassVar["ProgressBar | None"] = None
     # the time of the last plain line,
     _printed: ClassVar[float] = 0.0
     # and the names of the work on plain lines of this session.
@@ -55,10 +54,10 @@ class Progress:
         from rich.console import Console
 
         # A generator that a failed command has left may be closed after the command has ended.
-        given_up = self.is_stage and done == total and Progress._current is None
-        if self.hidden or given_up or Progress._current not in (None, self):
+        given_up = self.is_stage and done == total and ProgressBar._current is None
+        if self.hidden or given_up or ProgressBar._current not in (None, self):
             return
-        Progress._current = self
+        ProgressBar._current = self
         shown = []
         for name, value in figures.items():
             # The bar has its own count and clock.
@@ -70,25 +69,26 @@ class Progress:
         if console.is_interactive:
             self._draw(console, done, total, shown)
         else:
-            self._print(done, total, shown)
+            self._print(console, done, total, shown)
         if done == total:
             self.close()
 
-    def _print(self, done: int, total: int, figures: list[str]) -> None:
+    def _print(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
         seconds = time.monotonic()
         # The end of a training is always worth a line, the end of a stage never.
         if done == total:
             if self.is_stage:
                 return
-        elif seconds - Progress._printed < self.INTERVAL:
+        elif seconds - ProgressBar._printed < self.INTERVAL:
             return
-        Progress._printed = seconds
+        ProgressBar._printed = seconds
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
         # A short stage that is repeated, such as ranking, is named once.
-        if total == 1 and self.what in Progress._named:
+        if total == 1 and self.what in ProgressBar._named:
             return
-        Progress._named.add(self.what)
-        print(", ".join([f"{self.what}: {place}", *figures]), file=sys.stderr, flush=True)
+        ProgressBar._named.add(self.what)
+        line = ", ".join([f"{self.what}: {place}", *figures])
+        console.print(line, markup=False, highlight=False, emoji=False, soft_wrap=True)
 
     def _draw(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
         has_steps = total > 1
@@ -133,8 +133,8 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
-        if Progress._current is self:
-            Progress._current = None
+        if ProgressBar._current is self:
+            ProgressBar._current = None
 
     @classmethod
     @contextmanager
@@ -162,7 +162,7 @@ class Stages:
     INTERVAL = 0.1
 
     def __init__(self) -> None:
-        self._now: Progress | None = None
+        self._now: ProgressBar | None = None
         self._began = 0.0
         self._shown = 0.0
 
@@ -174,17 +174,19 @@ class Stages:
             done: number of steps that are done.
             total: number of all steps.
         """
-        now = time.monotonic()
+        seconds = time.monotonic()
         if self._now is None:
-            self._now = Progress(stage, is_stage=True)
-            self._began = now
-        elif self._now.what != stage or (0 < done < total and now - self._shown < self.INTERVAL):
+            self._now = ProgressBar(stage, is_stage=True)
+            self._began = seconds
+        elif self._now.what != stage or (
+            0 < done < total and seconds - self._shown < self.INTERVAL
+        ):
             return
-        self._shown = now
+        self._shown = seconds
         self._now(done, total, {})
         if done == total:
             self._now = None
-            logging.getLogger(__name__).info("%s: %.1f s", stage, now - self._began)
+            logging.getLogger(__name__).info("%s: %.1f s", stage, seconds - self._began)
 
 
 def _short(number: int) -> str:

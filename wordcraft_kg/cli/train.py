@@ -1,7 +1,4 @@
-"""Shared code of all training commands: train with one seed or several, and print the outcome.
-
-``train`` is what the commands call, with one of the kinds of training at the end of this file.
-"""
+"""The training commands: train with one seed or several, and print the outcome."""
 
 import logging
 import shlex
@@ -9,22 +6,25 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from wordcraft_kg.agents.config import AgentConfig
+from cyclopts import Parameter
+
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Output, aligned, command_line, read_seeds
+from wordcraft_kg.cli.console import Flag, Output, aligned, command_line, read_seeds, split_labels
+from wordcraft_kg.cli.options import Force, Graph, OptionalBook, Seeds, Trackers
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.graphs.train_samples import describe_train_sample
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.scorers.features import ENCODE
 from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.folder import Progress, check_run_output
-from wordcraft_kg.runs.interruption import interruption_message
 from wordcraft_kg.runs.record import RUN_FILE
+from wordcraft_kg.runs.run_folder import Progress, check_run_output, interruption_message
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.training import TrainedAgent
@@ -33,6 +33,88 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.recipes.records import RecipeMetrics
     from wordcraft_kg.models.recipes.training import TrainedRecipes
     from wordcraft_kg.runs.training import Training
+
+EXAMPLES = {
+    "train-recipes": (
+        "wordcraft-kg train-recipes everyday --out models/everyday-recipes",
+        "wordcraft-kg train-recipes everyday --folds 10 --out models/everyday-recipes-10",
+        "wordcraft-kg train-recipes everyday --features one-hot --out models/everyday-no-words",
+    ),
+    "train-complex": (
+        "wordcraft-kg train-complex everyday --out models/everyday",
+        "wordcraft-kg train-complex everyday --kg full --seed 1 --out models/everyday-full",
+        "wordcraft-kg train-complex everyday --seeds 0-4 --out models/everyday-seeds",
+        "wordcraft-kg train-complex graphs/mine --with knowledge/wn --out models/mine-wn",
+    ),
+    "train-links": (
+        "wordcraft-kg train-links everyday --model rotate --out models/everyday-rotate",
+        "wordcraft-kg train-links everyday --model distmult --loop symmetric --out "
+        "models/everyday-distmult",
+        "wordcraft-kg train-links everyday --model rotate --seeds 0,1 --out models/rotate-seeds",
+        "wordcraft-kg train-links --list-models",
+    ),
+    "train-agent": (
+        "wordcraft-kg train-agent everyday --out runs/no-kg",
+        "wordcraft-kg train-agent graphs/everyday --scorer models/everyday --out runs/partial",
+        "wordcraft-kg train-agent everyday --seeds 0-4 --out runs/no-kg-seeds",
+    ),
+}
+FILE_ONLY = {
+    # For comparisons: auto knows when an encoder gains something.
+    "train-recipes": ["--encoder"],
+    # Chosen once for all by studies.
+    "train-complex": [
+        "--batch-size",
+        "--checkpoint-every",
+        "--init-scale",
+        "--learning-rate",
+        "--threads",
+    ],
+    # Chosen once for all by studies.
+    "train-links": [
+        "--batch-size",
+        "--checkpoint-every",
+        "--eval-every",
+        "--threads",
+    ],
+    # Settings of the paper's released code, or chosen once for all by studies.
+    "train-agent": [
+        "--ambiguity",
+        "--baseline-cost",
+        "--batch-size",
+        "--checkpoint-every",
+        "--clip",
+        "--compile",
+        "--discount",
+        "--distractor-policy",
+        "--distractor-weighting",
+        "--dropout",
+        "--embedding-size",
+        "--entropy-cost",
+        "--hidden-size",
+        "--key-size",
+        "--log-every",
+        "--memory-cost",
+        "--momentum",
+        "--pair-size",
+        "--pays-held-out",
+        "--plan-width",
+        "--policy-lag",
+        "--pooling",
+        "--rms-decay",
+        "--rms-epsilon",
+        "--scale",
+        "--sees-attempts",
+        "--self-edges",
+        "--tables",
+        "--task-weighting",
+        "--unroll",
+        "--value-readout",
+        "--value-size",
+        "--vector-noise",
+    ],
+}
+
 
 Values = dict[str, Any]
 Rows = list[tuple[str, str]]
@@ -375,3 +457,122 @@ def _how_to_fit(config: LinksConfig) -> str:
         return "more --epochs, a larger --dim, or a smaller --n3"
     advice = "more --epochs, another --learning-rate"
     return f"{advice}, or --loop symmetric" if settings.loop == "slcwa" else advice
+
+
+def train_recipes(
+    graph: Graph,
+    *,
+    settings: Annotated[
+        RecipeScorerConfig, Parameter(name="*", negative_iterable="")
+    ] = RecipeScorerConfig(),
+    out: Path | None = None,
+    force: Force = False,
+    output: Output = Output(),
+) -> int:
+    """Fit a recipe scorer: how plausible is a result for a pair, and which recipes support it?
+
+    Agents can use the scorer as a third knowledge source (train-agent --use
+    combines,component,recipe), and link commands accept it too. Only train recipes support a score.
+
+    Args:
+        out: model folder to write. Default: models/<graph name>-recipes.
+    """
+    return train(RecipeTraining(), RecipesConfig(graph, settings), out, force, output)
+
+
+def train_complex(
+    graph: Graph,
+    *,
+    settings: Annotated[ComplExConfig, Parameter(name="*", negative_iterable="")] = ComplExConfig(),
+    seeds: Seeds = None,
+    out: Path | None = None,
+    force: Force = False,
+    track: Trackers = None,
+    output: Output = Output(),
+) -> int:
+    """Train ComplEx with the objective of Jiang et al. (2020).
+
+    The model learns the train recipes, or all recipes (--kg full).
+
+    Args:
+        out: model folder to write. Default: models/<graph name>-<kg>.
+    """
+    config = LinksConfig(graph, settings)
+    trackers = split_labels(track or ())
+    return train(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)
+
+
+def train_links(
+    graph: OptionalBook = None,
+    *,
+    list_models: Flag = False,
+    settings: Annotated[LinkModelConfig, Parameter(name="*")] = LinkModelConfig(),
+    seeds: Seeds = None,
+    out: Path | None = None,
+    force: Force = False,
+    track: Trackers = None,
+    output: Output = Output(),
+) -> int:
+    """Train any other PyKEEN model; the same reports and commands apply as for ComplEx.
+
+    Args:
+        graph: graph folder, recipe book or known book name.
+        list_models: list all models: the paper's ComplEx, and installed PyKEEN models that need
+            only triples.
+        out: model folder to write. Default: models/<graph name>-<model>-<kg>.
+    """
+    # --list-models needs no graph, so the argument is optional; a training needs one.
+    if list_models:
+        return _list(output)
+    if graph is None:
+        raise ConfigError(
+            "train-links needs a graph, such as everyday; `wordcraft-kg train-links --list-models`."
+        )
+    config = LinksConfig(graph, settings)
+    trackers = split_labels(track or ())
+    return train(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)
+
+
+def _list(output: Output) -> int:
+    from wordcraft_kg.models.links.builders import trainable_models
+
+    # The paper's ComplEx has a command of its own, so the list names it first.
+    commands = {"ComplEx": ComplExConfig.command}
+    for kind in trainable_models():
+        commands[kind.__name__] = f"{LinkModelConfig.command} --model {kind.__name__}"
+    models = [{"name": name, "command": command} for name, command in commands.items()]
+    rows = [(name, f"wordcraft-kg {command}") for name, command in commands.items()]
+    output.result({"models": models}, aligned(rows))
+    return 0
+
+
+def train_agent(  # noqa: PLR0913 - parameters are the command's options
+    graph: Graph,
+    *,
+    scorer: Path | None = None,
+    tasks: Annotated[TaskConfig, Parameter(name="*", group="Tasks")] = TaskConfig(),
+    policy: Annotated[PolicyConfig, Parameter(name="*", group="Policy")] = PolicyConfig(),
+    trainer: Annotated[ImpalaConfig, Parameter(name="*", group="Training")] = ImpalaConfig(),
+    seeds: Seeds = None,
+    out: Path | None = None,
+    force: Force = False,
+    track: Trackers = None,
+    output: Output = Output(),
+) -> int:
+    """Train an agent with IMPALA on the crafting tasks of a graph, alone or guided by a scorer.
+
+    Args:
+        scorer: model folder with scores to mix into the policy; the scorer is not trained.
+        out: run folder to write. Default: runs/<graph name>-<scorer folder or no-kg>.
+    """
+    config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
+    config.check_preset()
+    return train(
+        AgentsTraining(),
+        config,
+        out,
+        force,
+        output,
+        seeds=seeds,
+        trackers=split_labels(track or ()),
+    )

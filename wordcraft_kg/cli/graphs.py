@@ -1,0 +1,372 @@
+"""``wordcraft-kg build-graph``, ``describe`` and ``export``."""
+
+import logging
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import counted, quoted
+from wordcraft_kg.cli.console import (
+    Flag,
+    Output,
+    aligned,
+    command_line,
+    lines_of,
+    names,
+    refuse_given,
+    split_labels,
+)
+from wordcraft_kg.cli.options import Base, Book, FileOptions, Force, Graph
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.graphs.export import ExportPart, Format
+from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
+from wordcraft_kg.graphs.tasks import TaskPart
+
+if TYPE_CHECKING:
+    from wordcraft_kg.evaluation.books import TaskListing
+    from wordcraft_kg.graphs.audit import Audit, BuiltGraph, EntityView, SplitSummary
+
+    SplitName = str
+else:
+    SplitName = Literal[tuple(SPLITS)]
+
+EXAMPLES = {
+    "build-graph": (
+        "wordcraft-kg build-graph everyday --out graphs/everyday",
+        "wordcraft-kg build-graph recipes.txt --columns item1,item2,product --out graphs/mine",
+        "wordcraft-kg build-graph everyday --split by-goal --seed 1 --out graphs/everyday-by-goal",
+    ),
+    "describe": (
+        "wordcraft-kg describe everyday",
+        "wordcraft-kg describe graphs/everyday --entity bread",
+        "wordcraft-kg describe everyday --tasks --depth 2 --distractors 4 --part test --limit 5",
+    ),
+    "export": (
+        "wordcraft-kg export everyday --format nt --out everyday.nt",
+        "wordcraft-kg export graphs/everyday --format graphml --out everyday.graphml",
+        "wordcraft-kg export graphs/everyday --format tsv --part partial --out train.tsv",
+        "wordcraft-kg export everyday --format sentences --part partial --out sentences.txt",
+    ),
+}
+
+
+def _kinds() -> str:
+    return ", ".join(f"{name} ({kind.about})" for name, kind in SPLITS.items())
+
+
+def build_graph(  # noqa: PLR0913 - parameters are the command's options
+    book: Book = "everyday",
+    *,
+    base: Base = None,
+    base_file: Path | None = None,
+    split: Annotated[
+        SplitName, Parameter(help=f"held-out recipes: {_kinds()}.")
+    ] = SplitConfig.kind,
+    train_ratio: float = SplitConfig.train_ratio,
+    valid_ratio: float = SplitConfig.valid_ratio,
+    seed: int = SplitConfig.seed,
+    keep_self_results: Flag = False,
+    name: str | None = None,
+    out: Path | None = None,
+    force: Force = False,
+    file: FileOptions = FileOptions(),
+    output: Output = Output(),
+) -> None:
+    """Build a graph folder from a recipe book: graph, split, triples and audit.
+
+    Args:
+        book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
+            Minecraft recipes, also in gzip or zip; or a known book's name.
+        base_file: text file with one base entity per line.
+        train_ratio: training share (pairs, goals or recipe groups), between 0 and 1.
+        valid_ratio: validation share; the rest is the test part.
+        seed: split seed.
+        keep_self_results: keep recipes with an ingredient as the result.
+        name: graph name in reports and model folders. Default: the folder's name.
+        out: folder to write. Default: graphs/<name>, or graphs/<book's name>.
+    """
+    from wordcraft_kg.base.artefacts import check_output, with_a_name
+    from wordcraft_kg.graphs.audit import view_build
+    from wordcraft_kg.graphs.book_files import book_name
+    from wordcraft_kg.graphs.folder import write_graph_folder
+    from wordcraft_kg.graphs.library import open_book
+    from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+    from wordcraft_kg.graphs.recipes import check_label
+    from wordcraft_kg.graphs.splits import make_split
+
+    recipes = open_book(book, keep_self_results=keep_self_results, **file.for_reading())
+    folder = out or Path("graphs") / (name or recipes.name)
+    check_output(folder, force=force)
+    graph = RecipeGraph.from_book(recipes, _base(base, base_file))
+    graph.name = (
+        book_name(with_a_name(folder) / "graph.json")
+        if name is None
+        else check_label(name, "`name`")
+    )
+    partition = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
+    audited = write_graph_folder(folder, recipes, partition, force=force)
+    warn_of_base(audited)
+    warn_of_cases(graph.entities)
+    warn_of_missing(graph.entities)
+    view = view_build(audited, folder)
+    full = ("--kg", "full") if split == "none" else ()
+    following = command_line("train-recipes", folder, *full)
+    end = f"wrote {folder}/   next: {following}"
+    output.result(view, [*lines_of_graph(view), *note_of_shares(audited.split), end])
+
+
+def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
+    if base is None and base_file is None:
+        return None
+    from wordcraft_kg.base.artefacts import read_small_file
+
+    labels = split_labels(base or [])
+    if base_file is not None:
+        if not base_file.is_file():
+            raise ConfigError(f"--base-file '{base_file}': No such file.")
+        try:
+            text = read_small_file(base_file).decode("utf-8-sig")
+        except UnicodeDecodeError:
+            raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
+        labels += [line for line in text.splitlines() if line.strip()]
+    if not labels:
+        raise ConfigError(
+            "`base`: the list is empty; name an entity, or leave the option out to infer the base."
+        )
+    return labels
+
+
+@dataclass(frozen=True)
+class TaskOptions:
+    """Options for tasks.
+
+    Attributes:
+        depth: recipes in the shortest plan, 1 to 5.
+        distractors: distractors on the table.
+        part: train (all plans use train recipes only), test (each plan uses a test recipe), valid,
+            or all.
+        limit: tasks to show; with 0, only count.
+        seed: seed for the order and the tables of the examples.
+    """
+
+    depth: int = WordCraftConfig.depth
+    distractors: int = WordCraftConfig.num_distractors
+    part: TaskPart = WordCraftConfig.part
+    limit: int = 20
+    seed: int = 0
+
+
+def describe(
+    graph: Graph,
+    *,
+    entity: str | None = None,
+    tasks: Flag = False,
+    options: Annotated[
+        TaskOptions, Parameter(name="*", group="Options of --tasks")
+    ] = TaskOptions(),
+    output: Output = Output(),
+) -> None:
+    """Audit a graph: ambiguity, reachability, layers, degrees, coverage, leaks.
+
+    Or show an entity, or the graph's tasks.
+
+    Args:
+        entity: show this entity's recipes, uses and cheapest derivation instead.
+        tasks: count the tasks instead, and show examples with tables and all plans.
+    """
+    if tasks:
+        if entity is not None:
+            raise ConfigError("`entity` and `tasks` show different things; give one of them.")
+        _describe_tasks(graph, options, output)
+        return
+    refuse_given(options, "tasks: add --tasks, or")
+    from wordcraft_kg.graphs.audit import audit, view_entity
+    from wordcraft_kg.graphs.folder import open_graph
+
+    opened = open_graph(graph)
+    if entity is not None:
+        view = view_entity(opened.graph, entity)
+        output.result(view, _entity_text(view))
+        return
+    audited = audit(opened.graph, opened.split)
+    warn_of_base(audited)
+    warn_of_cases(opened.graph.entities)
+    warn_of_missing(opened.graph.entities)
+    title = f"graph {opened.graph.name}"
+    output.result(audited, [title, *lines_of_graph(audited), *note_of_shares(audited.split)])
+
+
+def _describe_tasks(graph: str, options: TaskOptions, output: Output) -> None:
+    from wordcraft_kg.envs.wordcraft import WordCraftEnv
+    from wordcraft_kg.evaluation.books import view_tasks
+
+    # Before the search for tasks, which takes long at great depths.
+    whole("limit", options.limit, 0, MAX_SIZE)
+    whole("seed", options.seed, 0)
+    env = WordCraftEnv(
+        graph, part=options.part, depth=options.depth, num_distractors=options.distractors
+    )
+    view = view_tasks(env, options.limit, options.seed)
+    output.result(view, _text_of_tasks(view))
+
+
+def lines_of_graph(view: "Audit | BuiltGraph") -> Iterator[str]:
+    """Yield a graph's figures as text, after a line about how its file was read."""
+    import msgspec
+
+    if view.reading is not None:
+        yield view.reading.line()
+    yield from lines_of(msgspec.structs.replace(view, reading=None))
+
+
+def warn_of_base(audited: "Audit") -> None:
+    """Log warnings about an inferred base, and about entities that cannot be made from the base."""
+    logger = logging.getLogger(__name__)
+    base = names([*map(quoted, audited.base)], len(audited.base))
+    # Everything else is counted from the base, so a wrong guess spoils all numbers.
+    if not audited.base:
+        logger.warning(
+            "no entity lacks a recipe, so no base can be inferred and nothing can be made. Name "
+            "the base in the book (# base: a, b) or with build-graph --base."
+        )
+        return
+    if audited.base_is_inferred:
+        entities = counted(len(audited.base), "entity", "entities")
+        logger.warning(
+            "no base is named, so the base is the %s without a recipe: %s. Name the base in the "
+            "book (# base: a, b) or "
+            "with build-graph --base.",
+            entities,
+            base,
+        )
+    unreachable = audited.reachability.unreachable
+    if unreachable:
+        labels = [*map(quoted, audited.reachability.unreachable_entities)]
+        unreachable_names = names(labels, unreachable)
+        number = f"{unreachable:,} of {audited.entities:,}"
+        logger.warning(
+            "%s entities cannot be made from the base (%s): %s", number, base, unreachable_names
+        )
+
+
+def warn_of_cases(labels: Sequence[str]) -> None:
+    """Log a warning about labels that differ only in case, width or variation selectors.
+
+    A chat bot lists results as Lava and ingredients as lava: then half of the recipes are out of
+    reach, and nothing else names the cause.
+    """
+    from wordcraft_kg.graphs.recipes import case_variants
+
+    variants = case_variants(labels)
+    if not variants:
+        return
+    shown = names([" and ".join(map(quoted, group)) for group in variants], len(variants))
+    logging.getLogger(__name__).warning(
+        "%s only in case: %s. If they are the same thing, read the book with --case fold.",
+        "2 labels differ" if len(variants) == 1 else f"{len(variants):,} groups of labels differ",
+        shown,
+    )
+
+
+def warn_of_missing(labels: Sequence[str]) -> None:
+    """Log a warning about labels that often stand for nothing, such as NA, and are entities."""
+    from wordcraft_kg.graphs.label_notes import note_of_missing
+
+    for note in note_of_missing(labels):
+        logging.getLogger(__name__).warning(
+            "%s; leave such rows out where they mean a missing value or no result.", note
+        )
+
+
+def note_of_shares(split: "SplitSummary") -> Iterator[str]:
+    """Yield a line if recipes were moved to train, so that the split has other shares than set."""
+    num_moved = split.moved_for_coverage
+    recipes = (split.train_recipes, split.valid_recipes, split.test_recipes)
+    test_ratio = 1 - split.train_ratio - split.valid_ratio
+    set_shares = _percentages((split.train_ratio, split.valid_ratio, test_ratio))
+    actual = _percentages([number / sum(recipes) for number in recipes])
+    # In percent, a few moved recipes in a large book change nothing.
+    if num_moved and set_shares != actual:
+        reason = (
+            f"{num_moved:,} recipes were moved to train so that every entity has a train recipe"
+        )
+        yield (
+            f"note: split {actual} instead of {set_shares}: {reason}; "
+            "--split by-recipe-plain moves no recipe"
+        )
+
+
+def _percentages(shares: Iterable[float]) -> str:
+    # What rounds to 0 % is left out, such as a part that a split does not have.
+    return "/".join(f"{share:.0%}" for share in shares if share >= 0.005)
+
+
+def _entity_text(view: "EntityView") -> Iterator[str]:
+    place = "base entity" if view.base else "cannot be made from the base"
+    if view.half_product:
+        place = "half-product of a chain, no thing of the game"
+    elif view.layer is not None and not view.base:
+        place = f"first made in round {view.layer}"
+    yield f"{view.entity}: {place}"
+    # Recipes that make the entity, then recipes that use it.
+    for title, recipes in (("recipes", view.recipes), ("uses", view.uses)):
+        yield f"{title} ({len(recipes)})"
+        yield from (f"  {recipe}" for recipe in recipes)
+    if view.derivation and view.derivation.steps:
+        from wordcraft_kg.graphs.planner import derivation_tree
+
+        yield f"cheapest derivation ({len(view.derivation.steps)})"
+        yield from (f"  {line}" for line in derivation_tree(view.entity, view.derivation.steps))
+
+
+def _text_of_tasks(view: "TaskListing") -> Iterator[str]:
+    # Counts as names and values; the examples follow in a form of their own.
+    counts = {name: getattr(view, name) for name in view.__struct_fields__ if name != "shown"}
+    yield from lines_of(counts)
+    for task in view.shown:
+        rows = []
+        for name in ("start", "distractors", "table"):
+            rows.append((f"  {name}", ", ".join(map(quoted, getattr(task, name))) or "none"))
+        for plan in task.plans:
+            steps = [f"{first} + {second} -> {result}" for first, second, result in plan]
+            rows.append(("  plan", "; ".join(steps)))
+        yield from ("", task.goal, *aligned(rows))
+
+
+def export(
+    graph: Graph,
+    *,
+    format: Format,
+    out: Annotated[Path, Parameter(name=["--out"])],
+    part: ExportPart = "full",
+    force: Force = False,
+    output: Output = Output(),
+) -> None:
+    """Export a graph to other tools' formats.
+
+    Args:
+        format: tsv or parquet (triples), graphml (with recipe nodes), nt (RDF, with recipe nodes),
+            csv or json (recipe book), hif (JSON of a directed hypergraph), sentences (text for
+            language models, one line for each recipe).
+        out: file to write.
+        part: full (all recipes), partial (train recipes), or unseen (held-out recipes, and triples
+            that no train recipe gives). Entities and base are always complete.
+    """
+    from wordcraft_kg.graphs.export import EXPORTERS, export_graph
+    from wordcraft_kg.graphs.folder import open_graph
+
+    opened = open_graph(graph)
+    export_graph(opened, format, out, part=part, force=force)
+    values = {
+        "graph": opened.graph.name,
+        "hash": opened.graph.hash,
+        "format": format,
+        "part": part,
+        "out": str(out),
+    }
+    output.result(values, [f"wrote {out}: {EXPORTERS[format].about}; part: {part}"])

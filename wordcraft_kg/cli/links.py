@@ -1,0 +1,374 @@
+"""``wordcraft-kg evaluate-links`` and ``wordcraft-kg score``."""
+
+import csv
+import logging
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import whole
+from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, write_file
+from wordcraft_kg.cli.options import Force, MovedGraph
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
+
+if TYPE_CHECKING:
+    from wordcraft_kg.base.records import Record
+    from wordcraft_kg.evaluation.links import LinkView
+    from wordcraft_kg.evaluation.queries import Query
+    from wordcraft_kg.graphs.folder import TrainedOn
+    from wordcraft_kg.models.scorers.ranking import RankingMetrics
+
+EXAMPLES = {
+    "evaluate-links": (
+        "wordcraft-kg evaluate-links models/everyday",
+        "wordcraft-kg evaluate-links models/everyday --json --force",
+    ),
+    "score": (
+        "wordcraft-kg score models/everyday flour combinesWith water",
+        "wordcraft-kg score models/everyday _ componentOf bread --top 5 --new-only",
+        "wordcraft-kg score models/everyday --in pairs.csv --out scores.csv",
+        "wordcraft-kg score models/everyday-recipes flour + water",
+        "wordcraft-kg score models/everyday-recipes _ + water = dough",
+    ),
+}
+
+
+def evaluate_links(
+    model: Path,
+    *,
+    graph: MovedGraph = None,
+    max_queries: int = MAX_QUERIES,
+    out: Path | None = None,
+    force: Force = False,
+    output: Output = Output(),
+) -> int:
+    """Evaluate a model on unseen triples and write the report; leaked triples are left out.
+
+    Args:
+        model: model folder.
+        max_queries: most queries to rank, two for each triple; above this, a uniform sample is
+            ranked. 0 ranks all.
+        out: folder to write. Default: report/ in the model folder.
+    """
+    from wordcraft_kg.base.artefacts import check_output
+    from wordcraft_kg.evaluation.links import summarise_links, view_links
+    from wordcraft_kg.evaluation.ranked_links import rank_links
+    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.reports.link_report import make_link_report
+    from wordcraft_kg.reports.pages import write_report
+
+    folder = out or model / "report"
+    trained = open_model(model, graph)
+    check_output(folder, force=force)
+    links = rank_links(
+        trained.scorer,
+        trained.opened,
+        trained.kg,
+        train_sample=trained.train_sample,
+        made_by_other_books=trained.made_by_other_books,
+        max_queries=max_queries,
+    )
+    view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
+    write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
+    output.result(
+        summarise_links(view, str(folder / "index.html")), _text_of_evaluation(view, folder)
+    )
+    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
+    # metric is valid.
+    failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
+    for check in failed:
+        print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:
+    from wordcraft_kg.evaluation.links import has_few_test_recipes
+
+    rows = [(name, _metrics(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
+    rows += [(name, _metrics(table["all"])) for name, table in view.baselines.items()]
+    ranked = f"{view.triples:,}"
+    if view.sampled_from is not None:
+        ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
+    wrote = f"wrote {folder}/   open {folder / 'index.html'}"
+    if view.model.has_seen_the_test_recipes:
+        memory = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
+        return [memory, *aligned(rows), wrote]
+    best = view.comparisons[0]
+    low, high = best.ci
+    lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
+    rows.append(("verdict", f"{best.compared} the best baseline, {best.baseline}: {lead}"))
+    if has_few_test_recipes(view):
+        count = f"{view.split.test_recipes:,} test recipes"
+        rows.append(
+            ("few recipes", f"only {count}: another seed of the split may change the verdict")
+        )
+    for row in view.drill_down.near_synonyms:
+        if row.slice == "no such train recipe":
+            rows.append(
+                (
+                    "no near-synonym",
+                    f"{_metrics(row)}  (recipes that do not nearly repeat a train recipe)",
+                )
+            )
+    rows += [(row.slice, _metrics(row)) for row in view.drill_down.other_book]
+    if view.in_sample:
+        left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
+        rows.append(("cross-fitted", f"{left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"))
+    if view.leaked_left_out and view.model.kg != "none":
+        leaked, headline = (
+            metrics.mrr or 0.0 for metrics in (view.with_leaked, view.metrics["all"])
+        )
+        # A model that does not remember the leaked triples lowers the metric.
+        inflated = (
+            "inflated: training contains them"
+            if leaked > headline
+            else "no better, though training contains them"
+        )
+        rows.append(("with leaked", f"MRR {leaked:.3f}, {inflated}"))
+    return [
+        f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out",
+        *aligned(rows),
+        wrote,
+    ]
+
+
+def _metrics(metrics: "RankingMetrics") -> str:
+    if not metrics.queries:
+        return "no queries"
+    interval = f" [{metrics.mrr_ci[0]:.3f}, {metrics.mrr_ci[1]:.3f}]" if metrics.mrr_ci else ""
+    return (
+        f"MRR {metrics.mrr:.3f}{interval}  hits@1 {metrics.hits_at_1:.3f}  hits@10 "
+        f"{metrics.hits_at_10:.3f}"
+    )
+
+
+EXPLAINED = 3
+"""Number of answers that are shown with evidence."""
+
+
+def score(  # noqa: PLR0913 - parameters are the command's options
+    model: Path,
+    head: str | None = None,
+    relation: str | None = None,
+    tail: str = "",
+    *rest: str,
+    top: int = 10,
+    new_only: Flag = False,
+    queries: Annotated[Path | None, Parameter(name="--in")] = None,
+    out: Path | None = None,
+    force: Force = False,
+    graph: MovedGraph = None,
+    output: Output = Output(),
+) -> None:
+    """Score a triple or a recipe, rank entities for an open slot, or score all queries in a file.
+
+    The output marks each triple or recipe as train, valid, test, or new (not in the book). Models
+    with folds also give probabilities for triples outside the training data.
+
+    With a train-recipes model, a + b ranks the results, a + b = c (or a + b c) scores a recipe, and
+    _ + b = c ranks partners. Answers come with supporting train recipes and a note if in-sample.
+    Entities outside the graph are scored by the words in their labels, with a note.
+
+    Args:
+        model: model folder.
+        head: entity, or _ for an open slot. If an entity is called _ (or ?), write ? (or _) for the
+            open slot.
+        relation: combinesWith or componentOf.
+        tail: entity, or _ for an open slot (default).
+        rest: further words of a recipe such as a + b = c; quote labels with blanks or signs, and 'a
+            + b -> c'.
+        top: entities to list for an open slot.
+        new_only: leave out known triples or recipes.
+        queries: CSV or TSV file with head, relation and tail, or with the header
+            ingredient_a,ingredient_b,result; an empty cell or _ is an open slot.
+        out: CSV or TSV file for the scores of --in. Default: print the scores.
+    """
+    from wordcraft_kg.cli.failures import with_options
+    from wordcraft_kg.evaluation.queries import parse_query, read_queries
+    from wordcraft_kg.evaluation.scores import (
+        ScoringModel,
+        note_of_words,
+        scoring_of,
+        view_file,
+        with_new_words,
+    )
+
+    whole("top", top, 1)
+    words = [word for word in (head, relation) if word is not None] + [
+        word for word in (tail, *rest) if word
+    ]
+    _check_query(words, has_relation=relation is not None, file=queries, out=out)
+    loaded = ScoringModel.open(model, graph, needs_graph=new_only)
+    if loaded.split is None:
+        logging.getLogger(__name__).warning(
+            "not shown which triples are known: %s", with_options(loaded.missing)
+        )
+    entities = frozenset(loaded.scorer.entities)
+    if queries is not None:
+        file_queries = read_queries(queries, entities)
+        loaded = with_new_words(loaded, model, file_queries, queries)
+        check_file(out, force=force)
+        scoring = scoring_of(loaded, file_queries[0])
+        rows = list(scoring.score_queries(file_queries, top, new_only=new_only))
+        # Scores that go into a file are not printed as well; what qualifies them always is.
+        lines = [] if out else list(_lines(rows))
+        lines += [*note_of_words(loaded), *_notes(loaded.kg, rows)]
+        if out is not None:
+            table = _table(scoring.row_type.__struct_fields__, rows, out)
+            write_file(out, table, force=force)
+            lines.append(f"wrote {out}: {len(rows):,} scores for {len(file_queries):,} queries")
+        output.result(view_file(loaded, file_queries, rows, out), lines)
+        return
+    query = parse_query(words, entities)
+    if new_only and not query.is_open:
+        raise ConfigError(
+            "--new-only filters a ranking; leave a slot open, or give a query file with --in."
+        )
+    loaded = with_new_words(loaded, model, [query])
+    scoring = scoring_of(loaded, query)
+    view: Any
+    if query.is_open:
+        view = scoring.view_open(query, top, new_only=new_only)
+        scored = view.top
+    else:
+        view = scoring.view(query)
+        scored = [view]
+    text = _text_of_answers(view, query, len(loaded.scorer.entities))
+    output.result(view, [*text, *note_of_words(loaded), *_notes(loaded.kg, scored)])
+
+
+def _check_query(
+    words: list[str], *, has_relation: bool, file: Path | None, out: Path | None
+) -> None:
+    is_query = has_relation or any("+" in word for word in words)
+    has_file = file is not None
+    # Either words or a file, and words alone must be a whole query.
+    if bool(words) == has_file or not (has_file or is_query):
+        raise ConfigError(
+            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
+            "query file with --in."
+        )
+    if file is None and out is not None:
+        raise ConfigError(
+            f"--out {out}: only the scores for a file are written; add a query file with --in."
+        )
+
+
+def _text_of_answers(view: Any, query: "Query", num_entities: int) -> Iterator[str]:
+    """Yield the answers to a query, and for a whole one the ranks of its entities."""
+    if not query.is_open:
+        yield from _lines([view])
+        # A dictionary by what is printed: for a + a, both ingredients are one slot.
+        ranks = {}
+        for place in (2, 0, 1):
+            name = query.columns[place]
+            if name != "relation":
+                # Ingredients are told apart by their labels.
+                role = query.slots[place] if name.startswith("ingredient") else name
+                ranks[role] = f"{role} {getattr(view, f'rank_as_{name}'):,}"
+        ranking = ", ".join(ranks.values())
+        yield f"rank among all {num_entities:,} entities, unfiltered: {ranking}"
+    elif hasattr(view, "relation"):
+        triples = []
+        for best in view.top:
+            triples.append(f"{view.head or best.entity} {view.relation} {view.tail or best.entity}")
+        yield from _lines(view.top, triples)
+    else:
+        yield from _lines(view.top)
+
+
+def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:
+    from wordcraft_kg.evaluation.scores import because
+
+    if not scored:
+        yield "no answer: nothing is left to propose"
+        return
+    rows = []
+    for row_record, thing in zip(scored, things or map(_thing, scored), strict=True):
+        note = "(in-sample)" if getattr(row_record, "in_sample", False) else ""
+        rows.append(
+            (f"{row_record.score:9.4f}", row_record.known or "", thing, _chance(row_record), note)
+        )
+    is_recipe = hasattr(scored[0], "in_sample")
+    names = (
+        f"{'nats' if is_recipe else 'score':>9}",
+        "part",
+        "recipe" if is_recipe else "triple",
+        "probability",
+        "",
+    )
+    # A column in which no row has anything has no heading either.
+    headings = []
+    for place, name in enumerate(names):
+        is_filled = any(row[place] for row in rows)
+        headings.append(name if is_filled else "")
+    heading, *lines = aligned([headings, *rows])
+    yield heading
+    for number, (line, row_record) in enumerate(zip(lines, scored, strict=True)):
+        yield line
+        # Only recipes have these fields, and only the best rows are explained.
+        if number < EXPLAINED:
+            support = getattr(row_record, "because", ())
+            if support:
+                yield f"{'':9}  because {because(support)}"
+            for piece in getattr(row_record, "outside", ()):
+                yield f"{'':9}  {piece}"
+
+
+def _thing(row: Any) -> str:
+    if hasattr(row, "relation"):
+        return f"{row.head} {row.relation} {row.tail}"
+    return f"{row.ingredient_a} + {row.ingredient_b} -> {row.result}"
+
+
+def _chance(row: Any) -> str:
+    share = getattr(row, "probability", None)
+    if share is None:
+        return ""
+    if share > 0.99:
+        return "> 99 %"
+    if share < 0.001:
+        return "< 0.1 %"
+    return f"{100 * share:.2g} %"
+
+
+def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
+    from wordcraft_kg.evaluation.scores import BECAUSE
+
+    if any(getattr(row, "because", ()) for row in scored):
+        yield f"because: {BECAUSE}."
+    if any(getattr(row, "outside", ()) for row in scored):
+        yield (
+            "Lines with the name of a source: knowledge from outside the train recipes; in "
+            "brackets a table's value."
+        )
+    if any(getattr(row, "in_sample", False) for row in scored):
+        yield (
+            "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
+        )
+    if kg == "full" and {"valid", "test"} & {row.known for row in scored}:
+        yield "The model was trained on the full graph, test triples included."
+
+
+def _table(columns: Sequence[str], rows: Sequence["Record"], out: Path) -> str:
+    """Return records as the text of a table: TSV or CSV, by the ending of the file."""
+    import pandas as pd
+
+    frame = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in columns})
+    if "in_sample" in frame:
+        # As in JSON, and as readers in other languages expect.
+        frame["in_sample"] = frame["in_sample"].astype(str).str.lower()
+    is_tsv = out.suffix.lower() in (".tsv", ".tab")
+    text: str = frame.to_csv(
+        sep="\t" if is_tsv else ",",
+        index=False,
+        float_format="%.9g",
+        lineterminator="\n",
+        # Labels hold no tab, so that tables with tabs need no quotes.
+        quoting=csv.QUOTE_NONE if is_tsv else csv.QUOTE_MINIMAL,
+    )
+    return text

@@ -115,13 +115,6 @@ def neighbours(parted_kitchen, saved):
 
 
 @pytest.fixture(scope="session")
-def all_seeing(parted_kitchen, saved):
-    """A model of the full graph."""
-    graph = parted_kitchen.graph
-    return saved("full", NeighbourScorer(graph, graph.triples), parted_kitchen, "full")
-
-
-@pytest.fixture(scope="session")
 def rankers(recipes_folder):
     """A recipe scorer of the kitchen with its default split."""
     return _opened(recipes_folder)

@@ -22,8 +22,6 @@ OF_MODELS = (
     "/link",
     "/link?head=flour&tail=water&model=kitchen-recipes",
     "/link?head=flour&relation=componentOf&tail=bread",
-    "/compare",
-    "/compare?one=kitchen-recipes&other=kitchen-complex&known=all&better=one&entity=water",
     "/pair",
     "/pair?a=flour&b=water&model=kitchen-recipes",
 )
@@ -223,7 +221,6 @@ NO_BREAD = "Did you mean 'bread'"
         ("/recipes/bread?page=9", "`page` 9"),
         ("/link?head=bread", "is missing"),
         ("/link?head=bread&tail=braed", NO_BREAD),
-        ("/compare?other=nothing", "no model 'nothing'"),
         ("/pair?b=bread", "is missing"),
         ("/pair?a=braed&b=bread", NO_BREAD),
         ("/pair?a=bread&b=braed", NO_BREAD),

@@ -7,7 +7,6 @@ from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of
 from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
-from wordcraft_kg.apps.explorer.pages.compare import CompareState
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.link import LinkState
 from wordcraft_kg.apps.explorer.pages.pair import PairState
@@ -188,20 +187,10 @@ def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder):
     assert view.by_words
     assert "Nearest by word vectors" in look(explored, EntityState("bread")).text
     assert "In the book" in look(explored, PairState("flour", "water")).text
-    for state in (PredictionsState(), LinkState(), CompareState()):
+    for state in (PredictionsState(), LinkState()):
         with pytest.raises(ConfigError, match="--model FOLDER"):
             view_of(explored, state)
         assert not page_of(state).is_there(explored)
-
-
-def test_too_few_unseen_triples_leave_no_headline(of_recipes):
-    predictor = of_recipes(
-        [(f"part {i % 3}", f"other {i % 4}", f"thing {i}") for i in range(9)],
-        kind="by-recipe-plain",
-    )
-    explored = Explored(predictor.model.opened, {"model": predictor, "again": predictor})
-    assert view_of(explored, CompareState()).headline is None
-    assert "No headline: only" in look(explored, CompareState()).text
 
 
 def test_ranks_are_made_once_however_many_ask(kitchen_folder, links_folder, monkeypatch):

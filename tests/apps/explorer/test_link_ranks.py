@@ -8,7 +8,6 @@ import pytest
 
 from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
-from wordcraft_kg.apps.explorer.pages.compare import view_compared_ranks
 from wordcraft_kg.apps.explorer.pages.predictions import (
     PredictionsState,
     RankFilter,
@@ -16,7 +15,6 @@ from wordcraft_kg.apps.explorer.pages.predictions import (
     ranked_queries,
     view_link_ranks,
 )
-from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, ranking_metrics
@@ -27,11 +25,6 @@ UNSEEN = RankFilter(part="test")
 @pytest.fixture(scope="module")
 def ranked(neighbours):
     return rank_graph(neighbours)
-
-
-@pytest.fixture(scope="module")
-def by_kernel(kernel):
-    return rank_graph(kernel)
 
 
 def pages(ranked, chosen, **options):
@@ -52,10 +45,6 @@ def link_of(query):
 
 def key_of(query):
     return query.head, query.relation, query.tail, query.side
-
-
-def gain(queries):
-    return 1 / queries[0].rank - 1 / queries[1].rank
 
 
 def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours):
@@ -207,61 +196,3 @@ def test_new_links_are_the_candidates_before_a_true_answer(neighbours, ranked, e
     assert (scores := [q.score for q in pages(ranked, RankFilter(part="new"))]) == sorted(
         scores, reverse=True
     )
-
-
-def test_two_models_are_compared_query_by_query(ranked, by_kernel):
-    found = view_compared_ranks(ranked, by_kernel, UNSEEN)
-    one, other = (
-        {key_of(query): query for query in ranked_queries(model.split.graph, model.rows(UNSEEN))}
-        for model in (ranked, by_kernel)
-    )
-    shown = (
-        view_compared_ranks(ranked, by_kernel, UNSEEN, page=page + 1)
-        for page in range(found.paging.pages)
-    )
-    compared = [query for page in shown for query in page.queries]
-    assert len(one) == len(other)
-    assert len(compared) == len({link_of(query) for query in one.values()})
-    for queries in compared:
-        assert queries == (one[key_of(queries[0])], other[key_of(queries[0])])
-    shown_gains = [abs(gain(query)) for query in compared]
-    assert shown_gains == pytest.approx(sorted(shown_gains, reverse=True))
-    gains = [1 / one[key].rank - 1 / other[key].rank for key in one]
-    assert shown_gains[0] == max(map(abs, gains)) > 0.5
-    assert found.metrics[0].mrr - found.metrics[1].mrr == pytest.approx(sum(gains) / len(gains))
-    assert found.better[0] == sum(gain > 0 for gain in gains) > 0
-    assert found.better[1] == sum(gain < 0 for gain in gains) > 0
-
-
-@pytest.mark.parametrize(("better", "sign"), [("one", 1), ("other", -1)])
-def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked, by_kernel, better, sign):
-    found = view_compared_ranks(ranked, by_kernel, UNSEEN, better)  # type: ignore[arg-type]
-    assert found.queries
-    assert all(sign * gain(query) > 0 for query in found.queries)
-    assert (
-        len(found.queries)
-        <= found.paging.total
-        <= (found.better[0] if sign > 0 else found.better[1])
-    )
-    assert (
-        found.metrics[0].queries
-        == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics[0].queries
-    )
-
-
-def test_a_model_that_has_seen_the_answers_is_marked(ranked, all_seeing):
-    """A model that has seen the answers is marked beside one that has not."""
-    found = view_compared_ranks(
-        ranked, rank_graph(all_seeing), RankFilter(part="test", known="all")
-    )
-    assert found.learned == found.metrics[0].queries
-    assert any(other.learned and not one.learned for one, other in found.queries)
-    assert view_compared_ranks(ranked, rank_graph(all_seeing), UNSEEN).queries == ()
-
-
-@pytest.mark.parametrize("other", ["rankers", "hostile_predictor"])
-def test_models_of_other_splits_or_graphs_are_not_compared(request, other, ranked):
-    with pytest.raises(GraphMismatchError):
-        view_compared_ranks(
-            ranked, rank_graph(request.getfixturevalue(other)), RankFilter(known="all")
-        )

@@ -189,9 +189,9 @@ def predicted_site(hostile_predictor):
             ("recipes", {"entity": LONG}),
         ),
         *(("link", {"head": LONG, "tail": MARKUP}), ("pair", {"a": LONG, "b": MARKUP})),
-        *(("predictions", {"known": "all"}), ("compare", {"known": "all"})),
+        ("predictions", {"known": "all"}),
     ],
-    ids=range(7),
+    ids=range(6),
 )
 def test_long_labels_and_markup_break_no_page_of_predictions(
     open_page, predicted_site, name, choices

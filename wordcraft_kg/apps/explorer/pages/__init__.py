@@ -16,7 +16,6 @@ from typing import Any
 
 from wordcraft_kg.apps.explorer.page import Page
 from wordcraft_kg.apps.explorer.pages import (
-    compare,
     entities,
     entity,
     episode,
@@ -43,7 +42,6 @@ CORE: tuple[Page[Any], ...] = (
     path.PAGE,
     predictions.PAGE,
     link.PAGE,
-    compare.PAGE,
     pair.PAGE,
     tasks.PAGE,
     episode.PAGE,

@@ -93,31 +93,23 @@ FACETS: dict[str, tuple[str, ...]] = {
 """Filter settings with a fixed number of values, each shown with its number of links."""
 
 
-class QueriesState(RankFilter):
-    """Page settings: a filter for queries, and the page in their list.
+class PredictionsState(RankFilter):
+    """Page settings: a filter for queries, the page in their list, a model, and an order.
 
     Attributes:
         page: page number.
+        model: name of the model; empty for the first.
+        sort: order of the queries.
     """
 
     page: int = 1
+    model: str = ""
+    sort: RankOrder = "worst"
 
     @property
     def chosen(self) -> RankFilter:
         """The filter alone."""
         return RankFilter(*(getattr(self, name) for name in RankFilter.__struct_fields__))
-
-
-class PredictionsState(QueriesState):
-    """Page settings: a filter for queries, a model, and an order.
-
-    Attributes:
-        model: name of the model; empty for the first.
-        sort: order of the queries.
-    """
-
-    model: str = ""
-    sort: RankOrder = "worst"
 
 
 class RankedQuery(Record):

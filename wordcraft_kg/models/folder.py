@@ -1,4 +1,7 @@
-"""Open a model folder: scorer, training graph, split and training history."""
+"""Open a model folder: scorer, training graph, split and training history.
+
+The page docs/architecture.md, *On disk*, lists the files of a model folder.
+"""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""Trained models: scorer with training graph, settings and history."""
+"""Trained models: scorer with training graph, settings and history.
+
+The page docs/architecture.md places it: rule 4, a single type of trained model.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,7 @@
-"""Save any scorer as a model folder that all commands accept."""
+"""Save any scorer as a model folder that all commands accept.
+
+The page docs/link-prediction.md has an example under *Custom scorers and PyKEEN models*.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,20 +97,20 @@ def save_scorer(
     origin = origin or getattr(scorer, "name", type(scorer).__name__)
     config = SavedConfig(opened.source, kg, origin)
     check_scorer(scorer, opened.graph)
-    whole = stored(scorer)
+    main = stored(scorer)
     folded = folds_of(scorer)
     # An error within the block leaves no folder behind.
     out = with_a_name(Path(folder))
     with staged_folder(out, force=force) as staging:
         config.write(staging)
-        write_scorer(staging, whole.kind, whole.tensors(), opened.graph)
+        write_scorer(staging, main.kind, main.tensors(), opened.graph)
         write_atomically(staging / "README.md", _model_card(config, opened))
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
         outputs: tuple[str, ...] = (WEIGHTS, VOCABULARY, CONFIG_FILE)
         if folded is not None:
             inputs["folds"] = folded.record.hash
             outputs += FOLD_OUTPUTS
-            _write_folds(staging, folded, whole.kind, opened)
+            _write_folds(staging, folded, main.kind, opened)
             if folded.train_results is not None:
                 inputs["train_sample"] = folded.train_sample(opened.graph).hash
         end_run(staging, start_run(staging, config.command, inputs=inputs), "done", outputs)
@@ -141,7 +144,7 @@ def saved_history(files: RunFiles) -> History:
 
 def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
     # The statement of whoever saved the scorer; nobody else can know.
-    seen = {
+    training_data = {
         "full": "Recorded training data: more than the train recipes. The scores show memory, not "
         "prediction.",
         "partial": "Recorded training data: the train recipes only.",
@@ -152,7 +155,7 @@ def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
         f"A scorer for {opened.graph.name}",
         f"{config.origin}\n\n"
         "The scorer was not trained by wordcraft-kg but only saved, so the folder cannot reproduce "
-        "the training. " + seen,
+        "the training. " + training_data,
         (),
         "`wordcraft-kg evaluate-links` measures the quality on unseen triples. Scores are not "
         "calibrated probabilities.",

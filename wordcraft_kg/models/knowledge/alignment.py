@@ -14,6 +14,8 @@ of the last round, in three rounds. The constants were chosen on the book ``ever
 
 Shapes: E entities, S senses (pairs of an entity and a node), N nodes, V words.
 
+The page docs/outside-knowledge.md shows it under *WordNet, ConceptNet, any triples*.
+
 Source: Banerjee and Pedersen 2003, "Extended gloss overlaps", for the texts; the rest is our own.
 """
 
@@ -77,10 +79,10 @@ class Alignment:
 
     def matrix(self, num_nodes: int) -> sparse.csr_array:
         """Return the confidence of each entity's node, shape (E, num_nodes)."""
-        (known,) = np.nonzero(self.nodes >= 0)
-        cells = (known, self.nodes[known])
+        (entities,) = np.nonzero(self.nodes >= 0)
+        cells = (entities, self.nodes[entities])
         shape = (len(self.nodes), num_nodes)
-        return sparse.csr_array((self.confidences[known], cells), shape=shape)
+        return sparse.csr_array((self.confidences[entities], cells), shape=shape)
 
 
 def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
@@ -99,18 +101,18 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
     methods = tuple(method for method, _ in spelled)
     senses_of = [network.spellings.get(text, ()) for _, text in spelled]
     # Two labels seldom mean the same: pirate is not the pirate ship, if both are entities.
-    taken = set()
+    claimed_nodes = set()
     for method, senses in zip(methods, senses_of, strict=True):
         if method != HEAD_WORD and len(senses) == 1:
-            taken.add(senses[0])
+            claimed_nodes.add(senses[0])
     nodes = np.full(len(entities), -1)
     confidences = np.zeros(len(entities))
     rows: list[tuple[int, int]] = []
     priors: list[float] = []
     for entity, senses in enumerate(senses_of):
         _, spelling = spelled[entity]
-        free = [node for node in senses if node not in taken]
-        for place, node in enumerate(free or senses):
+        unclaimed = [node for node in senses if node not in claimed_nodes]
+        for place, node in enumerate(unclaimed or senses):
             rows.append((entity, node))
             # A sense that the tagged text lacks still counts, less for each sense before it.
             count = network.counts.get((spelling, node), 0)
@@ -130,8 +132,8 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
         entity_of_place = owner[order]
         nodes[entity_of_place] = sense[order]
         confidences[entity_of_place] = chances[order]
-    of_methods = [METHODS.get(method, 0.0) for method in methods]
-    return Alignment(nodes, methods, confidences * of_methods)
+    method_confidences = [METHODS.get(method, 0.0) for method in methods]
+    return Alignment(nodes, methods, confidences * method_confidences)
 
 
 def with_overrides(
@@ -194,11 +196,11 @@ def with_overrides(
 
 def _joined(network: Network, entities: Sequence[str]) -> dict[str, str]:
     """Return spellings in several words by the label that joins them: "fire truck" by firetruck."""
-    wanted = {plain(label).replace(" ", "") for label in entities}
+    joined_labels = {plain(label).replace(" ", "") for label in entities}
     joined = {}
     for text in network.spellings:
         short = text.replace(" ", "")
-        if " " in text and short in wanted:
+        if " " in text and short in joined_labels:
             joined[short] = text
     return joined
 
@@ -260,8 +262,8 @@ def _neighbours(recipes: Ids, is_whole: Sequence[bool]) -> sparse.csr_array:
     rows = np.concatenate([a, a, b])
     columns = np.concatenate([b, result, result])
     cells = (rows, columns)
-    ones = np.ones(len(rows))
-    links = sparse.csr_array((ones, cells), shape=(size, size))
+    counts = np.ones(len(rows))
+    links = sparse.csr_array((counts, cells), shape=(size, size))
     both_ways = links + links.T
     # Each neighbour counts once, however many recipes are shared.
     links = (both_ways > 0).astype(float)
@@ -330,11 +332,11 @@ def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_a
     links = is_linked.astype(float)
     number = len(senses)
     cells = (np.arange(number), senses)
-    ones = np.ones(number)
+    counts = np.ones(number)
     # A row for each sense, with a 1 at its node.
-    own = sparse.csr_array((ones, cells), shape=(number, size))
-    near = own @ (links + links.T)
-    weights = 2 * own + near
+    sense_nodes = sparse.csr_array((counts, cells), shape=(number, size))
+    near = sense_nodes @ (links + links.T)
+    weights = 2 * sense_nodes + near
     texts = weights @ words
     # Logarithms: the second occurrence of a word says less than the first.
     texts.data = np.log1p(texts.data)

@@ -119,8 +119,8 @@ def open_other_book(
     is_shared = is_in(recipes, held_out if keep_train else graph.recipes, size)
     left_out = int(is_shared.sum())
     # A recipe that equals a left-out one once labels are compared is left out, too.
-    for further in without:
-        in_further = book.recipes[shared_recipes(book, further)]
+    for third in without:
+        in_further = book.recipes[shared_recipes(book, third)]
         is_shared |= is_in(recipes, _distinct(ids[in_further]), size)
     used = recipes[~is_shared]
     if not len(used):
@@ -128,7 +128,7 @@ def open_other_book(
             f"`with` '{spec}': all {len(recipes):,} recipes are recipes of the graph, or of a book "
             "in `without`. Give another book."
         )
-    made = np.unique(used[:, 2])
+    results = np.unique(used[:, 2])
     num_described = len(np.unique(ids[~is_new]))
     source = OutsideSource(
         name=book.name,
@@ -139,7 +139,7 @@ def open_other_book(
         left_out=left_out,
         left_out_test=int(is_in(recipes, held_out, size).sum()),
         left_out_without=int(is_shared.sum()) - left_out,
-        makes=tuple(graph.labels(made[made < graph.num_entities])),
+        makes=tuple(graph.labels(results[results < graph.num_entities])),
     )
     return OtherBook(labels, used, source)
 
@@ -147,9 +147,9 @@ def open_other_book(
 def _ids_in(graph: RecipeGraph, book: RecipeGraph) -> Ids:
     """Return the graph's ids of a book's entities; those that it lacks have the ids from E on."""
     index = LabelIndex(graph.entities)
-    further = count(graph.num_entities)
+    next_ids = count(graph.num_entities)
     places = [index.find(label) for label in book.entities]
-    ids = [next(further) if place is None else place for place in places]
+    ids = [next(next_ids) if place is None else place for place in places]
     return np.array(ids, dtype=np.int64)
 
 
@@ -161,8 +161,8 @@ def shared_recipes(graph: RecipeGraph, book: RecipeGraph) -> NDArray[np.bool_]:
     # A graph may have half-sorted recipes, whose rows stay in the graph's order.
     rows = graph.recipes.copy()
     rows[:, :2].sort(axis=1)
-    of_book = _distinct(_ids_in(graph, book)[book.recipes])
-    return is_in(rows, of_book, graph.num_entities + book.num_entities)
+    book_rows = _distinct(_ids_in(graph, book)[book.recipes])
+    return is_in(rows, book_rows, graph.num_entities + book.num_entities)
 
 
 def _distinct(recipes: Ids) -> Ids:
@@ -208,21 +208,21 @@ def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
         held_out: ids, shape (m, 3).
         features: word vectors of all entities.
     """
-    own = np.unique(held_out)
+    entities = np.unique(held_out)
     # Rows of the held-out entities alone: all pairs of a large book would take gigabytes.
-    cosines = features.unit_vectors[own] @ features.unit_vectors.T
+    cosines = features.unit_vectors[entities] @ features.unit_vectors.T
     alike = cosines >= REWORDED
     # An entity without a vector equals itself, too.
-    alike[np.arange(len(own)), own] = True
+    alike[np.arange(len(entities)), entities] = True
     is_reworded = np.zeros(len(recipes), dtype=bool)
-    one, other, made = recipes.T
+    ingredients_a, ingredients_b, results = recipes.T
     # Rows of `alike` for the entities of each held-out recipe.
-    rows = np.searchsorted(own, held_out)
+    rows = np.searchsorted(entities, held_out)
     for a, b, result in rows.tolist():
-        in_order = alike[a, one] & alike[b, other]
-        reversed_order = alike[a, other] & alike[b, one]
+        in_order = alike[a, ingredients_a] & alike[b, ingredients_b]
+        reversed_order = alike[a, ingredients_b] & alike[b, ingredients_a]
         has_ingredients = in_order | reversed_order
-        is_reworded |= has_ingredients & alike[result, made]
+        is_reworded |= has_ingredients & alike[result, results]
     return int(is_reworded.sum())
 
 

@@ -1,4 +1,7 @@
-"""Knowledge folders: tables and triples from a source outside the book."""
+"""Knowledge folders: tables and triples from a source outside the book.
+
+The page docs/architecture.md, *On disk*, lists the files.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -94,10 +97,10 @@ class KnowledgeTables:
         size = len(entities)
         tables = []
         for table in self.tables:
-            moved = torch.zeros(size, size, dtype=torch.half)
+            rearranged = torch.zeros(size, size, dtype=torch.half)
             # A column of rows and a row of columns: all pairs of known labels.
-            moved[to[:, None], to] = table[source[:, None], source]
-            tables.append(moved)
+            rearranged[to[:, None], to] = table[source[:, None], source]
+            tables.append(rearranged)
         record = msgspec.structs.replace(self.record, entities=tuple(entities))
         return KnowledgeTables(record, tuple(tables))
 
@@ -114,8 +117,8 @@ class KnowledgeTables:
             is_ingredient = has_value.any(1)
             is_result = has_value.any(0)
             is_known |= is_ingredient | is_result
-        known = set(compress(self.record.entities, is_known.tolist()))
-        num_described = sum(label in known for label in entities)
+        described = set(compress(self.record.entities, is_known.tolist()))
+        num_described = sum(label in described for label in entities)
         return num_described / max(len(entities), 1)
 
 

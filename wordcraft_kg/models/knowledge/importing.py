@@ -136,13 +136,13 @@ def import_knowledge(
     recipes = opened.split.recipes("train")
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
-    chosen = {} if overrides is None else read_overrides(overrides)
+    overriding = {} if overrides is None else read_overrides(overrides)
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
         aligned = align(network, entities, recipes)
         # What a person says goes before what was found.
-        alignment = with_overrides(aligned, network, entities, chosen)
+        alignment = with_overrides(aligned, network, entities, overriding)
         proposals = [
             row
             for entity, row in enumerate(_alignment_rows(network, aligned, entities))
@@ -245,12 +245,12 @@ def read_overrides(path: Path) -> dict[str, Override]:
         if is_header or not line.strip():
             continue
         if not columns or label in collected:
-            what = "is repeated" if columns else "has no tab"
+            fault = "is repeated" if columns else "has no tab"
             raise KnowledgeFileError(
-                f"{path}, line {number}: '{label}' {what}; expected a label, a tab and a node."
+                f"{path}, line {number}: '{label}' {fault}; expected a label, a tab and a node."
             )
-        node, *further = columns
-        collected[label] = Override(node.strip(), further[:1] == [HEAD_WORD])
+        node, *columns_after = columns
+        collected[label] = Override(node.strip(), columns_after[:1] == [HEAD_WORD])
     return collected
 
 
@@ -297,8 +297,8 @@ def _hashes(path: Path) -> dict[str, str]:
     """Return the hash of a file, or of each file in a folder, by name."""
     files = [path]
     if path.is_dir():
-        files = sorted(one for one in path.iterdir() if one.is_file())
-    return {one.name: sha256_of(one) for one in files}
+        files = sorted(file for file in path.iterdir() if file.is_file())
+    return {file.name: sha256_of(file) for file in files}
 
 
 def describe(view: ImportedKnowledge) -> list[tuple[str, ...]]:

@@ -1,4 +1,7 @@
-"""Graphs from outside the recipe book, such as WordNet, in memory: nodes, spellings, edges."""
+"""Graphs from outside the recipe book, such as WordNet, in memory: nodes, spellings, edges.
+
+The page docs/outside-knowledge.md says which graphs there are.
+"""
 
 import re
 from array import array
@@ -133,17 +136,17 @@ class Network:
         heads, tails = edges.T
         # The new relation gets the next id.
         between = np.full(len(edges), len(self.relations))
-        further = np.column_stack([heads, between, tails])
-        more = replace(
+        rows = np.column_stack([heads, between, tails])
+        network = replace(
             self,
             relations=(*self.relations, relation),
-            edges=np.concatenate([self.edges, further]),
+            edges=np.concatenate([self.edges, rows]),
             weights=np.concatenate([self.weights, weights]),
         )
         # Definitions are the same, so words that were counted for this network need no second
         # count: cached properties lie among the variables.
-        vars(more).update(vars(self) | vars(more))
-        return more
+        vars(network).update(vars(self) | vars(network))
+        return network
 
     def ids_of(self, names: Sequence[str]) -> list[int]:
         """Return the ids of relations by name; names that the network lacks are ignored."""
@@ -196,8 +199,8 @@ def unique_edges(
     keys = (head * num_relations + relation) * num_nodes + tail
     unique_keys, place = np.unique(keys, return_inverse=True)
     # Back from the integers: the tail is the last digit, the relation the one before.
-    rest, tails = np.divmod(unique_keys, num_nodes)
-    heads, relations = np.divmod(rest, num_relations)
+    heads_and_relations, tails = np.divmod(unique_keys, num_nodes)
+    heads, relations = np.divmod(heads_and_relations, num_relations)
     sums = np.bincount(place, weights[is_kept], minlength=len(unique_keys))
     distinct_edges = np.column_stack([heads, relations, tails])
     # Without edges, bincount has counted in integers.

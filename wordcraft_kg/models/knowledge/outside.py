@@ -116,8 +116,8 @@ def open_outside(
             sources.append(_of_folder(spec, opened, folders))
             continue
         if is_book(spec):
-            other = open_other_book(spec, opened, without=without)
-            tables, book = _of_book(other, opened, features, allow_missing)
+            book_alone = open_other_book(spec, opened, without=without)
+            tables, book = _of_book(book_alone, opened, features, allow_missing)
             books.append(book)
             source = book.source
         else:
@@ -169,11 +169,11 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource
             f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as "
             f"'{entities[0]}'. Make the folder for this graph."
         )
-    of_entities = knowledge.of_entities(entities)
+    rearranged = knowledge.of_entities(entities)
     run = knowledge_files(spec).run
     own_inputs = [sha256 for key, sha256 in run.inputs.items() if key not in _OF_A_BOOK]
     origin = (name, *sorted(own_inputs))
-    for info, table in zip(of_entities.record.tables, of_entities.tables, strict=True):
+    for info, table in zip(rearranged.record.tables, rearranged.tables, strict=True):
         key = (origin, info.name, info.role)
         new = table.float()
         before = tables.get(key)
@@ -238,13 +238,13 @@ def _of_book(
     pairs: list[Tensor] = []
     parts: list[Tensor] = []
     # A block has the links of its entities with all entities of both books.
-    for some in torch.arange(size).split(max(1, CELLS // len(book.labels))):
-        pairs.append(link_features(lists, COMBINES_WITH, some.numpy())[:, :size])
-        parts.append(link_features(lists, COMPONENT_OF, some.numpy())[:, :size])
+    for block in torch.arange(size).split(max(1, CELLS // len(book.labels))):
+        pairs.append(link_features(lists, COMBINES_WITH, block.numpy())[:, :size])
+        parts.append(link_features(lists, COMPONENT_OF, block.numpy())[:, :size])
     # combinesWith is symmetric, and its features are so but for rounding.
-    both = torch.cat(pairs)
-    of_pairs = (both + both.transpose(0, 1)) / 2
-    tables = LinkTables(_by_feature(of_pairs), _by_feature(torch.cat(parts)))
+    directed = torch.cat(pairs)
+    symmetric = (directed + directed.transpose(0, 1)) / 2
+    tables = LinkTables(_by_feature(symmetric), _by_feature(torch.cat(parts)))
     return tables, book
 
 
@@ -305,8 +305,8 @@ def join_books(
         )
     books = []
     for spec in filter(is_book, specs):
-        other = open_other_book(spec, opened, keep_train=keep_train)
-        counted, _ = with_words_of(other, opened, features, allow_missing=allow_missing)
+        book_alone = open_other_book(spec, opened, keep_train=keep_train)
+        counted, _ = with_words_of(book_alone, opened, features, allow_missing=allow_missing)
         books.append(counted)
     # Tables and word vectors alone: there is nothing to join, and no recipe to learn from.
     if not books:
@@ -314,8 +314,8 @@ def join_books(
         number = own_graph.num_recipes
         no_recipe = TrainSample.of(own_graph, np.zeros(number, dtype=bool))
         without = Folds(opened.split, folds, 0, np.full(number, OUTSIDE), no_recipe)
-        others = open_outside(specs, opened, features, allow_missing=allow_missing)
-        return JointBook(opened, torch.arange(own_graph.num_entities), without, others)
+        sources = open_outside(specs, opened, features, allow_missing=allow_missing)
+        return JointBook(opened, torch.arange(own_graph.num_entities), without, sources)
     # Before the books are joined: the joint graph's split has no test part to compare with.
     for spec in specs:
         if (Path(spec) / KNOWLEDGE).is_file():
@@ -324,8 +324,8 @@ def join_books(
     no_books = [spec for spec in specs if not is_book(spec)]
     if no_books:
         check_table("outside knowledge of all books", joint.graph.num_entities)
-    others = open_outside(no_books, joint, features, allow_missing=allow_missing)
-    of_books = [book.source for book in books]
-    outside = OutsideKnowledge(others.tables, (*of_books, *others.sources))
-    own = torch.tensor([place[label] for label in opened.graph.entities])
-    return JointBook(joint, own, make_folds(joint.split, folds), outside)
+    sources = open_outside(no_books, joint, features, allow_missing=allow_missing)
+    book_sources = [book.source for book in books]
+    outside = OutsideKnowledge(sources.tables, (*book_sources, *sources.sources))
+    ids = torch.tensor([place[label] for label in opened.graph.entities])
+    return JointBook(joint, ids, make_folds(joint.split, folds), outside)

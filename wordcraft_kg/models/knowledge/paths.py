@@ -4,6 +4,8 @@ Let S, shape (E, N), hold the confidence of each entity's node, and let A, shape
 weights of edges from heads to tails. All tables have values from 0 to 1, and 0 on the diagonal:
 pairs of an entity with itself differ from all others, and would stand out for no reason of the
 source.
+
+The page docs/outside-knowledge.md has a row for each table.
 """
 
 import operator
@@ -122,8 +124,8 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
     links = network.links().astype(np.float32)
     links = links + links.T
     links = _divided(links, links.sum(1))
-    own = alignment.matrix(size).astype(np.float32)
-    first = sparse.csr_array(own @ links)
+    confidences = alignment.matrix(size).astype(np.float32)
+    first = sparse.csr_array(confidences @ links)
     # Walks of three steps between entities have their inner nodes next to entities.
     near = np.unique(first.indices)
     first = first[:, near]
@@ -140,7 +142,7 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
     three_steps = np.concatenate(blocks)
     # W is symmetric, so two steps are the product of one step from both ends.
     two_steps = first @ first.T
-    one_step = own @ links @ own.T
+    one_step = confidences @ links @ confidences.T
     return one_step.toarray(), two_steps.toarray(), three_steps
 
 
@@ -158,22 +160,22 @@ def make_tables(network: Network, alignment: Alignment) -> list[Table]:
     Returns:
         Descriptions and values, shape (E, E), from 0 to 1.
     """
-    own = alignment.matrix(len(network.nodes))
+    confidences = alignment.matrix(len(network.nodes))
     paths = _damped(hops(network, alignment))
     tables = [_named("paths", paths, "{ingredient} is related to {result}")]
     if network.ids_of([*PART_OF, *HAS_PART]):
-        parts = _parts(network, own)
+        parts = _parts(network, confidences)
         tables.append(_named("part", parts, "{ingredient} is part of {result}"))
     if network.glosses:
         alike = _alike_texts(network, alignment)
         tables.append(_named("texts", alike, "{ingredient} is defined similarly to {result}"))
         descriptions = network.links([DESCRIBED_BY])
         # From a result to the ingredients in its definition, so the table is turned round.
-        described = own @ descriptions @ own.T
+        described = confidences @ descriptions @ confidences.T
         mentions = described.toarray().T
         tables.append(_named("mentions", mentions, "{result} is described by {ingredient}"))
     else:
-        forward = _damped(_forward_walks(network, own))
+        forward = _damped(_forward_walks(network, confidences))
         tables.append(_named("forward", forward, "{ingredient} leads to {result}"))
     return tables
 

@@ -1,6 +1,8 @@
 """Read ConceptNet assertions, and files of triples, line by line; plain or gzipped.
 
 Memory holds nodes and edges, about 150 bytes for a new node and 30 for an edge, never the lines.
+
+The page docs/outside-knowledge.md describes the formats.
 """
 
 import csv
@@ -178,12 +180,13 @@ class _Collected:
                 f"{self.path}: no other line has a name of the first line, so it may be a header; "
                 f"expected triples, perhaps below head, relation, tail. {remedy}"
             )
-        both = [name for name in self.relations if name in self.nodes]
-        if 2 * len(both) > len(self.relations):
+        names_of_nodes = [name for name in self.relations if name in self.nodes]
+        if 2 * len(names_of_nodes) > len(self.relations):
+            example = names_of_nodes[0].decode()
             raise KnowledgeFileError(
-                f"{self.path}: {len(both):,} of {len(self.relations):,} relations, such as "
-                f"'{both[0].decode()}', are also heads or tails; expected head, relation, tail in "
-                f"this order. {remedy} A recipe book is for `train-recipes --with`."
+                f"{self.path}: {len(names_of_nodes):,} of {len(self.relations):,} relations, such "
+                f"as '{example}', are also heads or tails; expected head, relation, tail in this "
+                f"order. {remedy} A recipe book is for `train-recipes --with`."
             )
 
     def network(self, source: str, prefix: str) -> Network:

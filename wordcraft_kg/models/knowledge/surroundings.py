@@ -85,13 +85,13 @@ class Surroundings:
             # The last key sorts first.
             order = np.lexsort((-weights, ~is_inner))
             # Chosen by weight, but in the order of the edges, so that files compare well.
-            chosen = np.sort(order[:MOST_TRIPLES])
-            edges = edges[chosen]
+            rows = np.sort(order[:MOST_TRIPLES])
+            edges = edges[rows]
         for head, relation, tail in self._without_ends(edges).tolist():
             name = f"{network.prefix}:{network.relations[relation]}"
-            for one in self._names(head):
-                for other in self._names(tail):
-                    yield one, name, other
+            for head_name in self._names(head):
+                for tail_name in self._names(tail):
+                    yield head_name, name, tail_name
 
     def facts(self) -> Iterator[Triple]:
         """Yield at most :data:`MOST_FACTS` facts about each entity.
@@ -122,8 +122,8 @@ class Surroundings:
         for node, labels in self._labels.items():
             first_facts = facts[node][:MOST_FACTS]
             for label in labels:
-                for phrase, other in first_facts:
-                    yield label, phrase, other
+                for phrase, object_label in first_facts:
+                    yield label, phrase, object_label
 
     def _classes(self) -> Iterator[tuple[int, int, int]]:
         """Yield an edge from each entity's node to each direct or indirect class."""
@@ -140,8 +140,8 @@ class Surroundings:
                 for higher in direct_classes[current]:
                     if higher not in classes:
                         classes.append(higher)
-            for each in classes:
-                yield node, relation, each
+            for ancestor in classes:
+                yield node, relation, ancestor
 
     def _names(self, node: int) -> Iterable[str]:
         if node in self._labels:

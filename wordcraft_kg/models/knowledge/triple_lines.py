@@ -2,6 +2,8 @@
 
 Nothing is guessed beyond the separator: columns stand in the order of a header, or are head,
 relation, tail and perhaps a weight. A line that does not fit raises a ValueError.
+
+The page docs/outside-knowledge.md describes the formats.
 """
 
 import csv

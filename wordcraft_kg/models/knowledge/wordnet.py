@@ -3,6 +3,8 @@
 Only nouns have spellings; verbs, adjectives and adverbs link nouns, as *bake* links *baker* and
 *bakery*.
 
+The page docs/outside-knowledge.md says where the files come from.
+
 Source: WordNet 3.0 manual, wndb(5) for the formats and senseidx(5) for the sense keys in
 ``cntlist.rev``.
 """
@@ -202,9 +204,9 @@ class _Reader:
                 num_senses = int(count)
                 offsets = fields[len(fields) - num_senses :]
                 # All of them but the symbols are counted by `num_senses` and these three numbers.
-                others = 3 + num_senses
-                is_cut = not line.endswith("\n") or len(fields) < others
-                if is_cut or int(fields[0]) + others != len(fields):
+                num_counted = 3 + num_senses
+                is_cut = not line.endswith("\n") or len(fields) < num_counted
+                if is_cut or int(fields[0]) + num_counted != len(fields):
                     raise ValueError
             except ValueError:
                 raise self.no(name, number, line, "a complete entry") from None

@@ -65,8 +65,8 @@ def word_features(
     if spec != "one-hot":
         return make_features(spec, labels, allow_missing=allow_missing)
     nothing = np.zeros((len(labels), 0), dtype=np.float32)
-    known = np.ones(len(labels), dtype=bool)
-    return EntityFeatures("one-hot", nothing, known, (), (), is_one_hot=True)
+    is_known = np.ones(len(labels), dtype=bool)
+    return EntityFeatures("one-hot", nothing, is_known, (), (), is_one_hot=True)
 
 
 def words_of_books(

@@ -1,6 +1,8 @@
 """Build PyKEEN models and training loops from settings, and extract scorer tensors.
 
 A new kind of link predictor is a class of settings in ``config.py`` and two functions here.
+
+The page docs/link-prediction.md says which models there are, under *Train*.
 """
 
 from contextlib import suppress
@@ -57,9 +59,9 @@ def check_table_fits(model: str, num_entities: int) -> None:
     """
     needs_table = not issubclass(model_class(model), (ComplExN3, DistMult))
     if needs_table and not has_table(num_entities):
-        needed = table_bytes(num_entities)
+        num_bytes = table_bytes(num_entities)
         raise ConfigError(
-            f"`model` {model!r} needs a score table, {needed / 2**30:,.1f} GiB for "
+            f"`model` {model!r} needs a score table, {num_bytes / 2**30:,.1f} GiB for "
             f"{num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models "
             "that need no table: distmult, and ComplEx (wordcraft-kg train-complex)."
         )

@@ -2,6 +2,8 @@
 
 The fields' descriptions are the help of the command line as well. A default that a measurement
 chose says where.
+
+The page docs/link-prediction.md explains the choices under *Tuning*.
 """
 
 from dataclasses import dataclass, replace

@@ -3,6 +3,8 @@
 Folds are trained in parallel if cores allow it. Finished models are saved among the run's
 checkpoints, so a resumed run trains only missing models. A fold's model depends on settings and
 triples alone, not on process or order, so it has the same bits with one process or with many.
+
+The page docs/explanation/cross-fitting.md explains what the folds are for.
 """
 
 import logging
@@ -47,16 +49,16 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
     Raises:
         ConfigError: if a given number of folds is impossible.
     """
-    given = settings.folds
-    count = FOLDS if given is None else given
+    num_folds = settings.folds
+    count = FOLDS if num_folds is None else num_folds
     has_no_test_part = opened.split.config.kind == "none"
-    if settings.kg == "full" or not count or (given is None and has_no_test_part):
+    if settings.kg == "full" or not count or (num_folds is None and has_no_test_part):
         return replace(settings, folds=0)
     try:
         make_folds(opened.split, count)
         _check_size(settings, count, opened.graph.num_entities)
     except ConfigError as error:
-        if given is not None:
+        if num_folds is not None:
             raise
         logging.getLogger(__name__).info("no folds: %s", error)
         count = 0
@@ -65,10 +67,10 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
 
 def _check_size(settings: LinkSettings, count: int, num_entities: int) -> None:
     # ComplEx stores embeddings, which are small.
-    needed = count * table_bytes(num_entities)
-    if not isinstance(settings, ComplExConfig) and needed > TABLE_LIMIT:
+    num_bytes = count * table_bytes(num_entities)
+    if not isinstance(settings, ComplExConfig) and num_bytes > TABLE_LIMIT:
         raise ConfigError(
-            f"`folds` {count}: a score table for each fold takes {needed / 2**20:,.0f} MiB; "
+            f"`folds` {count}: a score table for each fold takes {num_bytes / 2**20:,.0f} MiB; "
             f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Use fewer folds or 0, or ComplEx "
             "(wordcraft-kg train-complex)."
         )
@@ -92,10 +94,10 @@ class _Job:
         model = fit(self.settings, factory, after_epoch, size)
         _, tensors = scorer_tensors(self.settings, model, self.triples, size)
         # A table needs no model parameters.
-        wanted = {
+        stored = {
             name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")
         }
-        _kept(self.folder).save(self.fold, copied(wanted), self.done)
+        _kept(self.folder).save(self.fold, copied(stored), self.done)
 
     @property
     def done(self) -> FoldDone:
@@ -173,10 +175,10 @@ def write_link_folds(
     Raises:
         ArtefactError: if the finished model of a fold is missing or damaged.
     """
-    kept = _kept(folder)
+    checkpoints = _kept(folder)
 
     def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
-        checkpoint = kept.read(fold)
+        checkpoint = checkpoints.read(fold)
         return checkpoint.progress.trained_on, checkpoint.tensors
 
     return write_folds(folder, folds, whole, scorer_kind(settings, len(whole.entities)), part)

@@ -3,6 +3,8 @@
 PyKEEN draws from global generators. They are seeded for each epoch by (seed, epoch), so a resumed
 training draws the same numbers as an uninterrupted one, and a checkpoint needs no state of a
 generator.
+
+The page docs/link-prediction.md describes trainings under *Train*.
 """
 
 import math
@@ -166,13 +168,17 @@ class Epochs(TrainingCallback):
     def post_batch(self, epoch: int, batch: Any, **kwargs: Any) -> None:
         """Report progress in a long epoch, with the estimated remaining time."""
         self._batch += 1
-        now = time.perf_counter()
-        if self.report and now - self._reported >= QUIET and self._batch < self._batches:
-            self._reported = now
-            done = self._batch / self._batches
-            minutes = (now - self._clock) / done / 60
-            left = minutes * (self.settings.epochs - epoch + 1 - done)
-            figures = {f"of epoch {epoch}": done, "minutes an epoch": minutes, "minutes left": left}
+        time_now = time.perf_counter()
+        if self.report and time_now - self._reported >= QUIET and self._batch < self._batches:
+            self._reported = time_now
+            share = self._batch / self._batches
+            minutes = (time_now - self._clock) / share / 60
+            minutes_left = minutes * (self.settings.epochs - epoch + 1 - share)
+            figures = {
+                f"of epoch {epoch}": share,
+                "minutes an epoch": minutes,
+                "minutes left": minutes_left,
+            }
             self.report(epoch - 1, self._total, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
@@ -183,9 +189,9 @@ class Epochs(TrainingCallback):
         if settings.eval_every and (is_end or epoch % settings.eval_every == 0):
             valid_mrr = self._validate()
         # The epoch's time includes its validation, but not checkpoints and trackers.
-        now = time.perf_counter()
-        seconds = now - self._clock
-        self._clock = now
+        time_now = time.perf_counter()
+        seconds = time_now - self._clock
+        self._clock = time_now
         row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=valid_mrr, seconds=round(seconds, 4))
         self.trace.append(row)
         is_last = self.run.interrupted.is_set() or is_end
@@ -193,15 +199,15 @@ class Epochs(TrainingCallback):
             progress = LinkProgress(trace=tuple(self.trace))
             self.run.checkpoints.save(epoch, self._tensors(), progress)
         self._batch = 0
-        self._reported = now
+        self._reported = time_now
         metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": row.seconds}
         begun = time.perf_counter()
         self.log(epoch, metrics)
         # Trackers may wait for a network; the next epoch begins after them.
         self._clock += time.perf_counter() - begun
         if self.report:
-            known = {name: value for name, value in metrics.items() if value is not None}
-            self.report(epoch, self._total, {"epoch": epoch, **known})
+            figures = {name: value for name, value in metrics.items() if value is not None}
+            self.report(epoch, self._total, {"epoch": epoch, **figures})
         if is_last:
             # PyKEEN offers callbacks no public way to stop a loop.
             self.training_loop._should_stop = True

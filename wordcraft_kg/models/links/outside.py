@@ -2,6 +2,8 @@
 
 Ids extend the graph's: further nodes follow the E entities, and their relations follow the game's
 two. So the first E embeddings are the entities', and the saved model holds these alone.
+
+The page docs/outside-knowledge.md describes joint training to users.
 """
 
 from collections.abc import Sequence
@@ -92,8 +94,8 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
             relation_id = relations.setdefault(relation, len(relations))
             tail_id = places.setdefault(tail, len(places))
             rows.append((head_id, relation_id, tail_id))
-        own = rows[before:]
-        ends = {head for head, _, _ in own} | {tail for _, _, tail in own}
+        rows_of_folder = rows[before:]
+        ends = {head for head, _, _ in rows_of_folder} | {tail for _, _, tail in rows_of_folder}
         if not any(end < len(entities) for end in ends):
             raise ConfigError(
                 f"`with` '{folder}': none of the {len(ends):,} nodes in {TRIPLES} is one of the "
@@ -102,12 +104,12 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
             )
     triples = frozen(np.unique(np.array(rows, dtype=np.int64), axis=0))
     # Triples of several folders may be equal, so ends are counted after merging.
-    known = np.unique(triples[:, [0, 2]])
+    endpoints = np.unique(triples[:, [0, 2]])
     summary = OutsideSummary(
         triples=len(triples),
         nodes=len(places) - len(entities),
         relations=len(relations) - len(RELATIONS),
-        coverage=int((known < len(entities)).sum()) / len(entities),
+        coverage=int((endpoints < len(entities)).sum()) / len(entities),
     )
     nodes = tuple(places)[len(entities) :]
     return OutsideTriples(nodes, tuple(relations)[len(RELATIONS) :], triples, summary)

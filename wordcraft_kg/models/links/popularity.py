@@ -3,6 +3,8 @@
 A softmax over entities first learns how often each entity is an answer. On a small book the
 embeddings learn little more, and counting works better. So a multiple of the log counts is added to
 the scores. As further dimensions of the embeddings, the counts need no other kind of scorer.
+
+The page docs/link-prediction.md describes the setting under *Tuning*.
 """
 
 import numpy as np
@@ -77,12 +79,12 @@ def with_popularity(
         rows = torch.zeros(len(RELATIONS), 3, dtype=torch.cfloat)
         rows[number] = torch.tensor([1, -1, -1j])
         relation.append(rows)
-    more = torch.cat(entity, dim=1)
+    of_entity_dims = torch.cat(entity, dim=1)
     more_of_relations = torch.cat(relation, dim=1)
-    further = {
-        "entity_real": more.real,
-        "entity_imag": more.imag,
+    dims = {
+        "entity_real": of_entity_dims.real,
+        "entity_imag": of_entity_dims.imag,
         "relation_real": more_of_relations.real,
         "relation_imag": more_of_relations.imag,
     }
-    return {name: torch.cat([embeddings[name], part], dim=1) for name, part in further.items()}
+    return {name: torch.cat([embeddings[name], part], dim=1) for name, part in dims.items()}

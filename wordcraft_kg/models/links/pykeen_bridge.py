@@ -2,6 +2,8 @@
 
 PyKEEN draws from the global generators of Python, NumPy and torch, which belong to the user's
 program: :func:`pykeen_guard` seeds them for a training and restores them afterwards.
+
+The page docs/link-prediction.md, *Custom scorers and PyKEEN models*, shows PyKEEN beside us.
 """
 
 import gc

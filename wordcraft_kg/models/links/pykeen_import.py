@@ -1,4 +1,7 @@
-"""Make scorers from models trained with PyKEEN's pipeline."""
+"""Make scorers from models trained with PyKEEN's pipeline.
+
+The page docs/link-prediction.md has an example under *Custom scorers and PyKEEN models*.
+"""
 
 import torch
 from pykeen.models import Model

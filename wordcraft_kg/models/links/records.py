@@ -1,4 +1,7 @@
-"""JSON records in a link predictor's model folder."""
+"""JSON records in a link predictor's model folder.
+
+The page docs/architecture.md, *On disk*, lists the files of a model folder.
+"""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.wording import counted
@@ -70,7 +73,7 @@ class Choice(Record, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         """Return the chosen weights and the metrics in a line."""
-        without = max(each.mrr for each in self.candidates if not each.popularity)
+        without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
         return (
             f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on "
             f"{self.queries:,} held-out train queries in {counted(self.folds, 'fold')} (frequency "
@@ -209,5 +212,5 @@ def links_history(files: RunFiles) -> History:
         "settings": ", ".join(f"{name} {value}" for name, value in settings if value != ()),
     }
     # Each seed chooses for itself, so comparisons of seeds leave these settings out.
-    chosen = ("n3", "popularity") if metrics.choice else ()
-    return History(config, facts, metrics, files.lines("trace.jsonl", TraceRow), chosen)
+    chosen_settings = ("n3", "popularity") if metrics.choice else ()
+    return History(config, facts, metrics, files.lines("trace.jsonl", TraceRow), chosen_settings)

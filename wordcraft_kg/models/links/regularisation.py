@@ -4,6 +4,8 @@ No single weight suits hundreds and thousands of recipes, and on tens of thousan
 epochs learn less than the frequency rule. So short trainings hold out and rank train recipes, as
 the split holds out test recipes. Each training covers all popularity weights, which change scores
 only. Validation and test recipes are not read.
+
+The page docs/evidence/complex.md has the measurements.
 """
 
 from collections.abc import Callable, Iterator
@@ -99,24 +101,26 @@ def choose(
         return None
     epochs = max(round(SHARE_OF_EPOCHS * settings.epochs), 1)
     total = len(weights) * len(folds) * epochs
-    done = count(1)
+    epoch_number = count(1)
     # By N3 weight, and by popularity with the frequency rule last.
     sums = np.zeros((len(weights), len(POPULARITY) + 1))
     for row, n3 in zip(sums, weights, strict=True):
         for fold in folds:
             # Without popularity: it changes scores only, so one training serves all weights.
             short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0)
-            row += _reciprocal_ranks(fold, short, outside, lambda _: after_epoch(next(done), total))
+            row += _reciprocal_ranks(
+                fold, short, outside, lambda _: after_epoch(next(epoch_number), total)
+            )
     means = sums / queries
     candidates = []
     for n3, row in zip(weights, means[:, :-1].tolist(), strict=True):
         for popularity, mrr in zip(POPULARITY, row, strict=True):
             candidates.append(Candidate(n3=n3, popularity=popularity, mrr=mrr))
-    chosen = _best(candidates)
+    best = _best(candidates)
     return Choice(
-        n3=chosen.n3,
-        popularity=chosen.popularity,
-        mrr=chosen.mrr,
+        n3=best.n3,
+        popularity=best.popularity,
+        mrr=best.mrr,
         frequency_mrr=float(means[0, -1]),
         candidates=tuple(candidates),
         folds=len(folds),
@@ -127,8 +131,8 @@ def choose(
 
 def _best(candidates: list[Candidate]) -> Candidate:
     # Most popularity first; the MRR decides between N3 weights.
-    enough = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
-    good = [candidate for candidate in candidates if candidate.mrr >= enough]
+    threshold = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
+    good = [candidate for candidate in candidates if candidate.mrr >= threshold]
     return max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
 
 
@@ -162,16 +166,18 @@ def _reciprocal_ranks(
         counts alone.
     """
     graph = fold.graph
-    seen = fold.partial
+    trained_on = fold.partial
     queries = _queries(fold)
-    model = fit(settings, triples_factory(graph, seen, outside), after_epoch, graph.num_entities)
+    model = fit(
+        settings, triples_factory(graph, trained_on, outside), after_epoch, graph.num_entities
+    )
     sums = []
     for weight in POPULARITY:
         popular = replace(settings, popularity=weight)
-        tensors = scorer_tensors(popular, model, seen, graph.num_entities)
+        tensors = scorer_tensors(popular, model, trained_on, graph.num_entities)
         scorer = make_scorer(*tensors, graph.entities, graph.hash)
         sums.append(_sum_of_reciprocal_ranks(scorer, queries, graph))
-    sums.append(_sum_of_reciprocal_ranks(FrequencyScorer(graph, seen), queries, graph))
+    sums.append(_sum_of_reciprocal_ranks(FrequencyScorer(graph, trained_on), queries, graph))
     return np.array(sums)
 
 

@@ -10,6 +10,8 @@ PyKEEN's minor version is pinned because private parts are used: two methods ove
 ``_plain_forward`` here, ``_epoch`` and ``_should_stop`` in ``fitting.py`` and ``training.py``.
 
 Shapes: B triples in a batch, E entities, S sampled entities, d complex dimensions.
+
+The page docs/evidence/complex.md measures the objective.
 """
 
 from collections.abc import Iterator
@@ -107,12 +109,12 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         # The graph's triples compete with its entities alone, outside triples with all nodes. Each
         # part's mean counts by its share of the batch, so a triple weighs the same in any batch.
         is_own = _is_own(triples)
-        own = triples[is_own]
+        graph_triples = triples[is_own]
         outside = triples[~is_own]
         losses = []
-        if len(own):
-            loss = self._loss(own, label_smoothing, self.num_own)
-            losses.append(len(own) / len(triples) * loss)
+        if len(graph_triples):
+            loss = self._loss(graph_triples, label_smoothing, self.num_own)
+            losses.append(len(graph_triples) / len(triples) * loss)
         if len(outside):
             loss = self._loss(outside, label_smoothing, None)
             losses.append(self.outside_weight * len(outside) / len(triples) * loss)
@@ -144,10 +146,10 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         everything = entity._plain_forward()[:num_candidates].unsqueeze(dim=0)
         heads, _, tails = triples.unbind(dim=1)
         tail_scores = self.model.interaction(h, r, everything)
-        of_tails = cross_entropy(tail_scores, tails, label_smoothing=label_smoothing)
+        tail_entropy = cross_entropy(tail_scores, tails, label_smoothing=label_smoothing)
         head_scores = self.model.interaction(everything, r, t)
-        of_heads = cross_entropy(head_scores, heads, label_smoothing=label_smoothing)
-        return of_tails + of_heads
+        head_entropy = cross_entropy(head_scores, heads, label_smoothing=label_smoothing)
+        return tail_entropy + head_entropy
 
 
 def _is_own(triples: torch.Tensor) -> torch.Tensor:
@@ -180,8 +182,8 @@ def sampled_cross_entropy(
     queries.
     """
     # The true entity is in the softmax already, so its copies in the sample do not count.
-    others = (sampled - log_expected).masked_fill(is_true, -torch.inf)
-    together = torch.cat([true[:, None], others], dim=1)
+    negatives = (sampled - log_expected).masked_fill(is_true, -torch.inf)
+    together = torch.cat([true[:, None], negatives], dim=1)
     return (torch.logsumexp(together, dim=1) - true).mean()
 
 
@@ -242,15 +244,15 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
         is_own = num_candidates == self.num_own
         probabilities = self.probabilities if is_own else self.outside_probabilities
         # One sample for all queries of the batch, so their scores are one matrix product.
-        drawn = torch.multinomial(probabilities, self.num_sampled, replacement=True)
-        log_expected = torch.log(self.num_sampled * probabilities[drawn])
-        sample = entity._plain_forward(drawn)[None]
+        sampled_ids = torch.multinomial(probabilities, self.num_sampled, replacement=True)
+        log_expected = torch.log(self.num_sampled * probabilities[sampled_ids])
+        sample = entity._plain_forward(sampled_ids)[None]
         true = self.model.interaction(h, r, t)[:, 0]
         heads, _, tails = triples.unbind(dim=1)
         tail_scores = self.model.interaction(h, r, sample)
-        is_tail = drawn == tails[:, None]
-        of_tails = sampled_cross_entropy(true, tail_scores, log_expected, is_tail)
+        is_tail = sampled_ids == tails[:, None]
+        tail_entropy = sampled_cross_entropy(true, tail_scores, log_expected, is_tail)
         head_scores = self.model.interaction(sample, r, t)
-        is_head = drawn == heads[:, None]
-        of_heads = sampled_cross_entropy(true, head_scores, log_expected, is_head)
-        return of_tails + of_heads
+        is_head = sampled_ids == heads[:, None]
+        head_entropy = sampled_cross_entropy(true, head_scores, log_expected, is_head)
+        return tail_entropy + head_entropy

@@ -2,6 +2,8 @@
 
 On a CPU, with equal torch versions and threads, a resumed run is bit-identical to an uninterrupted
 run.
+
+The page docs/link-prediction.md describes the commands under *Train*.
 """
 
 import logging
@@ -163,13 +165,13 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         if settings.kg == "full":
             self.train_sample = opened.train_sample("full")
         else:
-            of_recipe = folds.of_recipe if folds else None
+            fold_of_recipe = folds.of_recipe if folds else None
             self.train_sample = draw_train_sample(
                 opened.split,
                 settings.train_fraction,
                 settings.label_noise,
                 settings.seed,
-                of_recipe=of_recipe,
+                of_recipe=fold_of_recipe,
             )
         # All models for a split share the folds, also with a sample of the train recipes.
         self.folds = folds.with_train_sample(self.train_sample) if folds else None
@@ -358,13 +360,13 @@ def _check_memory(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -
     numbers = settings.dim * (2 if isinstance(settings, ComplExConfig) else 1)
     parameters = 4 * numbers * (num_nodes + len(RELATIONS))
     # Parameters, gradients and optimiser state.
-    what = f"training vectors for {num_nodes:,} entities"
-    check_memory("dim", settings.dim, what, 3 * parameters)
+    purpose = f"training vectors for {num_nodes:,} entities"
+    check_memory("dim", settings.dim, purpose, 3 * parameters)
     if isinstance(settings, LinkModelConfig) and settings.loop == "slcwa":
         triples = min(settings.batch_size, len(opened.triples(settings.kg)))
-        needed = 4 * settings.dim * settings.negatives * triples
-        what = f"the negatives' vectors for {triples:,} triples"
-        check_memory("negatives", settings.negatives, what, needed)
+        num_bytes = 4 * settings.dim * settings.negatives * triples
+        purpose = f"the negatives' vectors for {triples:,} triples"
+        check_memory("negatives", settings.negatives, purpose, num_bytes)
 
 
 def _write_results(
@@ -415,23 +417,25 @@ def _write_results(
 def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
     if settings.kg == "full":
-        seen = "all triples, test recipes included: the scores show memory, not prediction."
+        training_data = (
+            "all triples, test recipes included: the scores show memory, not prediction."
+        )
     else:
         sample = describe_train_sample(settings.train_fraction, settings.label_noise)
-        seen = f"the triples of {sample or 'the train recipes'} only."
+        training_data = f"the triples of {sample or 'the train recipes'} only."
     facts = training_facts(settings, metrics).items()
     points = ["", *(f"{name}: {text}" for name, text in facts)]
-    more = "; `scorer.probability` returns probabilities for triples outside training"
+    usage = "; `scorer.probability` returns probabilities for triples outside training"
     return scorer_card(
         opened,
         f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
         "Scores triples (head, relation, tail) with the relations `combinesWith` and "
-        f"`componentOf`. Trained on {seen}",
+        f"`componentOf`. Trained on {training_data}",
         points,
         "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
         "on unseen triples, "
         "run\n"
         "`wordcraft-kg evaluate-links`; the MRR above shows memory. Scores are not "
-        f"probabilities{more if metrics.folds else ''}.",
+        f"probabilities{usage if metrics.folds else ''}.",
         [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
     )

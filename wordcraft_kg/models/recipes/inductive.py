@@ -2,6 +2,8 @@
 
 A recipe scorer follows from recipes, label words and a few weights. An entity without recipes has
 words alone, and similar words predict similar recipes.
+
+The page docs/explanation/recipe-scorer.md explains it under *New entities*.
 """
 
 import os
@@ -55,11 +57,11 @@ def extended(
             have another shape.
         RecipeFileError: if a label is invalid.
     """
-    whole = whole_of(scorer)
-    if not isinstance(whole, RecipeScorer):
+    main = whole_of(scorer)
+    if not isinstance(main, RecipeScorer):
         raise _other_kind(scorer)
-    entities = _with_labels(whole, labels)
-    constants = whole.knowledge.constants()
+    entities = _with_labels(main, labels)
+    constants = main.knowledge.constants()
     old = constants["vectors"].cpu()
     if vectors.shape != (len(labels), old.shape[1]):
         raise ConfigError(
@@ -68,28 +70,28 @@ def extended(
         )
     # Half precision, as the vectors of old entities are stored.
     every = torch.cat([old, torch.from_numpy(vectors.astype(np.float16))])
-    size = len(whole.entities)
+    size = len(main.entities)
     near = constants["near_words"].cpu()
-    of_new = nearest_words(every.float().numpy(), near.shape[1], first=size)
-    near_words = torch.cat([near, torch.from_numpy(of_new)])
+    new_neighbours = nearest_words(every.float().numpy(), near.shape[1], first=size)
+    near_words = torch.cat([near, torch.from_numpy(new_neighbours)])
     num_own = torch.tensor([len(entities)], dtype=torch.int32)
-    changed = {"num_own": num_own, "vectors": every, "near_words": near_words}
-    if whole.knowledge.has_encoder:
-        encoder = whole.knowledge.encoder()
-        of_words = every[size:].float().to(encoder.bias.device)
-        named = encoder.with_entities(of_words).named()
-        changed |= {name: tensor[None] for name, tensor in named.items()}
+    tensors = {"num_own": num_own, "vectors": every, "near_words": near_words}
+    if main.knowledge.has_encoder:
+        encoder = main.knowledge.encoder()
+        new_vectors = every[size:].float().to(encoder.bias.device)
+        named = encoder.with_entities(new_vectors).named()
+        tensors |= {name: tensor[None] for name, tensor in named.items()}
     tables = {name: constants[name] for name in LINK_TABLES if constants[name].numel()}
     # Only for books that are small enough for tables: shares of all pairs would take gigabytes.
     if tables:
         shares = _shares_of_old(every.float(), size)
         for name, table in tables.items():
-            changed[name] = _wider_tables(table, shares.to(table.device))
+            tensors[name] = _wider_tables(table, shares.to(table.device))
     return RecipeScorer(
-        constants | changed,
+        constants | tensors,
         entities,
-        f"{whole.graph_hash} and {len(labels)} more",
-        device=whole.device,
+        f"{main.graph_hash} and {len(labels)} more",
+        device=main.device,
         name=scorer.name,
     )
 
@@ -110,8 +112,8 @@ def _shares_of_old(vectors: Tensor, size: int) -> Tensor:
     best, places = cosines.topk(min(_NEAREST, size), dim=1)
     weights = torch.zeros(len(new), size).scatter(1, places, best**_POWER)
     # The smallest positive number keeps rows of zeros: 0 / 0 is undefined.
-    least = torch.finfo(weights.dtype).tiny
-    weights /= weights.sum(1, keepdim=True).clamp(min=least)
+    tiny = torch.finfo(weights.dtype).tiny
+    weights /= weights.sum(1, keepdim=True).clamp(min=tiny)
     return torch.cat([torch.eye(size), weights])
 
 
@@ -172,21 +174,21 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
         UnknownEntityError: if there are new labels, and the model uses no words.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
     """
-    whole = whole_of(scorer)
-    own = len(whole.entities)
-    index = LabelIndex(whole.entities)
+    main = whole_of(scorer)
+    num_trained = len(main.entities)
+    index = LabelIndex(main.entities)
     rows = [index.find(label) for label in labels]
     by_label = list(zip(labels, rows, strict=True))
     new = [label for label, row in by_label if row is None]
     # New labels get the ids after those of the model's entities.
-    place = {label: own + number for number, label in enumerate(new)}
+    place = {label: num_trained + number for number, label in enumerate(new)}
     ids = np.array([place[label] if row is None else row for label, row in by_label])
     if new:
         labelled = with_words(folder, scorer, new, allow_missing=True)
-        return LabelledScorer(labelled, own, ids)
-    if not isinstance(whole, RecipeScorer):
+        return LabelledScorer(labelled, num_trained, ids)
+    if not isinstance(main, RecipeScorer):
         raise _other_kind(scorer)
-    return LabelledScorer(whole, own, ids)
+    return LabelledScorer(main, num_trained, ids)
 
 
 def _other_kind(scorer: Scorer) -> ConfigError:
@@ -254,11 +256,11 @@ def with_words(
     words = named(settings.features, scorer.entities)
     spec = FeatureSpec.parse(words)
     if spec.prefix or spec.source in ("one-hot", "random"):
-        given = "the words of other entities" if spec.prefix else "no words"
+        vectors_say = "the words of other entities" if spec.prefix else "no words"
         raise unknown(
             labels[0],
-            f"The model uses `features` {words}, which give {given}; train with glove or a vector "
-            "file.",
+            f"The model uses `features` {words}, which give {vectors_say}; train with glove or "
+            "a vector file.",
         )
     every = (*scorer.entities, *labels)
     features = make_features(words, every, allow_missing=True)
@@ -290,11 +292,11 @@ def _why_unknown(words: str) -> str:
     if words == "minilm":
         return "No word in this label has a vector."
     if os.path.isdir(words):
-        again = (
+        remedy = (
             f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, "
             "or with glove."
         )
-        return f"The model's `features` {words} have no vector for this label. {again}"
+        return f"The model's `features` {words} have no vector for this label. {remedy}"
     return f"No word in this label has a vector in {words}."
 
 
@@ -313,16 +315,16 @@ def _completed(
         labels: the N labels.
     """
     glove = make_features("glove", labels, allow_missing=True)
-    known = features.known
+    is_known = features.known
     vectors = features.unit_vectors.copy()
-    new = np.flatnonzero(~known & glove.known)
-    cosines = glove.unit_vectors[new] @ glove.unit_vectors[known].T
+    new = np.flatnonzero(~is_known & glove.known)
+    cosines = glove.unit_vectors[new] @ glove.unit_vectors[is_known].T
     weights = np.maximum(cosines, 0) ** _POWER
     # All but the largest weights of a row are 0.
     number = min(_NEAREST, weights.shape[1])
-    least = np.partition(weights, -number, axis=1)[:, -number, None]
-    is_near = weights >= least
-    mean = (weights * is_near) @ vectors[known]
+    thresholds = np.partition(weights, -number, axis=1)[:, -number, None]
+    is_near = weights >= thresholds
+    mean = (weights * is_near) @ vectors[is_known]
     norms = np.linalg.norm(mean, axis=1, keepdims=True)
     vectors[new] = mean / np.maximum(norms, np.finfo(np.float32).tiny)
-    return vectors, known | glove.known
+    return vectors, is_known | glove.known

@@ -166,11 +166,11 @@ class OutsideEvidenceFinder:
             UnknownEntityError: for a label or id that the graph lacks.
         """
         id_of = self._opened.graph.id_of
-        one = id_of(head)
-        other = id_of(tail)
+        head_id = id_of(head)
+        tail_id = id_of(tail)
         if relation == RELATIONS[COMBINES_WITH]:
-            return self._find((one, other, None))
-        return self._find((one, None, other))
+            return self._find((head_id, tail_id, None))
+        return self._find((head_id, None, tail_id))
 
     def _find(self, slots: _Slots) -> tuple[OutsideEvidence, ...]:
         by_source = [source(slots) for source in self._sources]
@@ -215,11 +215,11 @@ class OutsideEvidenceFinder:
             spec,
             self._opened,
             keep_train=self._settings.kg == "none",
-            without=[open_graph(further).graph for further in self._settings.without],
+            without=[open_graph(book_name).graph for book_name in self._settings.without],
         )
         self._check(book.source.sha256)
         pairs = book.recipes[:, :2]
-        made = book.recipes[:, 2]
+        results = book.recipes[:, 2]
 
         def find(slots: _Slots) -> list[OutsideEvidence]:
             a, b, result = slots
@@ -229,7 +229,7 @@ class OutsideEvidenceFinder:
                 # Ingredients of a book's recipes are sorted.
                 uses_both = (pairs == sorted((a, b))).all(1)
             # An ingredient with the result says more than both ingredients with another result.
-            strength = 2 * (uses_any & (made == result)) + uses_both
+            strength = 2 * (uses_any & (results == result)) + uses_both
             order = np.argsort(-strength, kind="stable")[: np.count_nonzero(strength)]
             texts = []
             for row in book.recipes[order[:LIMIT]].tolist():

@@ -1,4 +1,7 @@
-"""JSON records in a recipe scorer's model folder."""
+"""JSON records in a recipe scorer's model folder.
+
+The page docs/architecture.md, *On disk*, lists the files of a model folder.
+"""
 
 from collections.abc import Sequence
 
@@ -82,8 +85,8 @@ def recipes_history(files: RunFiles) -> History:
         **fitting_facts(metrics),
         "settings": ", ".join(settings),
     }
-    made = made_by_other_books(metrics.outside)
-    return History(config, facts, metrics, made_by_other_books=made)
+    labels = made_by_other_books(metrics.outside)
+    return History(config, facts, metrics, made_by_other_books=labels)
 
 
 def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | None:
@@ -92,7 +95,7 @@ def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | No
     None without a book, or if the record of one does not say.
     """
     books = [source for source in sources if source.kind == "book"]
-    made = [frozenset(book.makes) for book in books if book.makes is not None]
+    labels_of_books = [frozenset(book.makes) for book in books if book.makes is not None]
     # A record from before the field `makes`: any label may be made.
-    is_complete = len(made) == len(books)
-    return frozenset().union(*made) if made and is_complete else None
+    is_complete = len(labels_of_books) == len(books)
+    return frozenset().union(*labels_of_books) if labels_of_books and is_complete else None

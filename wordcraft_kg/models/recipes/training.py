@@ -2,6 +2,8 @@
 
 One is fitted on all train recipes, and for cross-fitting one without each fold in turn. Fits run in
 parallel if there are enough CPU cores. A resumed run makes only fits that were not finished.
+
+The page docs/explanation/recipe-scorer.md has the formulas of what is fitted.
 """
 
 import time
@@ -340,12 +342,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         dim = self.features.vectors.shape[1]
         num_recipes = len(self.folds.recipes())
         self.has_encoder = settings.has_encoder(num_recipes)
-        of_others = sum(len(book.recipes) for book in self.outside.books)
-        self.has_encoder_of_others = settings.has_encoder_of_others(of_others)
+        num_other_recipes = sum(len(book.recipes) for book in self.outside.books)
+        self.has_encoder_of_others = settings.has_encoder_of_others(num_other_recipes)
         if self.has_encoder_of_others:
             # The largest vocabulary that its fit may have: that of all books.
             labels = graph.num_entities + sum(len(book.labels) for book in self.outside.books)
-            fitting_workers(labels, of_others, dim, most=1, encoders=1)
+            fitting_workers(labels, num_other_recipes, dim, most=1, encoders=1)
         encoders = 0
         # Also where no encoder uses it: a wrong name is noticed before the book grows.
         check_device(settings.device)
@@ -366,7 +368,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         settings = self.config.settings
         inputs = {"features": self.features.sha256, **self._outside_hashes()}
         # The inputs are in the run's record: a resumed run compares those that files may change.
-        inputs |= {f"without {other.name}": other.hash for other in self.without}
+        inputs |= {f"without {book.name}": book.hash for book in self.without}
         if settings.kg == "partial":
             inputs["folds"] = self.folds.hash
         if is_subsample(settings.train_fraction, settings.label_noise):
@@ -405,10 +407,10 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                     )
             run.resume(self.config)
         began = time.perf_counter()
-        kept = _kept(run.path)
-        self._fit_all(run, report, kept)
+        fits = _kept(run.path)
+        self._fit_all(run, report, fits)
         with _threads(settings.threads):
-            return self._finish(run, kept, time.perf_counter() - began)
+            return self._finish(run, fits, time.perf_counter() - began)
 
     def _fit_all(
         self,
@@ -422,7 +424,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         every = self._every()
         # A resumed run makes only the fits that are missing.
         saved = set(kept.records())
-        wanted = [left_out for fit, left_out in enumerate(every) if fit not in saved]
+        missing = [left_out for fit, left_out in enumerate(every) if fit not in saved]
         total = self._steps(every)
         steps = 0
 
@@ -437,16 +439,16 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         try:
             with _threads(settings.threads):
                 words = Words.of(self.features)
-                encoders = self._encoders(run, words, wanted, after)
-                for left_out, knowledge in self._fitted(words, wanted, encoders, after):
+                encoders = self._encoders(run, words, missing, after)
+                for left_out, knowledge in self._fitted(words, missing, encoders, after):
                     tensors = dict(knowledge.constants())
                     if left_out:
                         # The main model has the words for all folds.
                         for name in RecipeScorer.shared:
                             tensors.pop(name, None)
                     trained_on = triples_hash(folds.triples(left_out))
-                    done = FitDone(trained_on=trained_on)
-                    kept.save(every.index(left_out), tensors, done)
+                    progress = FitDone(trained_on=trained_on)
+                    kept.save(every.index(left_out), tensors, progress)
         except KeyboardInterrupt:
             raise self._interrupted(run, len(kept.records()), len(every)) from None
         if report:
@@ -478,24 +480,24 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             wanted: folds to leave out, () for none.
             after: called after each encoder.
         """
-        needed: list[LeftOut] = []
+        left_outs: list[LeftOut] = []
         numbers: dict[LeftOut, int] = {(): 0}
         if self.has_encoder_of_others:
-            needed = [()]
+            left_outs = [()]
         elif self.has_encoder:
-            needed = encoders_of(self.folds, wanted)
+            left_outs = encoders_of(self.folds, wanted)
             every = encoders_of(self.folds, self._every())
             numbers = {left_out: number for number, left_out in enumerate(every)}
-        kept = _kept_encoders(run.path)
-        saved = kept.records()
+        checkpoints = _kept_encoders(run.path)
+        saved = checkpoints.records()
         encoders = {
-            left_out: PairEncoder(**kept.read(numbers[left_out]).tensors)
-            for left_out in needed
+            left_out: PairEncoder(**checkpoints.read(numbers[left_out]).tensors)
+            for left_out in left_outs
             if numbers[left_out] in saved
         }
-        missing = [left_out for left_out in needed if left_out not in encoders]
+        missing = [left_out for left_out in left_outs if left_out not in encoders]
         for left_out, encoder, recipes in self._new_encoders(run, words, missing):
-            kept.save(numbers[left_out], encoder._asdict(), FitDone(trained_on=recipes))
+            checkpoints.save(numbers[left_out], encoder._asdict(), FitDone(trained_on=recipes))
             encoders[left_out] = encoder
             after()
         return encoders[()] if self.has_encoder_of_others else encoders
@@ -575,10 +577,10 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     def _interrupted(self, run: RunFolder[FitDone], saved: int, number: int) -> KeyboardInterrupt:
         """Return the exception that ends a run: ``saved`` of ``number`` fits are saved."""
         encoders = len(_kept_encoders(run.path).records())
-        more = f", and {encoders} pair encoders" if encoders else ""
+        encoder_words = f", and {encoders} pair encoders" if encoders else ""
         return KeyboardInterrupt(
-            f"interrupted; {saved} of {number} fits are saved in '{run.path}'{more}. Repeat the "
-            "command to make the rest."
+            f"interrupted; {saved} of {number} fits are saved in '{run.path}'{encoder_words}. "
+            "Repeat the command to make the rest."
         )
 
     def _finish(
@@ -603,11 +605,11 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 fit = kept.read(fold + 1)
                 return fit.progress.trained_on, shared | fit.tensors
 
-            whole = RecipeScorer(tensors, graph.entities, graph.hash)
+            main = RecipeScorer(tensors, graph.entities, graph.hash)
             record = write_folds(
                 run.path,
                 folds,
-                whole,
+                main,
                 RecipeScorer.kind,
                 part,
                 workers=self.workers,
@@ -645,13 +647,15 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
     """
     sample = describe_train_sample(metrics.train_fraction, metrics.label_noise)
     # The most special setting is described last, and stays.
-    seen = f"{sample or 'the train recipes'} only."
+    training_data = f"{sample or 'the train recipes'} only."
     if metrics.kg == "full":
-        seen = "all recipes, test recipes included: the scores show memory, not prediction."
+        training_data = (
+            "all recipes, test recipes included: the scores show memory, not prediction."
+        )
     if without:
-        seen = f"recipes that are not in {', '.join(without)}."
+        training_data = f"recipes that are not in {', '.join(without)}."
     if metrics.kg == "none":
-        seen = "outside knowledge only: this book's recipes are unseen."
+        training_data = "outside knowledge only: this book's recipes are unseen."
     points = ["", *(f"{name}: {text}" for name, text in fitting_facts(metrics).items())]
     # Any recipe serves as an example that runs.
     a, b, result = opened.graph.recipe_labels()[0]
@@ -659,7 +663,7 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
         opened,
         f"A recipe scorer of the {metrics.kg} knowledge graph of {opened.graph.name}",
         "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations "
-        f"`combinesWith` and `componentOf`. Fitted on {seen}",
+        f"`combinesWith` and `componentOf`. Fitted on {training_data}",
         points,
         "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
         "on unseen triples, run\n`wordcraft-kg evaluate-links`.",

@@ -1,4 +1,7 @@
-"""Baseline scorers without learning: facts, counts, neighbours and votes."""
+"""Baseline scorers without learning: facts, counts, neighbours and votes.
+
+The page docs/evidence/baselines.md measures them.
+"""
 
 from functools import cached_property
 from typing import Any
@@ -180,12 +183,12 @@ class VoteScorer(Scorer):
         """
         super().__init__(graph.entities, graph.hash, **kwargs)
         self.unseen = unseen
-        one, other, result = recipes.T
+        ingredients_a, ingredients_b, result = recipes.T
         size = graph.num_entities
         # A recipe with twice the same ingredient is one vote.
-        of_one = one * size + result
-        of_other = other * size + result
-        votes = np.concatenate([of_one, of_other[one != other]])
+        keys_a = ingredients_a * size + result
+        keys_b = ingredients_b * size + result
+        votes = np.concatenate([keys_a, keys_b[ingredients_a != ingredients_b]])
         keys, counts = np.unique(votes, return_counts=True)
         # The last key is larger than all vote keys, so searches always end at a key.
         keys = np.append(keys, np.iinfo(np.int64).max)
@@ -204,9 +207,9 @@ class VoteScorer(Scorer):
         Raises:
             UnknownEntityError: for a label or id that the scorer does not know.
         """
-        one = self.entity_ids(ingredients)
-        made = self.entity_ids(results)
-        keys = one * len(self.entities) + made
+        ingredient_ids = self.entity_ids(ingredients)
+        result_ids = self.entity_ids(results)
+        keys = ingredient_ids * len(self.entities) + result_ids
         rows = torch.searchsorted(self._keys, keys)
         is_known = self._keys[rows] == keys
         return torch.where(is_known, self._counts[rows], 0.0)
@@ -252,13 +255,13 @@ class VoteScorer(Scorer):
         dense = torch.full((size, size), self.unseen, dtype=torch.float64, device=self.device)
         cells = self._keys[:-1]
         dense.view(-1)[cells] += self._counts[:-1]
-        made = self._made + 1
-        weighted = dense / made
+        recipe_counts = self._made + 1
+        weighted = dense / recipe_counts
         # Self pairs have eps as their second factor, so they are summed apart from the product.
         pairs = (dense @ weighted.T).fill_diagonal_(0)
         itself = self.unseen * weighted.sum(1)
-        of_itself = (itself * self.unseen)[:, None] / made
-        partners = pairs @ weighted + of_itself
+        self_partners = (itself * self.unseen)[:, None] / recipe_counts
+        partners = pairs @ weighted + self_partners
         all_pairs = pairs + torch.diag(itself)
         components = dense * partners
         tables = torch.empty(len(RELATIONS), size, size, device=self.device)

@@ -39,9 +39,9 @@ def check_table(what: str, num_entities: int) -> None:
         ConfigError: if the table would take more than :data:`TABLE_LIMIT` bytes.
     """
     if not has_table(num_entities):
-        needed = table_bytes(num_entities)
+        num_bytes = table_bytes(num_entities)
         raise ConfigError(
-            f"{what} needs a score table for {num_entities:,} entities, {needed / 2**30:,.1f} "
+            f"{what} needs a score table for {num_entities:,} entities, {num_bytes / 2**30:,.1f} "
             f"GiB; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Use a smaller graph."
         )
 
@@ -80,13 +80,13 @@ def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> 
         dim: length of a word vector.
         workers: sets of lists, and fits, that are made at once.
     """
-    of_words = 4 * dim
-    made = num_entities * (_BY_ENTITY + of_words)
-    made += num_recipes * _BY_RECIPE
+    vector_bytes = 4 * dim
+    unfinished = num_entities * (_BY_ENTITY + vector_bytes)
+    unfinished += num_recipes * _BY_RECIPE
     # One more set than workers: that of the scorer which is being saved.
-    finished = num_entities * (_FINISHED_BY_ENTITY + of_words)
+    finished = num_entities * (_FINISHED_BY_ENTITY + vector_bytes)
     finished += num_recipes * _FINISHED_BY_RECIPE
-    return _PROGRAM + workers * (made + _EXAMPLES) + finished
+    return _PROGRAM + workers * (unfinished + _EXAMPLES) + finished
 
 
 def encoder_bytes(num_entities: int, dim: int, workers: int, encoders: int) -> int:
@@ -129,14 +129,14 @@ def fitting_workers(
     """
     available = memory()
     for workers in range(most, 0, -1):
-        needed = lists_bytes(num_entities, num_recipes, dim, workers)
+        num_bytes = lists_bytes(num_entities, num_recipes, dim, workers)
         if encoders:
-            needed += encoder_bytes(num_entities, dim, workers, encoders)
-        if needed <= available:
+            num_bytes += encoder_bytes(num_entities, dim, workers, encoders)
+        if num_bytes <= available:
             return workers
     without_encoder = ", or `encoder` off" if encoders else ""
     raise ConfigError(
         f"a recipe scorer of {num_entities:,} entities and {num_recipes:,} recipes takes about "
-        f"{needed / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter "
+        f"{num_bytes / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter "
         f"word vectors, or a smaller graph{without_encoder}."
     )

@@ -7,6 +7,8 @@ fold's model is to the fold's recipes what the main model is to the test recipes
 
 :func:`models_of_tasks` is the only place that assigns models to tasks, and refuses leaks.
 
+The page docs/explanation/cross-fitting.md explains why, and shows what it costs to leave it out.
+
 Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov
 et al. 2018.
 """
@@ -237,11 +239,11 @@ class CrossFitted(Scorer):
         pairs = self.entity_ids(ingredients), self.entity_ids(others)
         a, b = torch.broadcast_tensors(*pairs)
         ids, scores = self.whole.candidate_results(a.reshape(-1), b.reshape(-1))
-        of_candidates = torch.softmax(scores / temperature, dim=-1)
+        candidate_probabilities = torch.softmax(scores / temperature, dim=-1)
         size = len(self.entities)
         # The id E, of missing candidates, has a column of its own, which is dropped.
         every = torch.zeros(len(ids), size + 1, device=ids.device)
-        every.scatter_(1, ids, of_candidates)
+        every.scatter_(1, ids, candidate_probabilities)
         # Of held-out pairs, this share has its result among the candidates.
         covered = probabilities.covered if probabilities else msgspec.UNSET
         share = 1.0 if covered is msgspec.UNSET else covered
@@ -348,7 +350,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
     # The same folds as in trainings of link predictors, whose models can then be compared.
     cut = make_folds(split, folds)
     triples_of_folds = [cut.triples([fold]) for fold in range(folds)]
-    of_folds = [
+    fold_records = [
         Fold(
             trained_on=triples_hash(triples),
             triples=len(triples),
@@ -362,7 +364,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         make(cut.recipes()),
         [partial(make, cut.recipes([fold])) for fold in range(folds)],
         cut.of_recipe.copy(),
-        FoldsRecord(seed=cut.seed, hash=cut.hash, folds=tuple(of_folds)),
+        FoldsRecord(seed=cut.seed, hash=cut.hash, folds=tuple(fold_records)),
     )
 
 
@@ -418,13 +420,13 @@ def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
         LeakError: if a model has seen all recipes of a plan.
         GraphMismatchError: if the folds belong to another split.
     """
-    seen = seen_by_models(of_recipe)
-    empty = len(seen) - 1
+    is_trained_on = seen_by_models(of_recipe)
+    empty = len(is_trained_on) - 1
     fold = fold_of_tasks(of_recipe, tasks)
     models = np.select([fold == OUTSIDE, fold == SEVERAL], [0, empty], 1 + fold)
     # Checked again for each plan, independently of the rule above: a leak would be invisible later.
     for task, plans in enumerate(tasks.plans):
-        seen_by_model = seen[models[task]]
+        seen_by_model = is_trained_on[models[task]]
         for plan in plans:
             if seen_by_model[list(plan)].all():
                 raise LeakError(

@@ -1,6 +1,8 @@
 """Scorers for storage: score tables, and ComplEx embeddings for graphs too large for a table.
 
 A table serves any link predictor: all triples are scored once and then looked up.
+
+The page docs/link-prediction.md describes ComplEx to users; Eq. 1 of the paper is its formula.
 """
 
 from collections.abc import Mapping, Sequence
@@ -132,22 +134,22 @@ class ComplExScorer(StoredScorer):
         # (B, E, d) tensor.
         is_grid, is_turned = grids(heads, relations, tails)
         if is_grid:
-            of_heads = self.entity[heads[:, 0]]
-            known = of_heads * self.relation[relations.reshape(-1)]
-            return real_dot(known, self.entity[tails[0]])
+            head_vectors = self.entity[heads[:, 0]]
+            queries = head_vectors * self.relation[relations.reshape(-1)]
+            return real_dot(queries, self.entity[tails[0]])
         if is_turned:
             # The conjugate has the same real part: Re(h r conj(t)) = Re(conj(r) t conj(h)).
             turned = self.relation[relations.reshape(-1)].conj()
-            known = turned * self.entity[tails[:, 0]]
-            return real_dot(known, self.entity[heads[0]])
-        known = self.entity[heads] * self.relation[relations]
-        products = known * self.entity[tails].conj()
+            queries = turned * self.entity[tails[:, 0]]
+            return real_dot(queries, self.entity[heads[0]])
+        queries = self.entity[heads] * self.relation[relations]
+        products = queries * self.entity[tails].conj()
         return products.real.sum(dim=-1)
 
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
         # Re(x conj(y)) is the dot product of (real, imaginary) parts, here shape (E, 2 d).
-        known = self.entity * self.relation[self.relation_ids(relation)]
-        left = torch.view_as_real(known)
+        queries = self.entity * self.relation[self.relation_ids(relation)]
+        left = torch.view_as_real(queries)
         right = torch.view_as_real(self.entity)
         return left.flatten(1), right.flatten(1)
 

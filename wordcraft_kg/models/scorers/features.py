@@ -2,6 +2,8 @@
 
 Files of vectors come from anywhere: every number is checked, nothing is unpickled, and errors name
 the line.
+
+The page docs/outside-knowledge.md lists the sources of vectors under *Better words*.
 """
 
 import hashlib
@@ -230,25 +232,27 @@ def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFe
 
 
 def _one_hot(size: int) -> EntityFeatures:
-    needed = 4 * size**2
-    if needed > ONE_HOT_LIMIT:
+    num_bytes = 4 * size**2
+    if num_bytes > ONE_HOT_LIMIT:
         raise ConfigError(
-            f"one-hot features for {size:,} entities take {needed:,} bytes; expected at "
+            f"one-hot features for {size:,} entities take {num_bytes:,} bytes; expected at "
             f"most {ONE_HOT_LIMIT:,}. Use 'random', which separates entities in "
             f"{_RANDOM_DIMENSIONS} dimensions."
         )
-    known = np.ones(size, dtype=bool)
-    return EntityFeatures("one-hot", np.eye(size, dtype=np.float32), known, (), (), is_one_hot=True)
+    is_known = np.ones(size, dtype=bool)
+    return EntityFeatures(
+        "one-hot", np.eye(size, dtype=np.float32), is_known, (), (), is_one_hot=True
+    )
 
 
 def _random(size: int, seed: int) -> EntityFeatures:
     # The standard deviation of a Laplace distribution is sqrt(2) times its scale.
     scale = _RANDOM_STD / np.sqrt(2)
     rng = np.random.default_rng(seed)
-    drawn = rng.laplace(0, scale, (size, _RANDOM_DIMENSIONS))
+    noise = rng.laplace(0, scale, (size, _RANDOM_DIMENSIONS))
     source = f"random (Laplace), {_RANDOM_DIMENSIONS}-d, seed {seed}"
-    known = np.ones(size, dtype=bool)
-    return EntityFeatures(source, drawn.astype(np.float32), known, (), ())
+    is_known = np.ones(size, dtype=bool)
+    return EntityFeatures(source, noise.astype(np.float32), is_known, (), ())
 
 
 def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
@@ -274,9 +278,9 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
     if not missing or (missing < size and is_allowed):
         return
     words = ", ".join(features.missing_words[:_LISTED])
-    more = len(features.missing_words) - _LISTED
-    if more > 0:
-        words += f" and {more:,} more"
+    num_further = len(features.missing_words) - _LISTED
+    if num_further > 0:
+        words += f" and {num_further:,} more"
     split = f" ({_SPLIT})"
     if spec == "minilm" or os.path.isdir(spec):
         split = ""  # vectors of whole labels
@@ -346,26 +350,26 @@ def _of_labels(
 
     dimensions = by_word.vectors.shape[1]
     vectors = np.zeros((len(labels), dimensions), dtype=np.float32)
-    known = np.zeros(len(labels), dtype=bool)
+    is_known = np.zeros(len(labels), dtype=bool)
     words: set[str] = set()
     missing: set[str] = set()
     for i, label in enumerate(labels):
         parts = words_of(label)
         words.update(part.lower() for part in parts)
-        taken = look_up(label)
-        if not taken:
+        vector_rows = look_up(label)
+        if not vector_rows:
             for part in parts if pooling else [label]:
                 row_of_part = look_up(part)
-                taken += row_of_part
+                vector_rows += row_of_part
                 if not row_of_part:
                     missing.add(part.lower())
-        if taken:
-            vectors[i] = _POOLINGS[pooling or "mean"](by_word.vectors[taken], axis=0)
-            known[i] = True
+        if vector_rows:
+            vectors[i] = _POOLINGS[pooling or "mean"](by_word.vectors[vector_rows], axis=0)
+            is_known[i] = True
     source = f"{source}, {dimensions}-d"
     if pooling:
         source += f", {pooling} of words"
-    return EntityFeatures(source, vectors, known, tuple(sorted(words)), tuple(sorted(missing)))
+    return EntityFeatures(source, vectors, is_known, tuple(sorted(words)), tuple(sorted(missing)))
 
 
 # --- built in -------------------------------------------------------------------------------------
@@ -394,9 +398,9 @@ def _glove_rows(words: tuple[str, ...]) -> NDArray[np.int64]:
                 if word in rows:
                     rows[word] = row
             first += len(batch)
-    found = np.array([rows[word] for word in words], dtype=np.int64)
-    found.flags.writeable = False
-    return found
+    row_of_word = np.array([rows[word] for word in words], dtype=np.int64)
+    row_of_word.flags.writeable = False
+    return row_of_word
 
 
 # --- from a file ----------------------------------------------------------------------------------
@@ -419,13 +423,13 @@ def _from_file(
     source: str = "",
 ) -> EntityFeatures:
     """Read vectors of labels and their words from a text file, or from an array with labels."""
-    wanted: set[str] = set()
+    spellings: set[str] = set()
     for label in labels:
         for text in _candidates(label):
-            wanted.update(_spellings(text))
-    read = _read_array if path.suffix.lower() == ".npy" else _parse
+            spellings.update(_spellings(text))
+    reader = _read_array if path.suffix.lower() == ".npy" else _parse
     try:
-        vectors = read(path, wanted)
+        vectors = reader(path, spellings)
     except OSError as error:
         raise ConfigError(
             f"{path} cannot be read: {error}. Download the file again, or use another file."
@@ -480,9 +484,9 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
 def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:
     """Divide a line into its word, which may contain blanks, and ``dimensions`` numbers."""
     text, *values = line.rsplit(None, dimensions)
-    _, *rest = text.split() or [b""]
+    _, *words_before = text.split() or [b""]
     # A number before the vector is one too many, but a whole number belongs to the word: route 66.
-    last = rest[-1] if rest else b""
+    last = words_before[-1] if words_before else b""
     has_another = _is_number(last) and not last.isdigit()
     if len(values) < dimensions or has_another:
         # Binary vectors look like lines with a wrong length; the error about UTF-8 is clearer.

@@ -3,6 +3,8 @@
 A folder is data, not code: tensors are read by safetensors, records by their types, and both are
 checked before a scorer is made, so a damaged or forged folder is an error instead of a wrong
 answer.
+
+The page docs/architecture.md, *On disk*, lists the files.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -192,15 +194,17 @@ def _cross_fitted(
         raise ArtefactError(
             f"{path} has no assignment from recipes to folds. Train again, or restore a copy."
         )
-    of_recipe = tensors[OF_RECIPE]
+    fold_of_recipe = tensors[OF_RECIPE]
     # A recipe of a fold without a model would be scored by another fold's, or by none.
-    if of_recipe.is_floating_point() or (of_recipe >= record.count).any():
+    if fold_of_recipe.is_floating_point() or (fold_of_recipe >= record.count).any():
         raise ArtefactError(
             f"{path} assigns recipes to other folds than the {record.count} of {FOLDS_RECORD}. "
             "Train again, or restore a copy."
         )
     results = tensors.get(TRAIN_RESULTS)
-    if results is not None and (results.shape != of_recipe.shape or results.is_floating_point()):
+    if results is not None and (
+        results.shape != fold_of_recipe.shape or results.is_floating_point()
+    ):
         raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")
     probabilities = None
     if CALIBRATION in files.run.outputs:
@@ -208,7 +212,7 @@ def _cross_fitted(
     return CrossFitted(
         scorer,
         makers,
-        of_recipe.numpy(),
+        fold_of_recipe.numpy(),
         record,
         probabilities,
         train_results=None if results is None else results.numpy(),
@@ -327,13 +331,13 @@ def write_folds(
     if folds.is_subsample:
         tensors[TRAIN_RESULTS] = torch.from_numpy(folds.train_sample.results.copy())
     # Filtered by all train triples: test recipes must not leak into a model folder.
-    known = folds.triples()
+    train_triples = folds.triples()
 
     def asked(number: int) -> Ids:
         seen = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
-        own = recipe_triples(folds.recipes_of(number))
-        new = own[~is_in(own, seen, graph.num_entities)]
+        fold_triples = recipe_triples(folds.recipes_of(number))
+        new = fold_triples[~is_in(fold_triples, seen, graph.num_entities)]
         affordable = max(50, FOLD_SCORES // graph.num_entities)
         return sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))
 
@@ -342,11 +346,11 @@ def write_folds(
     def evaluated(number: int) -> tuple[str, Tensors, float | None, HeldOut]:
         trained_on, own_tensors = part(number)
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
-        mrr = _mrr(left_out, queries[number], known)
+        mrr = _mrr(left_out, queries[number], train_triples)
         return trained_on, own_tensors, mrr, score_fold(left_out, folds, number)
 
     def in_sample() -> list[float | None]:
-        return [_mrr(whole, of_fold, known) for of_fold in queries]
+        return [_mrr(whole, fold_queries, train_triples) for fold_queries in queries]
 
     records = []
     predicted = []
@@ -354,7 +358,7 @@ def write_folds(
     pool = ThreadPoolExecutor(workers)
     try:
         # In one thread: what the whole model keeps, such as its lists, is made once.
-        of_whole = pool.submit(in_sample)
+        in_sample_mrrs = pool.submit(in_sample)
         evaluations = pool.map(evaluated, range(folds.count))
         for number, (trained_on, own_tensors, mrr, seen) in enumerate(evaluations):
             tensors |= {
@@ -367,7 +371,7 @@ def write_folds(
                 triples=len(folds.triples([number])),
                 queries=2 * len(queries[number]),
                 mrr=mrr,
-                in_sample_mrr=of_whole.result()[number],
+                in_sample_mrr=in_sample_mrrs.result()[number],
             )
             records.append(fold)
             predicted.append(seen)

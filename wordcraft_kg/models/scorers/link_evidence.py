@@ -8,6 +8,8 @@ Links (h', r, t) with a head similar to h, and links (h, r, t') with a tail simi
 over the training links, with cosines from :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`,
 0 where they are negative. So evidence needs nothing but scores.
 
+The page docs/link-prediction.md shows it under *Supporting evidence*.
+
 Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest
 neighbors"; Hanawa et al. 2021, "Evaluation of similarity-based explanations"), restricted to links
 that share the head or the tail.
@@ -124,12 +126,12 @@ class LinkEvidence:
         for side in sides:
             # The entity of this side is replaced by others, and the opposite end stays.
             entity, end = (head, tail) if side == "head" else (tail, head)
-            others = self.ends(end, relation, side)
-            others = others[others != entity]
-            triples.append(_links(others, relation, end, side))
+            neighbours = self.ends(end, relation, side)
+            neighbours = neighbours[neighbours != entity]
+            triples.append(_links(neighbours, relation, end, side))
             as_head, as_tail = self.roles.units[relation]
             units = as_head if side == "head" else as_tail
-            cosines = units[others] @ units[entity]
+            cosines = units[neighbours] @ units[entity]
             # Rounding can lift the cosine of equal vectors above 1.
             positive = cosines.astype(np.float64).clip(0, 1)
             weights.append(positive**POWER)
@@ -175,7 +177,7 @@ class LinkEvidence:
             weight = float(weights[row])
             if weight > 0:
                 h, _, t = triples[row].tolist()
-                recipes, more = self._listed(h, relation, t)
+                recipes, num_further = self._listed(h, relation, t)
                 witness = LinkWitness(
                     head=self.entities[h],
                     relation=RELATIONS[relation],
@@ -184,11 +186,11 @@ class LinkEvidence:
                     # A single witness can exceed the rounded sum.
                     share=min(weight / total, 1.0),
                     recipes=recipes,
-                    more=more,
+                    more=num_further,
                 )
                 witnesses.append(witness)
-        learned_from, more = self._listed(head, relation, tail)
-        return LinkReason(learned_from, more, total, tuple(witnesses))
+        learned_from, num_further = self._listed(head, relation, tail)
+        return LinkReason(learned_from, num_further, total, tuple(witnesses))
 
     def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
         """Return the training recipes with a link.

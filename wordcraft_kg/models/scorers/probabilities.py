@@ -321,7 +321,7 @@ class Probabilities(Record, frozen=True, kw_only=True):
             # There are only E self pairs, too few for a slope in each segment.
             # By pairs of different entities and self pairs.
             num_slopes = (len(SEGMENTS) + 1, 1)
-            of_kinds = [
+            kind_curves = [
                 fit_curve(
                     positives[:, relation, kind], unlabelled[:, relation, kind], share, number
                 )
@@ -332,8 +332,8 @@ class Probabilities(Record, frozen=True, kw_only=True):
                     known_share=share,
                     scores=scores,
                     rank_log_odds=log_odds,
-                    distinct=of_kinds[0],
-                    itself=of_kinds[1],
+                    distinct=kind_curves[0],
+                    itself=kind_curves[1],
                 )
             )
         histograms = [part.recipes for part in held_out if part.recipes is not None]
@@ -403,10 +403,10 @@ def score_fold(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) 
         scores = _scores(scorer, cells)
         is_self = cells[:, 0] == cells[:, 2]
         ranked = scores[~is_self]
-        of_relation = held_out[held_out[:, 1] == relation]
-        sample = sampled(of_relation, MOST_OF_FOLD, seed)
+        fold_triples = held_out[held_out[:, 1] == relation]
+        sample = sampled(fold_triples, MOST_OF_FOLD, seed)
         # In a large book, each sampled triple stands for several.
-        weight = len(of_relation) / max(len(sample), 1)
+        weight = len(fold_triples) / max(len(sample), 1)
         for counts, rows, values, weight_of_row in (
             (positives, sample, _scores(scorer, sample), np.full(len(sample), weight)),
             (unlabelled, cells, scores, weights),
@@ -435,7 +435,7 @@ def known_share(folds: Folds, relation: int) -> float:
     count = folds.count
     is_train = folds.seen()
     outside = float(np.sum(~is_train))
-    of_fold = float(np.sum(is_train)) / count
+    fold_size = float(np.sum(is_train)) / count
 
     def new(fold: int, *further: int) -> float:
         """Count the fold's triples that are new to a model without it and ``further`` folds."""
@@ -456,7 +456,7 @@ def known_share(folds: Folds, relation: int) -> float:
         # From one fold left out to none.
         growth = count / (count - 1)
         falling = growth**-power
-    return 1 / (1 + outside / of_fold * falling)
+    return 1 / (1 + outside / fold_size * falling)
 
 
 def recipe_histogram(scorer: RecipeScores, folds: Folds, fold: int, *, seed: int = 0) -> _Floats:
@@ -485,23 +485,23 @@ def recipe_histogram(scorer: RecipeScores, folds: Folds, fold: int, *, seed: int
         return kinds.cpu().numpy(), NATS.numbers(scores.cpu().numpy())
 
     with torch.no_grad():
-        of_fold = folds.recipes_of(fold)
-        sample = sampled(of_fold, MOST_OF_FOLD, seed)
+        fold_recipes = folds.recipes_of(fold)
+        sample = sampled(fold_recipes, MOST_OF_FOLD, seed)
         recipes = torch.from_numpy(sample.copy())
         # A recipe is a table of two slots, and its only pair that counts is slot 0 with slot 1.
         only_pair = (torch.tensor([0]), torch.tensor([1]))
         cells = cells_of(recipes[:, 2], recipes[:, :2], only_pair)
         # Unlike `counts[cells] += 1`, `add.at` counts a cell each time it occurs. In a large book,
         # each sampled recipe stands for several.
-        np.add.at(counts[:, 1], cells, len(of_fold) / max(len(sample), 1))
+        np.add.at(counts[:, 1], cells, len(fold_recipes) / max(len(sample), 1))
 
         num_slots = min(_SLOTS, size)
         num_tables = max(SAMPLED // size, _FEWEST_TABLES)
         rng = np.random.default_rng([seed, fold])
         goals = torch.arange(size)
-        most = SAMPLED // _FEWEST_TABLES
-        if size > most:
-            goals = torch.from_numpy(rng.permutation(size)[:most])
+        max_goals = SAMPLED // _FEWEST_TABLES
+        if size > max_goals:
+            goals = torch.from_numpy(rng.permutation(size)[:max_goals])
         weights = _pair_weights(num_slots, size, num_tables * len(goals) / size)
         for _ in range(num_tables):
             slots = torch.from_numpy(rng.permutation(size)[:num_slots])
@@ -531,9 +531,9 @@ def _pair_weights(num_slots: int, size: int, tables: float) -> _Floats:
     # weight.
     is_self = (first == second).numpy()
     num_pairs = size * (size - 1) / 2
-    of_distinct = num_pairs / max((~is_self).sum() * tables, 1)
-    of_itself = size / (num_slots * tables)
-    return np.where(is_self, of_itself, of_distinct)
+    distinct_weight = num_pairs / max((~is_self).sum() * tables, 1)
+    self_weight = size / (num_slots * tables)
+    return np.where(is_self, self_weight, distinct_weight)
 
 
 def _candidates(
@@ -547,19 +547,19 @@ def _candidates(
     # Where a pair has a score for each entity, there are fewer pairs in larger graphs.
     number = _PROPOSED_PAIRS if scorer.proposes_results else max(_PAIRS // size, 1)
     rng = np.random.default_rng([seed, fold])
-    chosen = rng.permutation(len(pairs))[:number]
+    sample = rng.permutation(len(pairs))[:number]
     # Rows of the chosen pairs alone: those of all pairs would take a gigabyte in a large book.
     row_of_pair = np.full(len(pairs), -1)
-    row_of_pair[chosen] = np.arange(len(chosen))
+    row_of_pair[sample] = np.arange(len(sample))
     rows = row_of_pair[pair_of_recipe]
     is_chosen = rows >= 0
     # A number for each row and result, also for the id E of missing candidates.
     stride = size + 1
     right_codes = rows[is_chosen] * stride + recipes[is_chosen, 2]
-    a, b = torch.from_numpy(pairs[chosen].copy()).T
+    a, b = torch.from_numpy(pairs[sample].copy()).T
     with torch.no_grad():
         ids, scores = scorer.candidate_results(a, b)
-    codes = np.arange(len(chosen))[:, None] * stride + ids.cpu().numpy()
+    codes = np.arange(len(sample))[:, None] * stride + ids.cpu().numpy()
     return scores.cpu().numpy().astype(np.float64), np.isin(codes, right_codes)
 
 
@@ -602,9 +602,9 @@ def fit_sigmoid(
         log_unlabelled = np.logaddexp(log_false, log_missed + log_true)
         likelihood = positives * log_positive + unlabelled * log_unlabelled
         # Derivatives by the log-odds, in logarithms, so that no quotient is 0 / 0.
-        of_positives = positives * np.exp(log_false)
-        of_unlabelled = unlabelled * np.exp(log_positive + log_false - log_unlabelled)
-        error = of_unlabelled - of_positives
+        positive_error = positives * np.exp(log_false)
+        unlabelled_error = unlabelled * np.exp(log_positive + log_false - log_unlabelled)
+        error = unlabelled_error - positive_error
         gradient = np.append(error.sum(axis=1), error.sum(axis=0) @ inputs)
         penalty = _RIDGE / 2 * values @ values
         return float(penalty - likelihood.sum()), gradient + _RIDGE * values
@@ -649,9 +649,9 @@ def fit_curve(
         """Return α and all β_i of the folds in a mask (K,)."""
         # Together the folds are a single kind.
         labelled = positives[folds].sum(axis=0, keepdims=True)
-        rest = unlabelled[folds].sum(axis=0, keepdims=True)
-        start = [_base(labelled, rest, share)] + [0.1] * num_slopes
-        return fit_sigmoid(labelled, rest, inputs, start, share=share)
+        is_rest = unlabelled[folds].sum(axis=0, keepdims=True)
+        start = [_base(labelled, is_rest, share)] + [0.1] * num_slopes
+        return fit_sigmoid(labelled, is_rest, inputs, start, share=share)
 
     def log_likelihood(log_odds: _Floats | float, fold: int) -> float:
         """Return the log-likelihood of a fold's counts, in nats."""
@@ -671,10 +671,10 @@ def fit_curve(
     gain = 0.0
     every_fold = np.arange(len(positives))
     for fold in range(len(positives)):
-        rest = every_fold != fold
-        intercept, *slopes = fitted(rest)
+        is_rest = every_fold != fold
+        intercept, *slopes = fitted(is_rest)
         gain += log_likelihood(intercept + inputs @ np.array(slopes), fold)
-        gain -= log_likelihood(_base(positives[rest], unlabelled[rest], share), fold)
+        gain -= log_likelihood(_base(positives[is_rest], unlabelled[is_rest], share), fold)
     if gain < _MIN_GAIN:
         reason = (
             f"scores do not separate the {num_positives:,.0f} true triples of left-out folds from "
@@ -701,14 +701,14 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     # Few pairs make a given result, so the search starts at small probabilities.
     start = (-12.0,) * KINDS + (1.0,)
     fit = fit_sigmoid(counts[:, 1], counts[:, 0], NATS.centres[:, None], start)
-    new, made, slope = fit.tolist()
+    new_goal, known_goal, slope = fit.tolist()
     # The curve was fitted where a fold's recipes are unseen, seen / count of them on average. With
     # all folds, the recipes outside train are.
     is_seen = folds.seen()
     num_seen = max(int(is_seen.sum()), 1)
     num_unseen = max(int((~is_seen).sum()), 1)
     shift = math.log(num_unseen * folds.count / num_seen)
-    return RecipeCurve(intercepts=(new, made), slope=slope, shift=shift)
+    return RecipeCurve(intercepts=(new_goal, known_goal), slope=slope, shift=shift)
 
 
 def _covered(held_out: Sequence[HeldOut]) -> float | msgspec.UnsetType:
@@ -741,8 +741,8 @@ def _temperature(held_out: Sequence[HeldOut]) -> float | None:
     def loss(log_temperature: float) -> float:
         scaled = scores * math.exp(-log_temperature)
         # A pair may have several results: the probability that one of them is drawn.
-        of_right = logsumexp(np.where(is_right, scaled, -np.inf), axis=1)
-        return float(np.mean(logsumexp(scaled, axis=1) - of_right))
+        right_mass = logsumexp(np.where(is_right, scaled, -np.inf), axis=1)
+        return float(np.mean(logsumexp(scaled, axis=1) - right_mass))
 
     best = minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded")
     return float(math.exp(best.x))
@@ -767,9 +767,9 @@ def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
     above = np.empty(scores.shape)
     above.flat[order] = count - (below + not_above) / 2
     # Half a pair away from 0 and 1, whose log-odds are infinite.
-    least = 0.5 / (count + 1)
+    lowest = 0.5 / (count + 1)
     share = (above + 0.5) / (count + 1)
-    rank = np.clip(share, least, 1 - least)
+    rank = np.clip(share, lowest, 1 - lowest)
     return np.asarray(np.log1p(-rank) - np.log(rank))
 
 
@@ -814,8 +814,8 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
         # Scores of an entity with many others cost little more than with one.
         entities = np.sort(rng.choice(size, _HEADS, replace=False))
         columns = rng.integers(size - 1, size=(_HEADS, MAX_CELLS // _HEADS))
-        drawn = entities[:, None] * (size - 1) + columns
-        number = distinct(drawn.ravel())
+        numbers = entities[:, None] * (size - 1) + columns
+        number = distinct(numbers.ravel())
     # Pair numbers count through a table without its diagonal, E - 1 columns wide.
     width = max(size - 1, 1)
     heads, column = np.divmod(number, width)
@@ -824,9 +824,9 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
     heads = np.concatenate([heads, entities])
     tails = np.concatenate([tails, entities])
     # A sampled pair, or self pair, stands for several ones.
-    of_pairs = np.full(len(number), num_pairs / max(len(number), 1))
-    of_entities = np.full(len(entities), size / max(len(entities), 1))
-    weights = np.concatenate([of_pairs, of_entities])
+    pair_weights = np.full(len(number), num_pairs / max(len(number), 1))
+    self_weights = np.full(len(entities), size / max(len(entities), 1))
+    weights = np.concatenate([pair_weights, self_weights])
     relations = np.full(len(heads), relation)
     return np.column_stack([heads, relations, tails]), weights
 

@@ -2,6 +2,8 @@
 
 Ranks are filtered (other known answers do not compete) and realistic (ties get the mean rank), as
 in Berrendorf et al. 2020, "On the ambiguity of rank-based evaluation".
+
+The page docs/link-prediction.md explains the metrics under *Read a report*.
 """
 
 from typing import Annotated
@@ -75,9 +77,9 @@ def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
     if len(triples) <= size:
         return triples
     rng = np.random.default_rng(seed)
-    chosen = rng.permutation(len(triples))[:size]
+    sample = rng.permutation(len(triples))[:size]
     # In the given order, so that a sample reads like its source.
-    return triples[np.sort(chosen)]
+    return triples[np.sort(sample)]
 
 
 def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
@@ -129,12 +131,12 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
         for start in steps(f"ranking {side}s", starts):
             batch = triples[start : start + block]
             keys = _query_keys(batch, fixed, num_entities)
-            left = np.searchsorted(known_keys, keys, "left")
+            starts_of_known = np.searchsorted(known_keys, keys, "left")
             right = np.searchsorted(known_keys, keys, "right")
             # Cells (row, column) of the score block that hold known answers.
-            num_known = right - left
+            num_known = right - starts_of_known
             rows = np.repeat(np.arange(len(batch)), num_known)
-            columns = answers[_ranges(left, right)]
+            columns = answers[_ranges(starts_of_known, right)]
             parts.append(_rank_batch(scorer, batch, side, rows, columns))
     if not parts:
         return pd.DataFrame(columns=["head", "relation", "tail", "side", "rank"])
@@ -174,25 +176,25 @@ def _rank_batch(
         )
     target = (tail if side == "tail" else head)[:, 0]
     index = torch.arange(len(batch))
-    own = scores[index, target]
+    true_scores = scores[index, target]
     # Shape (B, 1), to compare with each row.
-    true = own[:, None]
+    true = true_scores[:, None]
     # Below every score, so that a half-product is neither better than the answer nor equal to it.
     scores[:, halves] = -torch.inf
-    scores[index, target] = own
+    scores[index, target] = true_scores
     # Unfiltered; the true entity is equal to itself, so (1 + equal) / 2 counts it once.
     all_better = _count(scores > true)
     all_equal = _count(scores == true)
     raw = all_better + (1 + all_equal) / 2
     # The true entity is excluded as well, so only competitors are counted.
-    known = (torch.from_numpy(rows), torch.from_numpy(columns))
-    scores[known] = -torch.inf
+    known_cells = (torch.from_numpy(rows), torch.from_numpy(columns))
+    scores[known_cells] = -torch.inf
     scores[index, target] = -torch.inf
-    better = _count(scores > true)
+    num_better = _count(scores > true)
     equal = _count(scores == true)
     candidates = _count(scores > -torch.inf) + 1
     # The true entity competes again for the best candidate.
-    scores[index, target] = own
+    scores[index, target] = true_scores
     top = scores.max(dim=1).indices
     return pd.DataFrame(
         {
@@ -200,12 +202,12 @@ def _rank_batch(
             "relation": batch[:, 1],
             "tail": batch[:, 2],
             "side": side,
-            "rank": (better + 1 + equal / 2).numpy(),
-            "optimistic": (better + 1).numpy(),
-            "pessimistic": (better + equal + 1).numpy(),
+            "rank": (num_better + 1 + equal / 2).numpy(),
+            "optimistic": (num_better + 1).numpy(),
+            "pessimistic": (num_better + equal + 1).numpy(),
             "raw_rank": raw.numpy(),
             "candidates": candidates.numpy(),
-            "score": own.numpy(),
+            "score": true_scores.numpy(),
             "top": top.numpy(),
         }
     )
@@ -297,7 +299,7 @@ def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids
     # Each recipe gives four triples: combinesWith in both directions, and componentOf twice.
     combines = np.full(len(group), COMBINES_WITH)
     component = np.full(len(group), COMPONENT_OF)
-    given = np.concatenate(
+    triples_of_recipes = np.concatenate(
         [
             np.column_stack([a, combines, b]),
             np.column_stack([b, combines, a]),
@@ -305,12 +307,12 @@ def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids
             np.column_stack([b, component, result]),
         ]
     )
-    keys = triple_keys(given, graph.num_entities)
+    keys = triple_keys(triples_of_recipes, graph.num_entities)
     groups = np.tile(group, 4)
     # Sorted by triple and then by group, so that the search finds the first group of each triple.
     order = np.lexsort((groups, keys))
-    wanted = triple_keys(triples, graph.num_entities)
-    place = np.searchsorted(keys[order], wanted)
+    query_keys = triple_keys(triples, graph.num_entities)
+    place = np.searchsorted(keys[order], query_keys)
     return groups[order[place]]
 
 
@@ -350,6 +352,6 @@ def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
         masks[name] = relation == number
     for number, name in enumerate(RELATIONS):
         is_own = relation == number
-        for which in ("head", "tail"):
-            masks[f"{name}, predict {which}"] = is_own & (side == which)
+        for slot in ("head", "tail"):
+            masks[f"{name}, predict {slot}"] = is_own & (side == slot)
     return masks

@@ -1,6 +1,8 @@
 """Similarities between entities, by a model's scores for each entity as head and as tail.
 
 Evidence for links, and the explorer's list of similar entities, use them.
+
+The page docs/link-prediction.md, *Supporting evidence*, shows what they are for.
 """
 
 from dataclasses import dataclass
@@ -56,19 +58,19 @@ class EntityRoles:
         for relation in range(len(RELATIONS)):
             # A recipe scorer's factors stand for its scores, so tables come first where they fit.
             if isinstance(scorer, FactoredScorer) and not has_table(size):
-                left, right = scorer.factors(relation)
-                roles = _of_factors(left.cpu().numpy(), right.cpu().numpy())
+                left_factors, right = scorer.factors(relation)
+                roles = _of_factors(left_factors.cpu().numpy(), right.cpu().numpy())
             else:
                 check_table("comparing entities by scores", size)
                 roles = _of_table(scorer.table(relation).cpu().numpy())
-            of_sides = []
+            side_units = []
             for rows in roles:
                 norms = np.linalg.norm(rows, axis=1)
-                of_sides.append(_unit(rows, norms))
+                side_units.append(_unit(rows, norms))
                 # Relative lengths: each role counts alike, whatever the scale of its scores.
                 root_mean_square = np.sqrt(np.mean(norms**2))
                 lengths.append(norms / (root_mean_square or 1.0))
-            units.append((of_sides[0], of_sides[1]))
+            units.append((side_units[0], side_units[1]))
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))
 
     def alike(self, entity: int, relation: int, side: Side) -> _Rows:
@@ -101,15 +103,17 @@ class EntityRoles:
         products = np.maximum(self._total * self._total[entity], 1e-12)
         role_products = self.lengths * self.lengths[entity]
         weights = role_products / products[:, None]
-        of_roles = [self.alike(entity, relation, side) for relation, side in ROLES]
+        role_cosines = [self.alike(entity, relation, side) for relation, side in ROLES]
         # Shape (E, 4).
-        cosines = np.stack(of_roles, axis=1)
+        cosines = np.stack(role_cosines, axis=1)
         means = (weights * cosines).sum(axis=1)
         order = np.argsort(-means, kind="stable")
         # One more than the limit, because the entity is usually nearest to itself.
         nearest = order[: limit + 1].tolist()
-        others = [(other, float(means[other])) for other in nearest if other != entity]
-        return others[:limit]
+        neighbours = [
+            (neighbour, float(means[neighbour])) for neighbour in nearest if neighbour != entity
+        ]
+        return neighbours[:limit]
 
     @cached_property
     def _total(self) -> _Rows:
@@ -134,8 +138,8 @@ def centred(scores: NDArray[Any]) -> NDArray[Any]:
 
 def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors of heads and of tails, (E, E) each: rows and columns of the centred table."""
-    whole = centred(scores)
-    return whole, np.ascontiguousarray(whole.T)
+    table = centred(scores)
+    return table, np.ascontiguousarray(table.T)
 
 
 def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
@@ -160,8 +164,8 @@ def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
 def _unit(rows: _Rows, lengths: _Rows) -> _Rows:
     """Scale rows to length 1; rows that are zero up to rounding become zeros."""
     longest = float(np.max(lengths, initial=0))
-    least = 1e-6 * longest or 1.0
-    inverse = 1 / np.maximum(lengths, least)
-    factors = np.where(lengths > least, inverse, 0)
+    tolerance = 1e-6 * longest or 1.0
+    inverse = 1 / np.maximum(lengths, tolerance)
+    factors = np.where(lengths > tolerance, inverse, 0)
     scaled = factors[:, None] * rows
     return np.asarray(scaled, dtype=np.float32)

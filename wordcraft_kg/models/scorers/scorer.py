@@ -1,6 +1,8 @@
 """The base class for scorers: labels, ids and rankings; a new scorer implements ``_score``.
 
 Each scorer follows the interface :class:`~wordcraft_kg.models.scorers.protocol.TripleScorer`.
+
+The page docs/link-prediction.md has an example under *Custom scorers and PyKEEN models*.
 """
 
 from abc import ABC, abstractmethod

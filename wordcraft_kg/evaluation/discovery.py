@@ -96,13 +96,13 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
         return Guides(Path(folder).name, scorer, None, knows_recipes=True)
     links = scorer if scorer.graph_hash == graph.hash else None
     recipes = for_labels(folder, scorer, graph.entities)
-    graph_rows = recipes.rows[graph.recipes]
+    own = recipes.rows[graph.recipes]
     # Ingredients in the order of ids of the scorer, as its own recipes have them.
-    graph_rows[:, :2].sort(axis=1)
+    own[:, :2].sort(axis=1)
     trained = recipes.scorer.recipes.numpy()
-    is_shared = is_in(graph_rows, trained, len(recipes.scorer.entities))
+    is_shared = is_in(own, trained, len(recipes.scorer.entities))
     known_pairs = {(a, b) for a, b, _ in trained.tolist()}
-    pairs = [(a, b) for a, b, _ in graph_rows.tolist()]
+    pairs = [(a, b) for a, b, _ in own.tolist()]
     agreeing = {pair for pair, shared in zip(pairs, is_shared.tolist(), strict=True) if shared}
     contradicted = known_pairs.intersection(pairs) - agreeing
     shared = int(is_shared.sum())
@@ -296,7 +296,7 @@ def view_discovery(
         scorer=None if scorer is None else scorer.name,
         marks=tuple(table["attempt"].unique().tolist()),
         players={name: _known(table[table["player"] == name]) for name in players},
-        people={str(attempt): entities for attempt, entities in HUMAN_CURVE.items()},
+        people={str(attempt): known for attempt, known in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
         references=_references(graph, graph.labels(start.base), players),
         knows_recipes=scorer is not None and scorer.knows_recipes,
@@ -315,8 +315,8 @@ def main_statistics(graph: RecipeGraph, base: Sequence[int]) -> WorldStatistics:
     main = statistics.main
     if main is None:
         return statistics
-    rivals = [bottleneck for bottleneck in statistics.bottlenecks if bottleneck != main]
-    return replace(statistics, bottlenecks=(main, *rivals[: SHOWN_BOTTLENECKS - 1]))
+    others = [each for each in statistics.bottlenecks if each != main]
+    return replace(statistics, bottlenecks=(main, *others[: SHOWN_BOTTLENECKS - 1]))
 
 
 def passages(
@@ -372,7 +372,7 @@ def explain_run(
         thought = player.thought
         new, _ = game.combine(*pair)
         player.observe(pair, new)
-        first, second = graph.labels(sorted(pair))
+        one, other = graph.labels(sorted(pair))
         expected = None
         evidence: tuple[SupportingRecipe, ...] = ()
         if thought.expected >= 0:
@@ -387,8 +387,8 @@ def explain_run(
         tried.append(
             TriedPair(
                 attempt=attempt,
-                ingredient_a=first,
-                ingredient_b=second,
+                ingredient_a=one,
+                ingredient_b=other,
                 made=graph.labels(new),
                 reason=thought.reason,
                 chance=thought.chance,
@@ -405,28 +405,28 @@ def explain_run(
 def _references(
     graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]
 ) -> tuple[ReferenceRow, ...]:
-    package_rows = reference_rows(graph.hash, None, OpenPlay(base))
-    literature_rows = literature(["entities known", "new combinations"])
+    ours = reference_rows(graph.hash, None, OpenPlay(base))
+    others = literature(["entities known", "new combinations"])
     # The people's curve is a part of every view, so the same numbers as a row would stand twice.
     shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
-    unplayed = [row for row in package_rows if row.player not in players]
-    for row in literature_rows:
+    further = [row for row in ours if row.player not in players]
+    for row in others:
         values = {at: figure.value for at, figure in row.figures.items()}
         if values != shown:
-            unplayed.append(row)
-    return tuple(unplayed)
+            further.append(row)
+    return tuple(further)
 
 
 def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
-    entities = {}
+    known = {}
     columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated")]
     for attempt, mean, low, high, repeated in zip(*columns, strict=True):
         # A single run has NaN for an interval, and JSON has no NaN.
         has_interval = not math.isnan(low)
-        entities[str(attempt)] = KnownEntities(
+        known[str(attempt)] = KnownEntities(
             mean=mean,
             low=low if has_interval else None,
             high=high if has_interval else None,
             repeated=repeated,
         )
-    return entities
+    return known

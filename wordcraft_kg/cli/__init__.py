@@ -58,9 +58,9 @@ CORE = {
         "evaluate-links": "links",
         "score": "links",
     },
-    "Agents": {"train-agent": "train", "evaluate-agent": "evaluate_agent", "explain": "play"},
+    "Agents": {"train-agent": "train", "evaluate-agent": "evaluate_agent", "explain": "explain"},
     "Comparisons and studies": {"compare": "compare", "reproduce": "reproduce"},
-    "Tasks and play": {"discover": "play"},
+    "Tasks and play": {"discover": "discover"},
     "Knowledge from outside the book": {"import-knowledge": "import_knowledge"},
     "Installation": {"doctor": "doctor"},
 }

@@ -293,8 +293,8 @@ def main_statistics(graph: RecipeGraph, base: Sequence[int]) -> WorldStatistics:
     main = statistics.main
     if main is None:
         return statistics
-    rivals = [bottleneck for bottleneck in statistics.bottlenecks if bottleneck != main]
-    return replace(statistics, bottlenecks=(main, *rivals[: SHOWN_BOTTLENECKS - 1]))
+    others = [each for each in statistics.bottlenecks if each != main]
+    return replace(statistics, bottlenecks=(main, *others[: SHOWN_BOTTLENECKS - 1]))
 
 
 def passages(
@@ -348,7 +348,7 @@ def explain_run(
         thought = player.thought
         new, _ = game.combine(*pair)
         player.observe(pair, new)
-        first, second = graph.labels(sorted(pair))
+        one, other = graph.labels(sorted(pair))
         expected = None
         evidence: tuple[SupportingRecipe, ...] = ()
         if thought.expected >= 0:
@@ -365,8 +365,8 @@ def explain_run(
         tried.append(
             TriedPair(
                 attempt=attempt,
-                ingredient_a=first,
-                ingredient_b=second,
+                ingredient_a=one,
+                ingredient_b=other,
                 made=graph.labels(new),
                 reason=thought.reason,
                 chance=thought.chance,
@@ -383,28 +383,28 @@ def explain_run(
 def _references(
     graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]
 ) -> tuple[ReferenceRow, ...]:
-    package_rows = reference_rows(graph.hash, None, OpenPlay(base))
-    literature_rows = literature(["entities known", "new combinations"])
+    ours = reference_rows(graph.hash, None, OpenPlay(base))
+    others = literature(["entities known", "new combinations"])
     # The people's curve is a part of every view, so the same numbers as a row would stand twice.
-    shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
-    unplayed = [row for row in package_rows if row.player not in players]
-    for row in literature_rows:
+    shown = {str(attempt): entities for attempt, entities in HUMAN_CURVE.items()}
+    further = [row for row in ours if row.player not in players]
+    for row in others:
         values = {at: figure.value for at, figure in row.figures.items()}
         if values != shown:
-            unplayed.append(row)
-    return tuple(unplayed)
+            further.append(row)
+    return tuple(further)
 
 
 def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
-    entities = {}
+    known = {}
     columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated")]
     for attempt, mean, low, high, repeated in zip(*columns, strict=True):
         # A single run has NaN for an interval, and JSON has no NaN.
         has_interval = not math.isnan(low)
-        entities[str(attempt)] = KnownEntities(
+        known[str(attempt)] = KnownEntities(
             mean=mean,
             low=low if has_interval else None,
             high=high if has_interval else None,
             repeated=repeated,
         )
-    return entities
+    return known

@@ -1,4 +1,4 @@
-"""``wordcraft-kg explain`` and ``wordcraft-kg discover``."""
+"""``wordcraft-kg discover``."""
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
@@ -9,148 +9,21 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted, quoted
-from wordcraft_kg.cli.console import (
-    Output,
-    aligned,
-    check_file,
-    split_labels,
-    write_file,
-)
-from wordcraft_kg.cli.options import Force, Graph, MovedGraph, OptionalBook, Part, Words
+from wordcraft_kg.cli.console import Output, aligned, check_file, split_labels, write_file
+from wordcraft_kg.cli.options import Force, Graph, OptionalBook, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
     from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
     from wordcraft_kg.evaluation.reference import ReferenceRow
 
-EXAMPLES = {
-    "explain": (
-        "wordcraft-kg explain runs/partial --goal bread --episodes 3",
-        "wordcraft-kg explain runs/no-kg --part train --distractors 1",
-        "wordcraft-kg explain runs/deep --task 12",
-    ),
-    "discover": (
-        "wordcraft-kg discover everyday --players random,greedy --runs 20",
-        "wordcraft-kg discover everyday --scorer models/everyday --out discovery.html",
-        "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500",
-        "wordcraft-kg discover everyday --book little-alchemy-2 --attempts 500 --runs 10",
-    ),
-}
-
-
-def explain(
-    run: Path,
-    *,
-    goal: str | None = None,
-    task: int | None = None,
-    episodes: int | None = None,
-    part: Part = "test",
-    distractors: int | None = None,
-    graph: MovedGraph = None,
-    output: Output = Output(),
-) -> None:
-    """Explain an agent's actions.
-
-    Split each logit into contributions by attention and knowledge sources.
-
-    With recipe scores (w), show the best slots' partners, the supporting train recipes, and
-    evidence from outside knowledge. With plans (p), show the most probable plan, with the
-    probability of each expected result.
-
-    Args:
-        run: run folder.
-        goal: entity to make. Default: tasks spread evenly over the part.
-        task: number of the task, from 0.
-        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1
-            with `task`.
-        distractors: number of distractors on the table. Default: as in training.
-    """
-    from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.players import view_explanation
-
-    if goal is not None and task is not None:
-        raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
-    if episodes is None:
-        episodes = 3 if task is None else 1
-    episodes = whole("episodes", episodes, 1, MAX_SIZE)
-    agent = open_agent(run, graph)
-    view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
-    lines: list[str] = []
-    for number, episode in enumerate(view.episodes, 1):
-        lines += _text_of_episode(number, episode)
-    output.result(view, [*_legend(view.episodes[0].steps[0], lines), "", *lines])
-
-
-def _legend(step: "ExplainedStep", lines: Sequence[str]) -> Iterator[str]:
-    from wordcraft_kg.evaluation.scores import BECAUSE
-    from wordcraft_kg.models.policies.sources import label_of
-
-    labels = [label_of(name) for name in step.slots[0].sources]
-    rows = [(label.symbol, label.meaning or label.words) for label in labels]
-    if step.lambdas:
-        rows.append(
-            (
-                "λ",
-                "mixing weights of these scores; each product, such as λα·α, is a contribution to "
-                "β",
-            )
-        )
-    rows += [
-        ("β", "the slot's logit"),
-        ("π", "the action's probability"),
-        ("V", "the value of the state"),
-    ]
-    rows += [(">", "the action"), ("*", "an ingredient for the goal in a plan")]
-    yield from aligned(rows)
-    if any(" because " in line for line in lines):
-        yield f"because: {BECAUSE}"
-
-
-def _text_of_episode(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
-    plans = "; ".join(", then ".join(plan) for plan in episode.plans)
-    yield f"Episode {number}: make {episode.goal}   ({plans})"
-    for step in episode.steps:
-        yield from _text_of_step(step)
-    yield from ("  made it" if episode.outcome == "goal" else "  did not make it", "")
-
-
-def _text_of_step(step: "ExplainedStep") -> Iterator[str]:
-    from wordcraft_kg.evaluation.scores import because
-    from wordcraft_kg.models.policies.sources import label_of
-
-    lambdas = []
-    for name, value in step.lambdas.items():
-        coefficient = label_of(name).coefficient
-        lambdas.append(f"{coefficient} {value:z.2f}")
-    held = step.selection or "nothing"
-    line = f"  holding {held}   V {step.value:z.2f}   {'  '.join(lambdas)}"
-    yield ""
-    yield line.rstrip()
-    symbols = [label_of(name).symbol for name in step.slots[0].sources]
-    # Without mixing weights there are no products to show.
-    products = [f"λ{symbol}·{symbol}" for symbol in symbols] if step.lambdas else []
-    rows = [("  ", *symbols, *products, "β", "π")]
-    for slot in sorted(step.slots, key=lambda slot: -slot.logit):
-        figures = [*slot.sources.values()]
-        if step.lambdas:
-            figures += slot.contributions.values()
-        figures.append(slot.logit)
-        cells = [f"{figure:z.2f}" for figure in figures]
-        pointer = ">" if slot.entity == step.action else " "
-        star = " *" if slot.is_part else ""
-        label = f"  {pointer} {slot.entity}{star}"
-        rows.append((label, *cells, f"{slot.probability:.1%}"))
-    yield from aligned(rows, numbers=True)
-    for entity, evidence in step.best_evidence():
-        support = f" because {because(evidence.because)}" if evidence.because else ""
-        yield f"  {label_of(evidence.source).symbol}: {entity} + {evidence.partner}{support}"
-        if evidence.plan:
-            yield f"     plan: {', then '.join(map(str, evidence.plan))}"
-        yield from (f"     {piece}" for piece in evidence.outside)
-    if step.made:
-        yield f"  made {', '.join(map(quoted, step.made))}"
+EXAMPLES = (
+    "wordcraft-kg discover everyday --players random,greedy --runs 20",
+    "wordcraft-kg discover everyday --scorer models/everyday --out discovery.html",
+    "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 --runs "
+    "20",
+    "wordcraft-kg discover everyday --book little-alchemy-2 --attempts 500 --runs 10",
+)
 
 
 def discover(  # noqa: PLR0913 - parameters are the command's options
@@ -220,7 +93,7 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
             view = replace(view, tried=tried)
         write_file(out, discovery_page(view, plays, played), force=force)
         view = replace(view, out=str(out))
-    output.result(view, _text_of_discovery(view))
+    output.result(view, _text(view))
 
 
 def _about_world(view: "DiscoveryView") -> Iterator[str]:
@@ -237,8 +110,8 @@ def _about_world(view: "DiscoveryView") -> Iterator[str]:
     yield f"main bottleneck: {quoted(main.entity)}, needed for {main.needed_by:,} other entities"
     learnt = []
     for name, (passage, *_) in view.passed.items():
-        attempt = "" if passage.attempt is None else f" (attempt {passage.attempt:g})"
-        learnt.append(f"{name} {passage.share:.0%}{attempt}")
+        when = "" if passage.attempt is None else f" (attempt {passage.attempt:g})"
+        learnt.append(f"{name} {passage.share:.0%}{when}")
     yield f"learnt in the runs of: {', '.join(learnt)}"
 
 
@@ -265,10 +138,10 @@ def _rows(view: "DiscoveryView", published: Sequence["ReferenceRow"]) -> list[tu
     """Return the table: a row for each player, one for people, one for each published result."""
     marks = [str(mark) for mark in view.marks]
     rows: list[tuple[str, ...]] = [("entities known after", *marks, "repeated")]
-    for name, entities in view.players.items():
-        cells = map(_cell, entities.values())
+    for name, known in view.players.items():
+        cells = map(_cell, known.values())
         # Repetitions are counted over whole runs, so the last mark has them all.
-        repeated = entities[marks[-1]].repeated
+        repeated = known[marks[-1]].repeated
         rows.append((name, *cells, f"{repeated:.1%}"))
     means = []
     for mark in marks:
@@ -285,7 +158,7 @@ def _rows(view: "DiscoveryView", published: Sequence["ReferenceRow"]) -> list[tu
     return rows
 
 
-def _text_of_discovery(view: "DiscoveryView") -> Iterator[str]:
+def _text(view: "DiscoveryView") -> Iterator[str]:
     published = _published(view)
     reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
     yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
@@ -298,8 +171,8 @@ def _text_of_discovery(view: "DiscoveryView") -> Iterator[str]:
     for reference, rows in groupby(published, key=attrgetter("reference")):
         yield f"{', '.join(row.player for row in rows)}: {reference}"
     if view.knows_recipes:
-        memory = "it has seen these combinations"
-        yield f"note: {view.scorer} was trained on recipes of {view.graph}: {memory}"
+        seen = "it has seen these combinations"
+        yield f"note: {view.scorer} was trained on recipes of {view.graph}: {seen}"
     if view.shared_recipes or view.contradicted:
         shared = counted(view.shared_recipes, "recipe")
         pairs = counted(view.contradicted, "pair")

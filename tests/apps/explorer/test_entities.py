@@ -48,7 +48,9 @@ def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, fu
 @pytest.mark.parametrize(
     ("content", "pages"),
     [
-        pytest.param("models and runs", ["tasks", "link", "path", "map", "entity"], marks=pytest.mark.slow),
+        pytest.param(
+            "models and runs", ["tasks", "link", "path", "map", "entity"], marks=pytest.mark.slow
+        ),
         ("runs", ["tasks", "path", "map", "entity"]),
         ("nothing", ["path", "map", "entity"]),
     ],

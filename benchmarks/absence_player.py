@@ -1,6 +1,6 @@
 """What train tables tell about the test by what is never on them: the absence player.
 
-    python benchmarks/absence_player.py little-alchemy-2 everyday --json docs/evidence/data/absence.json
+    python benchmarks/absence_player.py little-alchemy-2 everyday --json absence.json
 
 The player reads train tables alone, goal and items of each: no recipe, no word, no result. On a
 test table it picks the pair of items whose absence from the tables of the goal is least likely to be

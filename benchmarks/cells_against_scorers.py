@@ -1,13 +1,13 @@
 """What learning adds in the studies: success of agents minus the success of their scorers alone, on the same tables.
 
     wordcraft-kg train-recipes GRAPH --seed 0 --out scorers/any-name    (each graph of the studies, each seed)
-    python benchmarks/cells_against_scorers.py scorers docs/results/splits-little-alchemy-2.json ...
+    python benchmarks/cells_against_scorers.py scorers splits-little-alchemy-2.json ...
 
 The scorer of each training, below the folder ``scorers`` by graph, split and seed, plays the tables of the training's
 agent by itself: the pair with the highest recipe score beside agents with w at depth 1, its plans beside agents with p
-at more. Intervals are over seeds and tasks. The rows go to docs/agents-against-scorers.json, where
-docs/make_results.py finds them; a variant that several studies share has one row. Points without their scorers are
-left out, and keep earlier rows.
+at more. Intervals are over seeds and tasks. The rows go to
+agents-against-scorers.json; a variant that several studies share has one row. Points without their scorers are left
+out, and keep earlier rows. Files of studies lie in docs/results.zip.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.folder import WEIGHTS
 
-TARGET = Path(__file__).parents[1] / "docs" / "agents-against-scorers.json"
+TARGET = Path("agents-against-scorers.json")
 KEY = ("graph", "split", "depth", "distractors", "variant")
 
 

@@ -1,6 +1,6 @@
 """Measure environment speed, compared with a naive loop in the same run.
 
-    python benchmarks/env_speed.py little-alchemy-2 --json docs/evidence/data/environments.json
+    python benchmarks/env_speed.py little-alchemy-2 --json environments.json
 
 Depth 1 and 8 distractors unless said otherwise; random legal actions, resets included. *Naive* is
 gymnasium's SyncVectorEnv over the single environment: a Python loop over environments, as one would

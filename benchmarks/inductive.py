@@ -1,7 +1,7 @@
 """Evaluate predictions from words alone: for entities without recipes, and for goals that no train recipe makes.
 
     python benchmarks/inductive.py removed everyday-1 little-alchemy-2 \
-        --json docs/evidence/data/new-entities.json                    # entities taken out of the graph
+        --json new-entities.json                    # entities taken out of the graph
     python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without words, with shuffled words
 
 `removed` samples 30 entities with at least three recipes, fits a recipe scorer's link rankers on the remaining recipes

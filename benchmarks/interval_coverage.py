@@ -1,7 +1,7 @@
 """Simulate how often the printed 95 % intervals hold the truth, for few seeds and realistic
 variances.
 
-    python benchmarks/interval_coverage.py --json docs/interval-coverage.json
+    python benchmarks/interval_coverage.py --json interval-coverage.json
 
 Agents: training s solves an attempt at task k with the logit ``mean + task_k + seed_s + rest_sk``
 (normal, with the standard deviations of SUCCESS), and a task's score is the mean of five attempts.

@@ -2,7 +2,7 @@
 
     wordcraft-kg build-graph little-alchemy-2 --split by-goal --train-ratio 0.7 --valid-ratio 0.2 --seed 10 --out graphs/by-goal
     wordcraft-kg import-knowledge graphs/by-goal --wordnet /usr/share/wordnet --out knowledge/wn
-    python benchmarks/joint_training.py graphs/by-goal knowledge/wn --json docs/evidence/data/joint-training.json
+    python benchmarks/joint_training.py graphs/by-goal knowledge/wn --json joint-training.json
 
 A row is one training of `train-complex` without folds. Weight 0 means: without the general graph.
 Rows that the file has of this graph are kept and not measured again.

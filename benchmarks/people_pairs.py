@@ -3,7 +3,7 @@ questions.
 
     python benchmarks/people_pairs.py --fetch --recipes rated.csv
     wordcraft-kg train-recipes little-alchemy-2 --kg full --without rated.csv --out models/glove
-    python benchmarks/people_pairs.py --model models/glove --json docs/evidence/data/people-pairs.json
+    python benchmarks/people_pairs.py --model models/glove --json people-pairs.json
 
 Brändle et al. (2023) asked 103 people about pairs of Little Alchemy 2: do these two combine (1 to
 7), and which of four things do they make? The file is published under the MIT licence. The scorer

@@ -3,7 +3,7 @@ counting.
 
     python benchmarks/small_books.py                       # all sizes and seeds
     python benchmarks/small_books.py --sizes 100 --seeds 0 --each
-    python benchmarks/small_books.py --json docs/evidence/data/small-books.json
+    python benchmarks/small_books.py --json small-books.json
 
 Filtered MRR on unseen test triples, which neither training nor choice uses. Books: random recipes
 from `everyday-1` and `kitchen`, the first recipes by crafting round in `everyday-1`, and synthetic

@@ -1,7 +1,7 @@
 """How far do players get that learn nothing from play? Scorers alone, words alone, graph alone, on
 several splits.
 
-    python benchmarks/untrained_players.py little-alchemy-2 --json docs/untrained-players.json
+    python benchmarks/untrained_players.py little-alchemy-2 --json untrained-players.json
     python benchmarks/untrained_players.py everyday --splits by-goal --split-seeds 1
 
 For each split kind and split seed: *nearest words* (the two entities nearest to the goal by GloVe),

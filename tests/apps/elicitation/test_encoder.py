@@ -10,7 +10,7 @@ from short_fits import short_fits
 
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.apps.elicitation import encoder as module
-from wordcraft_kg.apps.elicitation.encoder import encode_folder, encode_labels, write_vectors
+from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.scorers.features import make_features
@@ -160,83 +160,14 @@ def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, mon
     assert not (home / "other").exists()
 
 
-@pytest.mark.parametrize("damage", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_an_interrupted_encoding_continues_to_the_same_bits(
-    encoder_folder, kitchen, tmp_path, monkeypatch, damage
-):
-    monkeypatch.setattr(module, "_PART", 16)
-    labels = kitchen.entities
-    whole, *_ = encode_folder(tmp_path / "whole", labels, encoder_folder, inputs={})
-    of_part, calls = module._Encoder.vectors, []
-
-    def interrupted(self, some, lengths):
-        calls.append(len(some))
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        return of_part(self, some, lengths)
-
-    monkeypatch.setattr(module._Encoder, "vectors", interrupted)
-    out = tmp_path / "vectors"
-    with pytest.raises(KeyboardInterrupt, match=rf"48 of {len(labels)} labels are saved. Repeat"):
-        encode_folder(out, labels, encoder_folder, inputs={})
-    assert not out.exists()
-    (saved,) = {*tmp_path.iterdir()} - {whole}
-    if damage:
-        file = max(saved.iterdir())
-        file.write_bytes(file.read_bytes()[:100])
+def test_vectors_follow_the_labels_whatever_their_order(encoder_folder, kitchen, monkeypatch):
+    monkeypatch.setattr(module, "_PART", 32)
     reports = []
-    encode_folder(
-        out, labels, encoder_folder, inputs={}, report=lambda *report: reports.append(report)
+    forth, _ = encode_labels(
+        kitchen.entities, encoder_folder, lambda *report: reports.append(report)
     )
-    assert {*tmp_path.iterdir()} == {whole, out}
-    assert (out / "vectors.npy").read_bytes() == (whole / "vectors.npy").read_bytes()
-    # The three saved parts are not computed again, but for a damaged one.
-    assert sum(calls[4:]) == len(labels) - 48 + 16 * damage
-    assert reports[-1] == (len(labels), len(labels), {"minutes_left": 0.0})
-    assert max(left["minutes_left"] for *_, left in reports) > 0
-
-
-def test_an_encoding_whose_first_part_cannot_be_saved_leaves_no_folder(
-    encoder_folder, kitchen, tmp_path, monkeypatch
-):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(module, "save_rows", full)
-    with pytest.raises(OSError, match="No space"):
-        encode_folder(tmp_path / "new" / "vectors", kitchen.entities, encoder_folder, inputs={})
-    assert not [*tmp_path.iterdir()]
-
-
-def test_another_encoder_or_label_takes_no_saved_vectors(
-    encoder_folder, kitchen, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(module, "_PART", 16)
-    of_part, calls = module._Encoder.vectors, []
-
-    def interrupted(self, some, lengths):
-        calls.append(len(some))
-        if len(calls) == 5:
-            raise KeyboardInterrupt
-        return of_part(self, some, lengths)
-
-    out = tmp_path / "vectors"
-    with monkeypatch.context() as patch:
-        patch.setattr(module._Encoder, "vectors", interrupted)
-        with pytest.raises(KeyboardInterrupt, match="64 of 80"):
-            encode_folder(out, kitchen.entities, encoder_folder, inputs={})
-    labels = (*kitchen.entities[1:], "flour bread")
-    reports = []
-    encode_folder(
-        out, labels, encoder_folder, inputs={}, report=lambda *report: reports.append(report)
-    )
-    assert all(left["minutes_left"] > 0 for *_, left in reports[:-1])
-    expected, _ = encode_labels(labels, encoder_folder)
-    assert np.array_equal(np.load(out / "vectors.npy"), expected)
-
-
-def test_vectors_follow_the_labels_whatever_their_order(encoder_folder, kitchen):
-    forth, _ = encode_labels(kitchen.entities, encoder_folder)
+    assert [done for done, *_ in reports] == [32, 64, 80]
+    assert reports[-1] == (80, 80, {"minutes_left": 0.0})
     back, _ = encode_labels(kitchen.entities[::-1], encoder_folder)
     assert np.array_equal(forth, back[::-1])
     assert len(np.unique(forth, axis=0)) > 70

@@ -4,15 +4,13 @@ Labels are encoded in the order of their numbers of tokens, and a batch holds la
 numbers. So no label is padded, and the labels' order in a graph changes nothing. Other labels in a
 batch may change the last bits of float32, as a matrix product sums in an order that depends on its
 size; most of it disappears in half precision. The same labels and encoder give the same bits on a
-machine, in one run or after interruptions.
+machine.
 """
 
 import io
-import json
 import math
-import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -26,13 +24,10 @@ from wordcraft_kg.apps.elicitation.foreign_code import (
     check_model_files,
     check_sentence_transformers,
 )
-from wordcraft_kg.apps.elicitation.saved_rows import read_rows, save_rows, saved_rows
 from wordcraft_kg.apps.elicitation.sizes import check_counts, check_modules, check_size
 from wordcraft_kg.apps.elicitation.weights import hash_weights, loading, working
 from wordcraft_kg.base.artefacts import (
-    check_output,
     read_json,
-    sha256_of,
     staged_folder,
     with_a_name,
     write_atomically,
@@ -44,77 +39,9 @@ from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.runs.run_folder import Progress
 
 _PART = 512
-"""Labels that are saved together, about a second's work."""
+"""Labels between two reports, about a second's work; part of the result's last bits."""
 _BATCH = 64
-"""Most labels in a forward pass; part of the result's last bits, so also of the key of parts."""
-
-
-class _Encoder:
-    """A sentence encoder, opened for labels.
-
-    Attributes:
-        model: the encoder.
-        hashes: SHA-256 hashes of the weights by file name.
-        key: everything besides the labels that decides about their vectors.
-    """
-
-    def __init__(self, path: Path):
-        """Open a model folder; see :func:`encode_labels` for the errors."""
-        self.path = path
-        self.model, self.hashes = _open_encoder(path)
-        # Settings decide as well, such as the pooling.
-        settings = sorted({*path.glob("*.json"), *path.glob("*/*.json")})
-        self.key = [self.hashes, [sha256_of(file) for file in settings], _PART, _BATCH]
-
-    def tokens(self, labels: Sequence[str]) -> list[list[int]]:
-        """Return the numbers of the tokens of labels, a list for each label.
-
-        Tokenizers other than those of transformers are not known here; then characters stand in.
-
-        Raises:
-            ArtefactError: if the tokenizer fails.
-            ConfigError: if a label has no token, as with an encoder for another script.
-        """
-        tokenizer = self.model.tokenizer
-        if not hasattr(tokenizer, "unk_token_id"):
-            return [list(map(ord, label)) for label in labels]
-        with working(self.path):
-            tokens = tokenizer(list(labels), add_special_tokens=False).input_ids
-        unknown = tokenizer.unk_token_id
-        if unknown is None:  # a vocabulary of bytes has tokens for any text
-            return list(tokens)
-        for label, ids in zip(labels, tokens, strict=True):
-            # All labels without a token of their own would get the same vector.
-            if {*ids} <= {unknown}:
-                raise ConfigError(
-                    f"the label '{label}' has no tokens in this encoder's vocabulary. Use an "
-                    "`encoder` for the labels' language, or rename the entity."
-                )
-        return list(tokens)
-
-    def vectors(self, labels: Sequence[str], lengths: Sequence[int]) -> NDArray[np.float16]:
-        """Return the vectors of labels, ordered by their numbers of tokens, shape (N, D).
-
-        Raises:
-            ArtefactError: if the model fails, or a number is not finite.
-        """
-        parts = []
-        # Equal numbers of tokens: padding would change the last bits with the other labels.
-        for _, same_length in groupby(range(len(labels)), key=lambda row: lengths[row]):
-            batch = [labels[row] for row in same_length]
-            # Such as tokens beyond the rows of the weights.
-            with working(self.path):
-                part = self.model.encode(
-                    batch, batch_size=_BATCH, normalize_embeddings=True, show_progress_bar=False
-                )
-            parts.append(part)
-        # Half precision: a vector's last bits have no meaning, and the folder is half as large.
-        vectors: NDArray[np.float16] = np.concatenate(parts).astype(np.float16)
-        if not np.isfinite(vectors).all():
-            raise ArtefactError(
-                f"'{self.path}' gives vectors that are not finite. Restore a copy of the weights."
-            )
-        return vectors
+"""Most labels in a forward pass; part of the result's last bits."""
 
 
 def encode_labels(
@@ -141,115 +68,81 @@ def encode_labels(
         ArtefactError: if the model is damaged, incomplete, needs code, or is far larger than its
             weights.
     """
-    encoder = _Encoder(path)
-    vectors = _vectors(encoder, labels, encoder.tokens(labels), None, report)
-    return vectors, encoder.hashes
+    model, hashes = _open_encoder(path)
+    lengths = [len(tokens) for tokens in _tokens(model, path, labels)]
+    # The longest first: the estimate of the time left then errs on the safe side, and a lack of
+    # memory shows at once. Labels of equal length by name, not by their order in a graph.
+    order = sorted(range(len(labels)), key=lambda row: (-lengths[row], labels[row]))
+    parts: list[NDArray[np.float16]] = []
+    begun = time.perf_counter()
+    for start in range(0, len(order), _PART):
+        rows = order[start : start + _PART]
+        part_labels = [labels[row] for row in rows]
+        parts.append(_vectors(model, path, part_labels, [lengths[row] for row in rows]))
+        if report:
+            num_done = start + len(rows)
+            minutes = (time.perf_counter() - begun) / 60
+            minutes_left = minutes / num_done * (len(labels) - num_done)
+            # Up to a tenth: the last labels take some time, too.
+            report(num_done, len(labels), {"minutes_left": math.ceil(10 * minutes_left) / 10})
+    ordered = np.concatenate(parts)
+    vectors = np.empty_like(ordered)
+    vectors[order] = ordered
+    return vectors, hashes
 
 
-def encode_folder(
-    out: Path,
-    labels: Sequence[str],
-    path: Path,
-    *,
-    inputs: Mapping[str, str],
-    report: Progress | None = None,
-    force: bool = False,
-) -> tuple[Path, int, dict[str, str]]:
-    """Encode N labels into a folder of vectors, or continue where an interrupted call stopped.
+def _tokens(model: Any, path: Path, labels: Sequence[str]) -> list[list[int]]:
+    """Return the numbers of the tokens of labels, a list for each label.
 
-    Vectors are saved in a hidden folder beside ``out``, which disappears when ``out`` is complete.
-
-    Args:
-        out: folder to write.
-        labels: N distinct labels.
-        path: model folder, see :func:`encode_labels`.
-        inputs: hashes of graphs by name, for the record.
-        report: called with the numbers of encoded and of all labels, and the minutes left; None for
-            no progress.
-        force: replace an existing output.
-
-    Returns:
-        The folder, the length D of a vector, and the hashes of the weights by file name.
+    Tokenizers other than those of transformers are not known here; then characters stand in.
 
     Raises:
-        MissingExtraError, ConfigError, ArtefactError: as :func:`encode_labels`; ArtefactError also
-            if another process writes there.
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-        KeyboardInterrupt: after Ctrl-C, with the number of saved labels.
+        ArtefactError: if the tokenizer fails.
+        ConfigError: if a label has no token, as with an encoder for another script.
     """
-    out = with_a_name(out)
-    check_output(out, force=force)
-    encoder = _Encoder(path)
-    tokens = encoder.tokens(labels)
-    # Tokens belong to the key: not all of a tokenizer's files are settings.
-    key = json.dumps([encoder.key, list(labels), tokens])
-    with saved_rows(out, key) as folder:
-        vectors = _vectors(encoder, labels, tokens, folder, report)
-        every = {**inputs, **encoder.hashes}
-        folder_of_vectors = write_vectors(out, labels, vectors, inputs=every, force=force)
-        # Only after the folder of vectors is complete.
-        shutil.rmtree(folder)
-    return folder_of_vectors, vectors.shape[1], encoder.hashes
+    tokenizer = model.tokenizer
+    if not hasattr(tokenizer, "unk_token_id"):
+        return [list(map(ord, label)) for label in labels]
+    with working(path):
+        tokens = tokenizer(list(labels), add_special_tokens=False).input_ids
+    unknown = tokenizer.unk_token_id
+    if unknown is None:  # a vocabulary of bytes has tokens for any text
+        return list(tokens)
+    for label, ids in zip(labels, tokens, strict=True):
+        # All labels without a token of their own would get the same vector.
+        if {*ids} <= {unknown}:
+            raise ConfigError(
+                f"the label '{label}' has no tokens in this encoder's vocabulary. Use an "
+                "`encoder` for the labels' language, or rename the entity."
+            )
+    return list(tokens)
 
 
 def _vectors(
-    encoder: _Encoder,
-    labels: Sequence[str],
-    tokens: Sequence[Sequence[int]],
-    folder: Path | None,
-    report: Progress | None,
+    model: Any, path: Path, labels: Sequence[str], lengths: Sequence[int]
 ) -> NDArray[np.float16]:
-    """Return the vectors of labels, shape (N, D), from saved parts, or computed and saved there.
-
-    Args:
-        encoder: the encoder.
-        labels: N labels.
-        tokens: tokens of each label.
-        folder: folder of saved parts; None to save nothing.
-        report: called with the numbers of encoded and of all labels, and the minutes left.
+    """Return the vectors of labels, ordered by their numbers of tokens, shape (N, D).
 
     Raises:
-        KeyboardInterrupt: after Ctrl-C, with the number of saved labels.
+        ArtefactError: if the model fails, or a number is not finite.
     """
-    # The longest first: the estimate of the time left then errs on the safe side, and a lack of
-    # memory shows at once. Labels of equal length by name, not by their order in a graph.
-    order = sorted(range(len(labels)), key=lambda row: (-len(tokens[row]), labels[row]))
-    parts: list[NDArray[np.float16]] = []
-    num_done = computed = 0
-    begun = time.perf_counter()
-    try:
-        for number, rows in enumerate(_parts(order)):
-            saved = None if folder is None else read_rows(folder, number)
-            if saved is None:
-                part_labels = [labels[row] for row in rows]
-                vectors = encoder.vectors(part_labels, [len(tokens[row]) for row in rows])
-                if folder is not None:
-                    save_rows(folder, number, torch.from_numpy(vectors))
-                computed += len(rows)
-            else:
-                vectors = saved.numpy()
-            parts.append(vectors)
-            num_done += len(rows)
-            if report:
-                # Saved parts took no time, so they say nothing about the rest.
-                minutes = (time.perf_counter() - begun) / 60
-                minutes_left = minutes / computed * (len(labels) - num_done) if computed else 0.0
-                # Up to a tenth: the last labels take some time, too.
-                report(num_done, len(labels), {"minutes_left": math.ceil(10 * minutes_left) / 10})
-    except KeyboardInterrupt:
-        if folder is None:
-            raise
-        saved_labels = f"interrupted; {num_done:,} of {len(labels):,} labels are saved."
-        raise KeyboardInterrupt(f"{saved_labels} Repeat the command to continue.") from None
-    ordered = np.concatenate(parts)
-    result = np.empty_like(ordered)
-    result[order] = ordered
-    return result
-
-
-def _parts(order: Sequence[int]) -> Iterator[Sequence[int]]:
-    for start in range(0, len(order), _PART):
-        yield order[start : start + _PART]
+    parts = []
+    # Equal numbers of tokens: padding would change the last bits with the other labels.
+    for _, same_length in groupby(range(len(labels)), key=lambda row: lengths[row]):
+        batch = [labels[row] for row in same_length]
+        # Such as tokens beyond the rows of the weights.
+        with working(path):
+            part = model.encode(
+                batch, batch_size=_BATCH, normalize_embeddings=True, show_progress_bar=False
+            )
+        parts.append(part)
+    # Half precision: a vector's last bits have no meaning, and the folder is half as large.
+    vectors: NDArray[np.float16] = np.concatenate(parts).astype(np.float16)
+    if not np.isfinite(vectors).all():
+        raise ArtefactError(
+            f"'{path}' gives vectors that are not finite. Restore a copy of the weights."
+        )
+    return vectors
 
 
 def _open_encoder(path: Path) -> tuple[Any, dict[str, str]]:

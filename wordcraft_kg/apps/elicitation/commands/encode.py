@@ -26,8 +26,6 @@ def encode(
 ) -> None:
     """Encode entity labels with a sentence encoder: vectors for --features.
 
-    Vectors are saved while it runs: after Ctrl-C, repeat the command to continue.
-
     Args:
         others: further graphs or books, such as those that train-recipes --with names.
         encoder: model folder, or a name on the Hugging Face hub.
@@ -48,20 +46,15 @@ def encode(
     for label in split_labels(labels or []):
         every[check_label(label, "`labels`")] = None
     names = list(every)
-    from wordcraft_kg.apps.elicitation.encoder import encode_folder
+    from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
     from wordcraft_kg.apps.elicitation.weights import locate_model
 
-    vectors_folder, dimensions, hashes = encode_folder(
-        folder,
-        names,
-        locate_model("encoder", encoder),
-        inputs={
-            "graph": graphs[0].hash,
-            **{f"graph {source.name}": source.hash for source in graphs[1:]},
-        },
-        report=output.progress("encoding", unit="label"),
-        force=force,
-    )
+    progress = output.progress("encoding", unit="label")
+    vectors, hashes = encode_labels(names, locate_model("encoder", encoder), progress)
+    inputs = {f"graph {source.name}": source.hash for source in graphs[1:]}
+    inputs = {"graph": graphs[0].hash, **inputs, **hashes}
+    vectors_folder = write_vectors(folder, names, vectors, inputs=inputs, force=force)
+    dimensions = vectors.shape[1]
     size = len(names)
     following = command_line("train-recipes", graph, "--features", vectors_folder)
     output.result(

@@ -18,7 +18,7 @@ from .models.folder import open_model as open_model
 from .models.links.config import ComplExConfig as ComplExConfig
 from .models.links.config import LinkModelConfig as LinkModelConfig
 from .models.links.config import LinksConfig as LinksConfig
-from .models.links.pykeen_import import from_pykeen as from_pykeen
+from .models.links.pykeen_bridge import from_pykeen as from_pykeen
 from .models.links.training import train_links as train_links
 from .models.policies.config import PolicyConfig as PolicyConfig
 from .models.policies.folder import load_policy as load_policy

@@ -487,8 +487,8 @@ def test_a_cut_archive_is_refused(tmp_path):
             lambda text: text.replace("00000006 27", "00000006 99"),
             "not a complete synset",
         ),
-        ("noun.exc", lambda text: "loaves\n", "has no base form"),
-        ("noun.exc", lambda text: "\n", "has no base form"),
+        ("noun.exc", lambda text: "loaves\n", "is not a plural that has a base form"),
+        ("noun.exc", lambda text: "\n", "is not a plural that has a base form"),
         (
             "cntlist.rev",
             lambda text: "dough%1:13:00:: 1\n",

@@ -18,9 +18,9 @@ from small_scorers import embeddings
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.builders import POPULARITY_DIMS, log_counts, with_popularity
 from wordcraft_kg.models.links.complex import ComplExN3, MatmulComplExInteraction
 from wordcraft_kg.models.links.config import N3_PARTIAL, PAPER_DIM
-from wordcraft_kg.models.links.popularity import DIMS, log_counts, with_popularity
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.factors import ComplExScorer
@@ -176,7 +176,7 @@ def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
     )  # componentOf is not symmetric
     before = embeddings(graph.num_entities, 4, seed=1)
     after = with_popularity(before, graph.triples, weight)
-    assert after["entity_real"].shape == (graph.num_entities, 4 + DIMS)
+    assert after["entity_real"].shape == (graph.num_entities, 4 + POPULARITY_DIMS)
     as_head, as_tail = log_counts(graph.triples, graph.num_entities)
     for relation in range(len(RELATIONS)):
         old, new = (

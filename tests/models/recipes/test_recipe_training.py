@@ -247,7 +247,7 @@ def test_the_scorer_of_another_fold_is_a_leak(spoilt):
 )
 def test_a_missing_or_damaged_fold_is_named(spoilt, change):
     with pytest.raises(
-        ArtefactError, match=r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"
+        ArtefactError, match=r"3 folds are incomplete or damaged in .*folds\.safetensors"
     ):
         spoilt(change)
 

@@ -34,9 +34,8 @@ from wordcraft_kg.models.knowledge.folder import (
 )
 from wordcraft_kg.models.knowledge.network import Network
 from wordcraft_kg.models.knowledge.paths import make_tables, with_descriptions
-from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
+from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
 from wordcraft_kg.models.knowledge.surroundings import Surroundings
-from wordcraft_kg.models.knowledge.triple_lines import HEADER
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 from wordcraft_kg.models.scorers.config import check_table
 

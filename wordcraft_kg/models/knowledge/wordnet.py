@@ -9,8 +9,9 @@ Source: WordNet 3.0 manual, wndb(5) for the formats and senseidx(5) for the sens
 ``cntlist.rev``.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -48,6 +49,27 @@ _MOST_OCCURRENCES = 10**9
 """More than any sense-tagged corpus has words; sums of counts stay exact."""
 NEEDED = ("data.noun", "index.noun")
 """Files without which a folder is refused; the others add verbs, irregular plurals and counts."""
+_Key = tuple[str, str]
+"""Part of speech and offset, which name a synset."""
+T = TypeVar("T")
+
+
+class _Synset(NamedTuple):
+    """A line of a data file; a synset is a node.
+
+    Attributes:
+        offset: the name of the synset among those of its part of speech.
+        field: number of its broad field.
+        lemmas: its names.
+        gloss: its definition without examples.
+        pointers: relation ids and targets.
+    """
+
+    offset: str
+    field: int
+    lemmas: list[str]
+    gloss: str
+    pointers: list[tuple[int, _Key]]
 
 
 def read_wordnet(folder: Path) -> Network:
@@ -63,199 +85,199 @@ def read_wordnet(folder: Path) -> Network:
                 f"{folder / name} is not a file; expected a folder with WordNet's database files, "
                 f"{', '.join(NEEDED)} and others (Debian: package wordnet-base)."
             )
-    reader = _Reader(folder)
-    for part in _PARTS:
-        reader.read_data(part)
-    edges = reader.edges()
-    senses = reader.read_index()
+    nodes: dict[_Key, int] = {}
+    synsets: list[_Synset] = []
+    # File and line of each synset, for errors.
+    origins: list[tuple[str, int]] = []
+    for part, letter in _PARTS.items():
+        name = f"data.{part}"
+        for number, synset in _parsed(folder, name, _synset, "a complete synset"):
+            if nodes.setdefault((letter, synset.offset), len(synsets)) < len(synsets):
+                raise _fault(folder, name, number, f"synset {synset.offset} is repeated")
+            synsets.append(synset)
+            origins.append((name, number))
+    edges = _edges(folder, nodes, synsets, origins)
+    senses = _senses(folder, nodes, synsets)
     spellings: dict[str, list[int]] = {}
-    for lemma, nodes in senses.items():
+    for lemma, senses_of_lemma in senses.items():
         # Several lemmas may have one plain spelling, such as x-ray and x_ray.
-        before = spellings.setdefault(plain(lemma), [])
-        before += [node for node in nodes if node not in before]
+        spelled = spellings.setdefault(plain(lemma), [])
+        spelled += [node for node in senses_of_lemma if node not in spelled]
+    counts = {}
+    for _, (lemma, place, count) in _parsed(
+        folder, "cntlist.rev", _count, "a sense with its count"
+    ):
+        senses_of_lemma = senses.get(lemma, [])
+        # Debian's file names a few senses of old versions, which are skipped.
+        if place < len(senses_of_lemma):
+            counts[plain(lemma), senses_of_lemma[place]] = count
+    plurals = _parsed(folder, "noun.exc", _exception, "a plural that has a base form")
     return Network(
         source="WordNet",
         prefix="wn",
-        nodes=[f"{offset}-{part}" for part, offset in reader.places],
+        nodes=[f"{offset}-{letter}" for letter, offset in nodes],
         relations=_RELATIONS,
         edges=edges,
         weights=np.ones(len(edges)),
         spellings=spellings,
-        exceptions=reader.read_exceptions(),
-        lemmas=reader.lemmas,
-        glosses=reader.glosses,
-        fields=reader.fields,
-        counts=reader.read_counts(senses),
+        exceptions={plural: singulars for _, (plural, singulars) in plurals},
+        lemmas=[synset.lemmas for synset in synsets],
+        glosses=[synset.gloss for synset in synsets],
+        fields=[synset.field for synset in synsets],
+        counts=counts,
     )
 
 
-class _Reader:
-    """Synsets and pointers read so far; a synset is a node, by part of speech and offset."""
+def _edges(
+    folder: Path,
+    nodes: dict[_Key, int],
+    synsets: Sequence[_Synset],
+    origins: Sequence[tuple[str, int]],
+) -> Ids:
+    """Return the pointers as edges, each symmetric relation in one direction."""
+    letters = {letter for letter, _ in nodes}
+    rows = []
+    for node, synset in enumerate(synsets):
+        for relation, target in synset.pointers:
+            if target in nodes:
+                ends = (node, nodes[target])
+                head, tail = sorted(ends) if relation in _SYMMETRIC else ends
+                rows.append((head, relation, tail))
+                continue
+            letter, offset = target
+            # Otherwise the folder lacks this part of speech.
+            if letter in letters:
+                problem = f"synset {offset}-{letter} does not exist"
+                raise _fault(folder, *origins[node], problem)
+    # Without pointers, the reshape makes three columns all the same.
+    edges = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    # Weights do not matter: equal pointers are one edge of weight 1.
+    distinct, _ = unique_edges(edges, np.ones(len(edges)), (len(nodes), len(_RELATIONS)))
+    return distinct
 
-    def __init__(self, folder: Path):
-        self.folder = folder
-        self.places: dict[tuple[str, str], int] = {}
-        self.lemmas: list[list[str]] = []
-        self.glosses: list[str] = []
-        self.fields: list[int] = []
-        self.pointers: list[tuple[int, int, tuple[str, str], str, int]] = []
 
-    def lines(self, name: str) -> Iterator[tuple[int, str]]:
-        """Yield numbered lines below the licence, which begins with blanks, if the file exists."""
-        path = self.folder / name
-        if path.is_file():
-            with path.open(encoding="utf-8", errors="replace") as file:
-                for number, line in enumerate(file, 1):
-                    if not line.startswith("  "):
-                        yield number, line
+def _senses(
+    folder: Path,
+    nodes: dict[_Key, int],
+    synsets: Sequence[_Synset],
+) -> dict[str, list[int]]:
+    """Return the noun senses of each lemma (with underscores), most frequent first."""
+    name = "index.noun"
+    senses = {}
+    number = 0
+    for number, (lemma, offsets) in _parsed(folder, name, _entry, "a complete entry"):
+        for offset in offsets:
+            if ("n", offset) not in nodes:
+                problem = f"synset {offset} of '{lemma}' does not exist in data.noun"
+                raise _fault(folder, name, number, problem)
+        senses[lemma] = [nodes["n", offset] for offset in offsets]
+    # An index that was cut between two lines would hide nouns without an error.
+    for (letter, offset), node in nodes.items():
+        for lemma in synsets[node].lemmas if letter == "n" else ():
+            if lemma.lower().replace(" ", "_") not in senses:
+                problem = f"no entry for '{lemma}' of synset {offset}"
+                raise _fault(folder, name, number + 1, problem)
+    return senses
 
-    def fault(self, name: str, line: int, problem: str) -> KnowledgeFileError:
-        return KnowledgeFileError(
-            f"{self.folder / name}, line {line}: {problem}. The file is damaged or cut; install "
-            "WordNet again."
-        )
 
-    def no(self, name: str, line: int, text: str, expected: str) -> KnowledgeFileError:
-        beginning = text.strip()[:60]
-        return self.fault(name, line, f"'{beginning}' is not {expected}")
+# --- lines ----------------------------------------------------------------------------------------
 
-    def read_data(self, part: str) -> None:
-        """Add the synsets of a part of speech, and pointers, also to synsets that come later.
 
-        A line has offset, field, type, number of words (hexadecimal), words with ids, number of
-        pointers, pointers of four columns each (symbol, offset, part of speech, words), and the
-        gloss behind a bar.
-        """
-        name = f"data.{part}"
-        for number, line in self.lines(name):
-            synset, bar, gloss = line.partition("|")
+def _parsed(
+    folder: Path, name: str, parse: Callable[[str], T], expected: str
+) -> Iterator[tuple[int, T]]:
+    """Yield number and content of each line below the licence, which begins with blanks.
+
+    Args:
+        folder: WordNet's folder.
+        name: name of the file; a file that does not exist has no lines.
+        parse: parses a line, or raises an IndexError or ValueError.
+        expected: what a line is, for the error.
+    """
+    path = folder / name
+    if not path.is_file():
+        return
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            if line.startswith("  "):
+                continue
             try:
-                if not bar or not line.endswith("\n"):
-                    raise IndexError
-                columns = synset.split()
-                offset, field, _, num_words, *_ = columns
-                # A word and its id, for each word.
-                end = 4 + 2 * int(num_words, 16)
-                words = columns[4:end:2]
-                field_number = _FIELDS.index(field)
-                synset_key = (_PARTS[part], offset)
-                node = self.places.setdefault(synset_key, len(self.lemmas))
-                # Four columns for each pointer, behind their number.
-                first = end + 1
-                last = first + 4 * int(columns[end])
-                # Cut lines lack columns; a repeated offset has an earlier node.
-                is_cut = last > len(columns) or not words
-                if is_cut or node < len(self.lemmas):
-                    raise IndexError
-                for place in range(first, last, 4):
-                    symbol, target_offset, kind, _ = columns[place : place + 4]
-                    if symbol in _POINTERS:
-                        relation = _RELATIONS.index(_POINTERS[symbol])
-                        # Satellite adjectives, s, lie in the file of adjectives.
-                        target_part = "a" if kind == "s" else kind
-                        target = (target_part, target_offset)
-                        self.pointers.append((node, relation, target, name, number))
+                content = parse(line)
             except (IndexError, ValueError):
-                raise self.no(name, number, line, "a complete synset") from None
-            lemmas = []
-            for word in words:
-                # Some adjectives end with a mark for their position, such as (p).
-                lemma, _, _ = word.partition("(")
-                lemmas.append(lemma.replace("_", " "))
-            # The definition without the examples, which begin with quotes.
-            definition, _, _ = gloss.partition('; "')
-            self.lemmas.append(lemmas)
-            self.glosses.append(definition.strip())
-            self.fields.append(field_number)
+                problem = f"'{line.strip()[:60]}' is not {expected}"
+                raise _fault(folder, name, number, problem) from None
+            yield number, content
 
-    def edges(self) -> Ids:
-        """Return the pointers as edges, each symmetric relation in one direction."""
-        parts = {part for part, _ in self.places}
-        rows = []
-        for head, relation, target, name, number in self.pointers:
-            tail = self.places.get(target)
-            if tail is None:
-                part, offset = target
-                if part in parts:
-                    raise self.fault(name, number, f"synset {offset}-{part} does not exist")
-                # The folder lacks this part of speech.
-                continue
-            if relation in _SYMMETRIC:
-                head, tail = sorted((head, tail))
-            rows.append((head, relation, tail))
-        # Without pointers, the reshape makes three columns all the same.
-        edges = np.array(rows, dtype=np.int64).reshape(-1, 3)
-        # Weights do not matter: equal pointers are one edge of weight 1.
-        weights = np.ones(len(edges))
-        sizes = (len(self.places), len(_RELATIONS))
-        distinct_edges, _ = unique_edges(edges, weights, sizes)
-        return distinct_edges
 
-    def read_index(self) -> dict[str, list[int]]:
-        """Return the noun senses of each lemma (with underscores), most frequent first."""
-        senses = {}
-        name = "index.noun"
-        number = 0
-        for number, line in self.lines(name):
-            try:
-                # After the number of senses: number of pointer symbols, the symbols, numbers of
-                # senses and of tagged senses, and an offset for each sense.
-                lemma, _, count, *fields = line.split()
-                num_senses = int(count)
-                offsets = fields[len(fields) - num_senses :]
-                # All of them but the symbols are counted by `num_senses` and these three numbers.
-                num_counted = 3 + num_senses
-                is_cut = not line.endswith("\n") or len(fields) < num_counted
-                if is_cut or int(fields[0]) + num_counted != len(fields):
-                    raise ValueError
-            except ValueError:
-                raise self.no(name, number, line, "a complete entry") from None
-            for offset in offsets:
-                if ("n", offset) not in self.places:
-                    raise self.fault(
-                        name, number, f"synset {offset} of '{lemma}' does not exist in data.noun"
-                    )
-            senses[lemma] = [self.places["n", offset] for offset in offsets]
-        # An index that was cut between two lines would hide nouns without an error.
-        for (part, offset), node in self.places.items():
-            if part != "n":
-                continue
-            for lemma in self.lemmas[node]:
-                spelled = lemma.lower().replace(" ", "_")
-                if spelled not in senses:
-                    problem = f"no entry for '{lemma}' of synset {offset}"
-                    raise self.fault(name, number + 1, problem)
-        return senses
+def _fault(folder: Path, name: str, line: int, problem: str) -> KnowledgeFileError:
+    return KnowledgeFileError(
+        f"{folder / name}, line {line}: {problem}. The file is damaged or cut; install WordNet "
+        "again."
+    )
 
-    def read_exceptions(self) -> dict[str, list[str]]:
-        """Return irregular plurals with their singulars."""
-        exceptions = {}
-        for number, line in self.lines("noun.exc"):
-            # A blank line is a plural without letters: refused below, with its number.
-            plural, *singulars = line.replace("_", " ").split() or [""]
-            if not singulars:
-                raise self.fault("noun.exc", number, f"'{plural}' has no base form")
-            exceptions[plural] = singulars
-        return exceptions
 
-    def read_counts(self, senses: dict[str, list[int]]) -> dict[tuple[str, int], int]:
-        """Return counts of noun senses in sense-tagged text; empty without ``cntlist.rev``."""
-        counts = {}
-        name = "cntlist.rev"
-        for number, line in self.lines(name):
-            try:
-                key, sense, count = line.split()
-                lemma, kind = key.split("%")
-                # A sense key begins with the part of speech: 1 for nouns.
-                is_noun = kind[0] == "1"
-                place = int(sense) - 1
-                occurrences = int(count)
-                if place < 0 or not 0 <= occurrences <= _MOST_OCCURRENCES:
-                    raise ValueError
-                nodes = senses.get(lemma, [])
-                # Debian's file names a few senses of old versions, which are skipped.
-                if is_noun and place < len(nodes):
-                    counts[plain(lemma), nodes[place]] = occurrences
-            except (ValueError, IndexError):
-                raise self.no(name, number, line, "a sense with its count") from None
-        return counts
+def _synset(line: str) -> _Synset:
+    """Parse a line of a data file.
+
+    It has offset, field, type, number of words (hexadecimal), words with ids, number of pointers,
+    pointers of four columns each (symbol, offset, part of speech, words), and the gloss behind a
+    bar.
+    """
+    synset, bar, gloss = line.partition("|")
+    columns = synset.split()
+    offset, field, _, num_words, *_ = columns
+    # A word and its id, for each word; four columns for each pointer, behind their number.
+    end = 4 + 2 * int(num_words, 16)
+    words = columns[4:end:2]
+    first = end + 1
+    last = first + 4 * int(columns[end])
+    # Cut lines lack columns or the end of the line.
+    if not bar or not line.endswith("\n") or not words or last > len(columns):
+        raise ValueError
+    pointers = []
+    for place in range(first, last, 4):
+        symbol, target, letter, _ = columns[place : place + 4]
+        if symbol in _POINTERS:
+            # Satellite adjectives, s, lie in the file of adjectives.
+            key = ("a" if letter == "s" else letter, target)
+            pointers.append((_RELATIONS.index(_POINTERS[symbol]), key))
+    # Some adjectives end with a mark for their position, such as (p).
+    lemmas = [word.partition("(")[0].replace("_", " ") for word in words]
+    # The definition without the examples, which begin with quotes.
+    definition, _, _ = gloss.partition('; "')
+    return _Synset(offset, _FIELDS.index(field), lemmas, definition.strip(), pointers)
+
+
+def _entry(line: str) -> tuple[str, list[str]]:
+    """Parse a line of the index: a lemma and the offsets of its senses.
+
+    After the number of senses it has the number of pointer symbols, the symbols, numbers of senses
+    and of tagged senses, and an offset for each sense.
+    """
+    lemma, _, count, *fields = line.split()
+    num_senses = int(count)
+    # All fields but the symbols are counted by `num_senses` and these three numbers.
+    is_whole = len(fields) == int(fields[0]) + 3 + num_senses
+    if not line.endswith("\n") or not is_whole:
+        raise ValueError
+    return lemma, fields[len(fields) - num_senses :]
+
+
+def _exception(line: str) -> tuple[str, list[str]]:
+    """Parse an irregular plural with its singulars."""
+    plural, *singulars = line.replace("_", " ").split()
+    if not singulars:
+        raise ValueError
+    return plural, singulars
+
+
+def _count(line: str) -> tuple[str, int, int]:
+    """Parse a sense in sense-tagged text: lemma, place of the sense, and count; nouns alone."""
+    key, sense, count = line.split()
+    lemma, kind = key.split("%")
+    place = int(sense) - 1
+    occurrences = int(count)
+    if place < 0 or not 0 <= occurrences <= _MOST_OCCURRENCES:
+        raise ValueError
+    # A sense key begins with the part of speech: 1 for nouns. No noun has so many senses.
+    return lemma, place if kind[0] == "1" else _MOST_OCCURRENCES, occurrences

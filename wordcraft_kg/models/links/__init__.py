@@ -5,10 +5,9 @@ Read ``config`` first (all settings), then ``training`` (a run from begin to mod
 from the model to scorer tensors) and ``records`` (the folder's files). ``complex`` and
 ``symmetric_lcwa`` are model and objective of the WordCraft paper (Jiang et al. 2020).
 ``cross_fitting`` trains the models of folds, ``regularisation`` chooses weights on small and on
-large books, ``popularity`` adds the log counts of entities to the embeddings, and ``outside`` reads
-triples from outside the book. ``pykeen_bridge`` guards PyKEEN's global generators;
-``pykeen_import`` makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this package and
-in ``wordcraft_kg/pykeen_dataset.py``, and nowhere else.
+large books, and ``outside`` reads triples from outside the book. ``pykeen_bridge`` guards PyKEEN's
+global generators, and makes scorers from models of PyKEEN's pipeline. PyKEEN is used in this
+package and in ``wordcraft_kg/pykeen_dataset.py``, and nowhere else.
 
 Add a kind of model freely: its settings in ``config``, two functions in ``builders``. Changes of
 sums, of their order or of random draws change the bits of trained models; such a change needs a new

@@ -20,7 +20,7 @@ from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, reason
 from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import Record, as_values
-from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, with_prefix
+from wordcraft_kg.base.tensors import MAX_WEIGHT, check_tensors, copied, largest, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -168,19 +168,25 @@ def _cross_fitted(
             f"{files.folder / FOLDS_RECORD} describes folds {record.hash[:12]}, but the model was "
             f"trained with {inputs.get('folds', 'none')[:12]}. Train again, or restore a copy."
         )
-    makers = []
-    shared = {name: whole[name] for name in SCORERS[vocabulary.scorer].shared}
-    for fold in range(record.count):
-        part = shared | with_prefix(tensors, f"fold{fold}.")
-        # Checked now, because the scorer is made in the middle of a training.
-        try:
-            SCORERS[vocabulary.scorer].check(part, len(vocabulary.entities))
-        except (KeyError, ValueError, IndexError) as error:
-            raise ArtefactError(
-                f"fold {fold} of {record.count} is missing or damaged in {path} ({reason(error)}). "
-                "Train again, or restore a copy."
-            ) from None
-        make = partial(
+    kind = SCORERS[vocabulary.scorer]
+    shared = {name: whole[name] for name in kind.shared}
+    parts = [shared | with_prefix(tensors, f"fold{fold}.") for fold in range(record.count)]
+    ids = [name for name in (OF_RECIPE, TRAIN_RESULTS) if name == OF_RECIPE or name in tensors]
+    # Checked now, because a fold's scorer is made in the middle of a training.
+    try:
+        for part in parts:
+            kind.check(part, len(vocabulary.entities))
+        check_tensors(tensors, dict.fromkeys(ids, "recipes int64"))
+        # A recipe of a fold without a model would be scored by another fold's, or by none.
+        if (tensors[OF_RECIPE] >= record.count).any():
+            raise ValueError(f"{OF_RECIPE} names other folds than those of {FOLDS_RECORD}")
+    except (KeyError, ValueError, IndexError) as error:
+        raise ArtefactError(
+            f"the models of {record.count} folds are incomplete or damaged in {path} "
+            f"({reason(error)}). Train again, or restore a copy."
+        ) from None
+    makers = [
+        partial(
             make_scorer,
             vocabulary.scorer,
             part,
@@ -189,30 +195,16 @@ def _cross_fitted(
             device=scorer.device,
             name=f"{scorer.name}, without fold {fold}",
         )
-        makers.append(make)
-    if OF_RECIPE not in tensors or tensors[OF_RECIPE].ndim != 1:
-        raise ArtefactError(
-            f"{path} has no assignment from recipes to folds. Train again, or restore a copy."
-        )
-    fold_of_recipe = tensors[OF_RECIPE]
-    # A recipe of a fold without a model would be scored by another fold's, or by none.
-    if fold_of_recipe.is_floating_point() or (fold_of_recipe >= record.count).any():
-        raise ArtefactError(
-            f"{path} assigns recipes to other folds than the {record.count} of {FOLDS_RECORD}. "
-            "Train again, or restore a copy."
-        )
+        for fold, part in enumerate(parts)
+    ]
     results = tensors.get(TRAIN_RESULTS)
-    if results is not None and (
-        results.shape != fold_of_recipe.shape or results.is_floating_point()
-    ):
-        raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")
     probabilities = None
     if CALIBRATION in files.run.outputs:
         probabilities = files.record(CALIBRATION, Probabilities)
     return CrossFitted(
         scorer,
         makers,
-        fold_of_recipe.numpy(),
+        tensors[OF_RECIPE].numpy(),
         record,
         probabilities,
         train_results=None if results is None else results.numpy(),

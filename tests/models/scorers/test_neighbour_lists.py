@@ -74,6 +74,7 @@ class SlowFeatures:
         self.used = {entity for a, b, _ in self.recipes for entity in (a, b)}
         self.made = {result for *_, result in self.recipes}
         self.regression = kernel_tables(recipes, rows, cosines)
+        self.word_regression = word_tables(recipes, vectors)
 
     def links(self, x, c):
         return sum(result == c and x in (a, b) for a, b, result in self.recipes)
@@ -105,6 +106,7 @@ class SlowFeatures:
             math.log(FLOOR + sum(alike[x, partner] for partner in partners)),
             float(x in partners),
             self.regression[1][x, c],
+            self.word_regression[1][x, c],
             math.log1p(sum(c in (a, b) for a, b, _ in self.recipes)),
             math.log1p(sum(result == c for *_, result in self.recipes)),
         ]
@@ -135,6 +137,7 @@ class SlowFeatures:
             math.log1p(sum(result == c for *_, result in self.recipes)),
             math.log1p(sum(c in (one, other) for one, other, _ in self.recipes)),
             self.regression[0][a, b],
+            self.word_regression[0][a, b],
         ]
 
     def of_table(self, a, b, c):
@@ -163,6 +166,7 @@ class SlowFeatures:
             math.log(FLOOR + exact),
             anything,
             self.regression[0][a, b],
+            self.word_regression[0][a, b],
         ]
 
 
@@ -173,6 +177,13 @@ def kernel_tables(recipes, rows, cosines):
     kernel -= torch.diag(words_of_itself)
     seen = torch.from_numpy(np.unique(recipes))
     links = link_matrices(recipes, len(rows))
+    return [table.numpy() for table in kernel_regression(kernel, *links, seen=seen)]
+
+
+def word_tables(recipes, vectors):
+    kernel = torch.from_numpy(vectors.astype(float) @ vectors.astype(float).T)
+    links = link_matrices(recipes, len(vectors))
+    seen = torch.from_numpy(np.unique(recipes))
     return [table.numpy() for table in kernel_regression(kernel, *links, seen=seen)]
 
 

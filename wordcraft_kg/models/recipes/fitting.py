@@ -672,7 +672,7 @@ def table_examples(
         slot_pairs: first and second slot of P pairs, shape (P,) each; None for all pairs.
 
     Returns:
-        features of the links of slots to goals, shape (N, A, 14); and queries with features of
+        features of the links of slots to goals, shape (N, A, 15); and queries with features of
         pairs, (N, P, F), where scores of link rankers are 0.
     """
     if slot_pairs is None:

@@ -50,18 +50,18 @@ def check_table(what: str, num_entities: int) -> None:
 
 _PROGRAM = 1_200 * 2**20
 """Memory for Python, torch, SciPy, compiled loops, and queries that wait for their fit."""
-_FINISHED_BY_ENTITY = 200 * 8 + (32 + 40 + 64) * 12 + 3 * 4 * 256 + 2 * 128
+_FINISHED_BY_ENTITY = 200 * 8 + (32 + 40 + 64) * 12 + 6 * 4 * 256 + 2 * 128
 """Bytes of a finished set of lists by entity: neighbours, supporting recipes, factors, signatures.
 """
 _FINISHED_BY_RECIPE = 320
 """Bytes of a finished set by recipe: hash tables, which a quarter to an eighth of the places fill.
 """
-_BY_ENTITY = _FINISHED_BY_ENTITY + 8 * 256 + 2_000
-"""Bytes of a set of lists by entity while it is made: factors in double precision, and profiles.
+_BY_ENTITY = _FINISHED_BY_ENTITY + 4 * 256 + 2_000
+"""Bytes of a set of lists by entity while it is made: coordinates, and profiles.
 Measured for 60,000 entities: 13,200 with 5.8 recipes each."""
 _BY_RECIPE = 450
 """Bytes of a set by recipe while it is made: profiles while neighbours are searched."""
-_EXAMPLES = 4 * 8_000 * 55 * 51 * 4
+_EXAMPLES = 4 * 8_000 * 55 * 45 * 4
 """Bytes of the features from which the rankers of a fit learn."""
 _OF_ENCODER = 4 * (192 + 128 + 1)
 """Bytes of an entity's own vectors in a pair encoder, while it is fitted."""

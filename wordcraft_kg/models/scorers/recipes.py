@@ -92,13 +92,13 @@ class RecipeScorer(StoredScorer, RecipeScores):
         Raises:
             UnknownEntityError: for an unknown relation.
         """
-        lists = self.knowledge.lists()
+        factors = self.knowledge.lists().by_kernel
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
-        of_heads = lists.pair_left if is_pair else lists.left
+        of_heads = factors.pair_left if is_pair else factors.left
         # Without the entities of other books, which come last.
         size = len(self.entities)
         left = torch.from_numpy(of_heads[:size])
-        right = torch.from_numpy(lists.right[:size])
+        right = torch.from_numpy(factors.right[:size])
         return left.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:

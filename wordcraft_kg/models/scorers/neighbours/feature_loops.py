@@ -31,11 +31,11 @@ Validation prefers 2e-3 to 3e-5 and to no limit, and it looks at 44 of 1,024 pai
 """
 MOST_RESULTS = 64
 """Results of a neighbour pair that count; a pair with more, in a damaged book, costs no more."""
-NUM_LINKS = 12
+NUM_LINKS = 13
 """Features of a link that count for a slot: all but the goal's own numbers of recipes."""
-COUNT = 12
+COUNT = 13
 """Place of ``count``, after them, in the order of ``pair_features.OF_SLOTS``."""
-OF_SLOTS = 14
+OF_SLOTS = 15
 """Features of a slot and a goal: the last one is a score of the link ranker."""
 # Places in the order of `links.OF_COMPONENTS`.
 (
@@ -51,6 +51,7 @@ OF_SLOTS = 14
     _LINK_WITH_GOAL,
     _COMBINES,
     _REGRESSION,
+    _WORD_REGRESSION,
 ) = range(NUM_LINKS)
 # In the order of `pair_features.OF_PAIRS`, behind the sums and minima of slots.
 (
@@ -67,7 +68,8 @@ OF_SLOTS = 14
     _GOAL_MADE,
     _GOAL_USES,
     _PAIR_REGRESSION,
-) = range(2 * OF_SLOTS, 2 * OF_SLOTS + 13)
+    _PAIR_WORD_REGRESSION,
+) = range(2 * OF_SLOTS, 2 * OF_SLOTS + 14)
 
 
 @in_place
@@ -226,8 +228,10 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         table: the ingredients, shape (A,); negative for empty slots.
         cosines: word cosines of slots and goal, shape (A,).
         kernels: their similarities k, shape (A,).
-        out: shape (A, 12) or wider.
+        out: shape (A, 13) or wider.
     """
+    kernel = lists.by_kernel
+    word = lists.by_words
     entry_of, entries, counts, num_to_goal = to_results
     hashed = (lists.partner_bits, lists.pair_keys)
     links = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
@@ -281,7 +285,8 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         out[slot, _LINK_REVERSE] = log(FLOOR + reverse)
         out[slot, _LINK_WITH_GOAL] = log(FLOOR + with_goal)
         out[slot, _COMBINES] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
-        out[slot, _REGRESSION] = product(lists.left, lists.right, entity, goal)
+        out[slot, _REGRESSION] = product(kernel.left, kernel.right, entity, goal)
+        out[slot, _WORD_REGRESSION] = product(word.left, word.right, entity, goal)
 
 
 @in_place
@@ -425,7 +430,7 @@ def _of_slots(links, counts, i, j, out):  # type: ignore[no-untyped-def]
     """Write the sums and minima of two slots' features, but for the score of the link ranker.
 
     Args:
-        links: features of the slots' links to the goal, shape (A, 12) or wider.
+        links: features of the slots' links to the goal, shape (A, 13) or wider.
         counts: logarithms of the slots' recipes that make the goal, shape (A,).
         i: first slot.
         j: second slot.
@@ -447,18 +452,18 @@ def _of_pairs(lists, goal, table, pairs, slots, neighbours, results, alone, out)
         goal: entity id.
         table: shape (A,); negative for empty slots.
         pairs: first and second slot of each pair, shape (P,) each.
-        slots: features of the slots' links to the goal, shape (A, 14), and logarithms of their
+        slots: features of the slots' links to the goal, shape (A, 15), and logarithms of their
             recipes that make it, shape (A,).
         neighbours: known pairs of neighbours, from :func:`_all_neighbour_pairs`.
         results: k² of each result of these and the goal, and the same by words, shape (T,).
-        alone: features of the pairs alone: places in the hash table and regression, shape (P,);
-            word cosines and similarities of slots, shape (A, A).
+        alone: features of the pairs alone: places in the hash table and both regressions, shape
+            (P,); word cosines and similarities of slots, shape (A, A).
         out: shape (P, F).
     """
     one, other = pairs
     links, counts = slots
     starts, places, weights, words = neighbours
-    own_places, regression, cosines, kernels = alone
+    own_places, regression, word_regression, cosines, kernels = alone
     results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     goal_made = log1p(lists.num_makers[goal])
     goal_uses = log1p(lists.num_uses[goal])
@@ -481,6 +486,7 @@ def _of_pairs(lists, goal, table, pairs, slots, neighbours, results, alone, out)
         features[_GOAL_MADE] = goal_made
         features[_GOAL_USES] = goal_uses
         features[_PAIR_REGRESSION] = regression[pair]
+        features[_PAIR_WORD_REGRESSION] = word_regression[pair]
 
 
 @compiled
@@ -496,7 +502,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
         tables: shape (B, A); negative for empty slots.
         one: first slot of each pair, shape (P,).
         other: second slot of each pair, shape (P,).
-        links: features of the slots' links to the goals, shape (B, A, 14).
+        links: features of the slots' links to the goals, shape (B, A, 15).
         out: zeros, shape (B, P, F); a pair with an empty slot, or without goal, keeps its zeros.
     """
     size = len(lists.norms)
@@ -512,6 +518,9 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
     starts = np.empty(len(one) + 1, dtype=np.int64)
     own_places = np.empty(len(one), dtype=np.int64)
     regression = np.empty(len(one), dtype=np.float32)
+    word_regression = np.empty(len(one), dtype=np.float32)
+    kernel = lists.by_kernel
+    word = lists.by_words
     # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
     most = len(one) * lists.used.shape[1] ** 2
     known_pairs = (
@@ -545,7 +554,8 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
             b = table[other[pair]]
             if a >= 0 and b >= 0:
                 own_places[pair] = pair_place(*hashed, a, b)
-                regression[pair] = product(lists.pair_left, lists.right, a, b)
+                regression[pair] = product(kernel.pair_left, kernel.right, a, b)
+                word_regression[pair] = product(word.pair_left, word.right, a, b)
         for row in range(begin, end):
             goal = goals[row]
             spread(lists, goal, structure)
@@ -567,7 +577,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
                 (links[row], counts),
                 (starts, *known_pairs),
                 (alike, words),
-                (own_places, regression, cosines, kernels),
+                (own_places, regression, word_regression, cosines, kernels),
                 out[row],
             )
 

@@ -17,8 +17,8 @@ from wordcraft_kg.models.scorers.neighbours.hash_loops import pair_place
 from wordcraft_kg.models.scorers.neighbours.similar import clear, product, spread
 
 # Places of the goal's numbers, at the end of `links.OF_COMPONENTS`.
-_GOAL_USES = 12
-_GOAL_MADE = 13
+_GOAL_USES = 13
+_GOAL_MADE = 14
 # Places in the order of `links.OF_COMBINES`.
 (
     _WORDS,
@@ -31,7 +31,8 @@ _GOAL_MADE = 13
     _NEAR_PAIRS_EXACT,
     _NEAR_PAIRS,
     _REGRESSION,
-) = range(10)
+    _WORD_REGRESSION,
+) = range(11)
 
 
 @compiled
@@ -42,7 +43,7 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
         lists: the lists.
         goals: shape (B,); negative for no goal.
         tables: shape (B, A); negative for empty slots.
-        out: zeros, shape (B, A, 14), in the order of ``links.OF_COMPONENTS``; an empty slot,
+        out: zeros, shape (B, A, 15), in the order of ``links.OF_COMPONENTS``; an empty slot,
             or one without goal, keeps its zeros.
     """
     structure = np.zeros(len(lists.norms), dtype=np.float32)
@@ -83,9 +84,11 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
         lists: the lists.
         keys: shape (B,); negative for no entity.
         tables: shape (B, A); negative for empty slots.
-        out: zeros, shape (B, A, 10), in the order of ``links.OF_COMBINES``; an empty slot, or one
+        out: zeros, shape (B, A, 11), in the order of ``links.OF_COMBINES``; an empty slot, or one
             without key, keeps its zeros.
     """
+    kernel = lists.by_kernel
+    word = lists.by_words
     half_starts = lists.half_starts
     half_nodes = lists.half_nodes
     half_values = lists.half_values
@@ -150,7 +153,8 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
             features[_COMPLETION] = log(FLOOR + completion)
             features[_NEAR_PAIRS_EXACT] = log(FLOOR + exact)
             features[_NEAR_PAIRS] = log(FLOOR + near)
-            features[_REGRESSION] = product(lists.pair_left, lists.right, key, entity)
+            features[_REGRESSION] = product(kernel.pair_left, kernel.right, key, entity)
+            features[_WORD_REGRESSION] = product(word.pair_left, word.right, key, entity)
         # Cleared where it was written, for the next key.
         for place in range(half_starts[key], half_starts[key + 1]):
             node = half_nodes[place]

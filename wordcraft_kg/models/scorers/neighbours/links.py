@@ -25,6 +25,7 @@ OF_COMPONENTS = (
     "link_with_goal",
     "combines",
     "regression",
+    "word_regression",
     "goal_uses",
     "goal_made",
 )
@@ -38,7 +39,7 @@ OF_COMPONENTS = (
 | link_exact, link_to_goal | the same for x' = x alone, and for c' = c alone |
 | link_reverse | log of links from c to neighbours of x: c as ingredient, x as result |
 | link_with_goal, combines | log of x's neighbours that combine with c; whether x does |
-| regression | componentOf(x, c) by kernel regression |
+| regression, word_regression | componentOf(x, c) by kernel regression: by k, by word vectors |
 | goal_uses, goal_made | log(1 + recipes that use c, that make c) |
 """
 OF_COMBINES = (
@@ -52,6 +53,7 @@ OF_COMBINES = (
     "near_pairs_exact",
     "near_pairs",
     "regression",
+    "word_regression",
 )
 """Features of a combinesWith link between a and b, in the order of the link ranker's weights.
 
@@ -63,7 +65,7 @@ OF_COMBINES = (
 | completion | log of paths over pairs with the same result, see ``kernel.completion`` |
 | near_pairs_exact | log of known pairs of a and a neighbour of b, or the other way round |
 | near_pairs | log of known pairs of neighbours, by likeness, each with the number of its results |
-| regression | combinesWith(a, b) by kernel regression |
+| regression, word_regression | combinesWith(a, b) by kernel regression: by k, by word vectors |
 """
 LINK_FEATURES = {COMBINES_WITH: OF_COMBINES, COMPONENT_OF: OF_COMPONENTS}
 """Names of the features of each relation."""

@@ -15,7 +15,7 @@ from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts, profiles
 from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, write_blocks
-from wordcraft_kg.models.scorers.neighbours.regression import RANK, link_factors
+from wordcraft_kg.models.scorers.neighbours.regression import RANK, Factors, link_factors
 
 Numbers = NDArray[np.int32]
 Floats = NDArray[np.float32]
@@ -82,8 +82,9 @@ class Lists(NamedTuple):
         part_starts: shape (T + 1,), where the ingredients of a result begin and end.
         parts, part_counts: ingredients of each result, ascending: number of recipes.
         num_uses, num_makers: shape (T,), recipes that use, and that make, an entity.
-        left, right: shape (T, m), componentOf by kernel regression is ``left[x] · right[c]``.
-        pair_left: shape (T, m), combinesWith is ``pair_left[a] · right[b]``.
+        by_kernel: links by regression with the similarity k, as products, see
+            :class:`~.regression.Factors`.
+        by_words: links by regression with the product of word vectors, likewise.
         half_starts, half_nodes, half_values: sparse rows of the matrix H, shape (T, nodes):
             completion is ``H R Hᵀ``, and H is ``nodesᵀ R``, with the matrices of
             :func:`~wordcraft_kg.models.scorers.kernel.completion_parts`.
@@ -118,9 +119,8 @@ class Lists(NamedTuple):
     part_counts: Numbers
     num_uses: Numbers
     num_makers: Numbers
-    left: Floats
-    right: Floats
-    pair_left: Floats
+    by_kernel: Factors
+    by_words: Factors
     half_starts: Ids
     half_nodes: Numbers
     half_values: Floats
@@ -238,7 +238,7 @@ def make_lists(
     result_bits = np.zeros_like(partner_bits)
     hash_loops.signatures(first, result, result_bits)
     hash_loops.signatures(second, result, result_bits)
-    left, right, pair_left = link_factors(ordered, rows, vectors, rank)
+    by_kernel, by_words = link_factors(ordered, rows, vectors, rank)
     nodes, node_pairs = completion_parts(ordered, size)
     half_starts, half_nodes, half_values = _sparse_rows((nodes.T @ node_pairs).tocsr())
     node_starts, node_partners, node_values = _sparse_rows(node_pairs)
@@ -271,9 +271,8 @@ def make_lists(
         part_counts=part_counts.astype(np.int32),
         num_uses=num_uses,
         num_makers=num_makers,
-        left=left,
-        right=right,
-        pair_left=pair_left,
+        by_kernel=by_kernel,
+        by_words=by_words,
         half_starts=half_starts,
         half_nodes=half_nodes,
         half_values=half_values,

@@ -38,6 +38,7 @@ OF_PAIRS = (
     "goal_made",
     "goal_uses",
     "pair_regression",
+    "pair_word_regression",
     "combines_pair",
 )
 """Features of a pair (a, b) and a goal c.
@@ -50,7 +51,7 @@ OF_PAIRS = (
 | known, makes | a + b has known results; c is a known result |
 | pair_words, pair_kernel, itself | word cosine and similarity of a and b; a equals b |
 | goal_made, goal_uses | log(1 + recipes that make c, that use c) |
-| pair_regression | combinesWith(a, b) by kernel regression |
+| pair_regression, pair_word_regression | combinesWith(a, b) by kernel regression |
 | combines_pair | score of combinesWith(a, b), where outside knowledge tells of pairs; else 0 |
 """
 FEATURES = (
@@ -84,7 +85,7 @@ def pair_features(
         slot_pairs: first and second slot of each pair, shape (P,) each.
         goals: shape (B,); -1 for no goal.
         tables: shape (B, A); -1 for empty slots.
-        links: features of the componentOf links of slots and goals, shape (B, A, 14).
+        links: features of the componentOf links of slots and goals, shape (B, A, 15).
 
     Returns:
         shape (B, P, F), in the order of :data:`FEATURES`; zeros for a pair with an empty slot.

@@ -1,13 +1,14 @@
 """Kernel regression of links at low rank: scores of all pairs as products of two thin matrices.
 
-With landmarks L, entities whose recipes are known, and k the entity similarity, an entity's
-coordinates are ``Φ = K_EL V w^(-1/2)`` (Nyström), with ``K_LL = V diag(w) Vᵀ``. The ridge
-regression of a link table Y with the product kernel has a closed form: with ``G = Φᵀ Φ`` over
-entities with recipes and ``G = Q diag(g) Qᵀ``::
+Two kernels: the entity similarity k, by landmarks L, entities whose recipes are known; and the
+product of word vectors. An entity's coordinates are ``Φ = K_EL V w^(-1/2)`` (Nyström), with
+``K_LL = V diag(w) Vᵀ``; those by words are the word vectors themselves. The ridge regression of a
+link table Y with the product kernel has a closed form: with ``G = Φᵀ Φ`` over entities with recipes
+and ``G = Q diag(g) Qᵀ``::
 
     scores = (Φ Q) [(Qᵀ Φᵀ Y Φ Q) / (g gᵀ + λ)] (Φ Q)ᵀ
 
-If all entities with recipes are landmarks, this is exactly
+If all entities with recipes are landmarks, and m is as large, this is exactly
 :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`. The cost is E L D for the kernel,
 L³ for eigenvectors and (links) m for the products.
 
@@ -15,7 +16,7 @@ Source: Williams and Seeger 2001 (Nyström); Stock et al. 2018 (two-step and Kro
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +27,31 @@ from wordcraft_kg.models.scorers.kernel import TEXT
 from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, of_blocks, write_blocks
 
 RANK = 256
-"""Coordinates m of an entity in the regression."""
+"""Most coordinates m of an entity in a regression."""
 LANDMARKS = 1_536
 """Most landmarks: the entities in most recipes, ties by id."""
+_CELLS = 2**26
+"""Similarities of entities and landmarks, about, from which on landmarks are fewer."""
+_FEWEST = 256
+"""Fewest landmarks of a large book."""
 RIDGE = 1.0
 """λ, as in the regression with full tables."""
 
 Floats = NDArray[np.float32]
+
+
+class Factors(NamedTuple):
+    """Scores of links as products: componentOf is ``left[x] · right[c]``.
+
+    Attributes:
+        left: shape (T, m).
+        right: shape (T, m).
+        pair_left: shape (T, m): combinesWith is ``pair_left[a] · right[b]``.
+    """
+
+    left: Floats
+    right: Floats
+    pair_left: Floats
 
 
 def link_factors(
@@ -40,128 +59,133 @@ def link_factors(
     rows: Any,
     vectors: Floats,
     rank: int = RANK,
-) -> tuple[Floats, Floats, Floats]:
-    """Return the factors of componentOf and combinesWith scores.
+) -> tuple[Factors, Factors]:
+    """Return the factors of the regression by similarities, and of that by word vectors.
 
     Args:
         recipes: ids (n, 3).
         rows: profiles, sparse, shape (T, M).
         vectors: unit word vectors, shape (T, D).
-        rank: m, most coordinates.
-
-    Returns:
-        ``left``, ``right`` and ``pair_left``, shape (T, m) each: componentOf is ``left[x] ·
-        right[c]``, combinesWith ``pair_left[a] · right[b]``. Without recipes m is 0.
+        rank: most coordinates; m is 0 without recipes.
     """
-    from scipy import sparse
-
     size = len(vectors)
     seen, counts = np.unique(recipes, return_counts=True)
+    nothing = np.zeros((size, 0), dtype=np.float32)
     if not len(seen) or not rank:
-        nothing = np.zeros((size, 0), dtype=np.float32)
-        return nothing, nothing, nothing
+        return (Factors(nothing, nothing, nothing),) * 2
+    num_landmarks = max(_FEWEST, min(LANDMARKS, _CELLS // size))
     # A stable sort, so that ties are in the order of ids.
     by_count = np.argsort(-counts, kind="stable")
-    landmarks = np.sort(seen[by_count[:LANDMARKS]])
+    landmarks = np.sort(seen[by_count[:num_landmarks]])
+    # In a large book a quarter of the landmarks: factors are most of its memory.
+    most = min(rank, max(num_landmarks // 4, 1))
     columns = rows[landmarks].T.tocsr()
-    of_words = vectors[landmarks].T
-    kernel = _kernel(landmarks, columns, of_words, rows, vectors)
-    values, basis = np.linalg.eigh(kernel)
+    kernel = _kernel(landmarks, landmarks, columns, rows, vectors)
+    values, basis = np.linalg.eigh(kernel.astype(np.float64))
     # The largest eigenvalues; those up to rounding or below 0 have no root.
     has_root = values > 1e-6 * values[-1]
-    kept = np.flatnonzero(has_root)[-rank:]
-    basis = basis[:, kept] / np.sqrt(values[kept])
-    # Blocks of entities from here on: all at once would take several times the memory of the
-    # factors. Sums of blocks are added in their order.
-    blocks = blocks_of(size)
+    chosen = np.flatnonzero(has_root)[-most:]
+    scaled = (basis[:, chosen] / np.sqrt(values[chosen])).astype(np.float32)
+    coordinates = np.empty((size, len(chosen)), dtype=np.float32)
     every = np.arange(size)
-    turned = np.empty((size, len(kept)))
 
-    def coordinates(block: slice) -> None:
-        turned[block] = _kernel(every[block], columns, of_words, rows, vectors) @ basis
+    def write(block: slice) -> None:
+        coordinates[block] = _kernel(every[block], landmarks, columns, rows, vectors) @ scaled
 
-    def squares_of_seen(block: slice) -> NDArray[np.float64]:
-        of_seen = turned[seen[block]]
-        return np.asarray(of_seen.T @ of_seen)
+    # Blocks of entities: all at once would take several times the memory of the factors.
+    write_blocks(write, blocks_of(size))
+    triples = recipe_triples(recipes)
+    return (
+        _regression(coordinates, seen, triples, most),
+        _regression(vectors, seen, triples, most),
+    )
 
-    def rotate(block: slice) -> None:
-        turned[block] = turned[block] @ turn
 
-    write_blocks(coordinates, blocks)
-    # Only entities with recipes are fitted; those without are no negative evidence.
-    squares = np.zeros((len(kept), len(kept)))
-    for part in of_blocks(squares_of_seen, blocks):
+def _regression(coordinates: Floats, seen: Ids, triples: Ids, rank: int) -> Factors:
+    """Fit the links of both relations.
+
+    Args:
+        coordinates: Φ, shape (T, D).
+        seen: entities with recipes: those without are no negative evidence.
+        triples: known links, shape (L, 3).
+        rank: most directions Q, those with the largest g.
+    """
+    size = len(coordinates)
+    blocks = blocks_of(size)
+
+    def square(block: slice) -> NDArray[np.float64]:
+        part = coordinates[seen[block]]
+        return np.asarray(part.T @ part, dtype=np.float64)
+
+    # Sums of blocks are added in their order.
+    squares = np.zeros((coordinates.shape[1],) * 2)
+    for part in of_blocks(square, blocks_of(len(seen))):
         squares += part
     weights, turn = np.linalg.eigh(squares)
-    write_blocks(rotate, blocks)
-    triples = recipe_triples(recipes)
-    products = np.maximum(weights, 0)
+    products = np.maximum(weights[-rank:], 0)
+    directions = turn[:, -rank:].astype(np.float32)
     shrinkage = products[:, None] * products + RIDGE
+    right = np.empty((size, len(products)), dtype=np.float32)
+
+    def rotate(block: slice) -> None:
+        right[block] = coordinates[block] @ directions
+
+    write_blocks(rotate, blocks)
     # Each relation has its own left factor; the right one, Φ Q, serves both.
-    lefts = []
-    for relation in (COMPONENT_OF, COMBINES_WITH):
-        is_own = triples[:, 1] == relation
-        heads, _, tails = triples[is_own].T
-        ones = np.ones(len(heads))
-        links = sparse.csr_array((ones, (heads, tails)), shape=(size, size))
-        lefts.append(_left_factor(turned, links, shrinkage, blocks))
-    left, pair_left = lefts
-    return left, turned.astype(np.float32), pair_left
+    component = _left_factor(right, triples[triples[:, 1] == COMPONENT_OF], shrinkage, blocks)
+    combines = _left_factor(right, triples[triples[:, 1] == COMBINES_WITH], shrinkage, blocks)
+    return Factors(component, right, combines)
 
 
 def _left_factor(
-    turned: NDArray[np.float64],
-    links: Any,
+    right: Floats,
+    triples: Ids,
     shrinkage: NDArray[np.float64],
     blocks: Sequence[slice],
 ) -> Floats:
     """Return ``Φ Q [(Qᵀ Φᵀ Y Φ Q) / (g gᵀ + λ)]``, shape (T, m).
 
     Args:
-        turned: Φ Q, shape (T, m).
-        links: Y, sparse, shape (T, T).
+        right: Φ Q, shape (T, m).
+        triples: the links Y of a relation, shape (L, 3).
         shrinkage: g gᵀ + λ, shape (m, m).
         blocks: of entities.
     """
+    from scipy import sparse
 
-    def product(block: slice) -> NDArray[np.float64]:
-        return np.asarray(turned[block].T @ (links[block] @ turned))
+    heads, _, tails = triples.T
+    ones = np.ones(len(heads), dtype=np.float32)
+    links = sparse.csr_array((ones, (heads, tails)), shape=(len(right),) * 2)
+
+    def product(block: slice) -> Floats:
+        return np.asarray(right[block].T @ (links[block] @ right))
 
     inner = np.zeros_like(shrinkage)
     for part in of_blocks(product, blocks):
         inner += part
-    weights = inner / shrinkage
-    left = np.empty(turned.shape, dtype=np.float32)
-
-    def write(block: slice) -> None:
-        left[block] = turned[block] @ weights
-
-    write_blocks(write, blocks)
-    return left
+    return right @ (inner / shrinkage).astype(np.float32)
 
 
 def _kernel(
     some: Ids,
+    landmarks: Ids,
     columns: Any,
-    of_words: Floats,
     rows: Any,
     vectors: Floats,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return k(x, y) for N entities by rows and L landmarks by columns, shape (N, L).
 
     Args:
         some: the N entities.
+        landmarks: the L landmarks.
         columns: profiles of the landmarks, sparse, shape (M, L); by rows, because SciPy would turn
             another layout anew for each block of entities.
-        of_words: word vectors of the landmarks, shape (D, L).
         rows: profiles of all entities, sparse, shape (T, M).
         vectors: word vectors of all entities, shape (T, D).
     """
-    products = rows[some] @ columns
-    structure = products.toarray().astype(np.float64)
+    structure = np.asarray((rows[some] @ columns).toarray(), dtype=np.float32)
     if not vectors.shape[1]:
         return structure
-    cosines = vectors[some] @ of_words
     # Clamped first, because the square of a negative cosine would count as similarity.
-    positive = np.maximum(cosines, 0).astype(np.float64)
-    return np.asarray(structure + TEXT * positive**2)
+    positive = np.maximum(vectors[some] @ vectors[landmarks].T, 0)
+    return structure + np.float32(TEXT) * positive**2

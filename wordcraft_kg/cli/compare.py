@@ -34,7 +34,8 @@ EXAMPLES = (
     "wordcraft-kg compare runs/no-kg-seeds runs/partial-seeds --distractors 1,2,8",
 )
 
-FILE_ONLY = ["--resamples"]
+# Of the bootstrap: intervals hardly depend on them.
+FILE_ONLY = ["--resamples", "--seed"]
 
 PAGE_ENDINGS = (".html", ".htm")
 """Endings of a page; the first is added to any other file name."""

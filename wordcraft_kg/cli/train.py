@@ -167,7 +167,7 @@ class TrainingCommand(ABC):
             ) from None
 
 
-def train(
+def run_training(
     command: TrainingCommand,
     config: RunConfig,
     out: Path | None,
@@ -236,7 +236,7 @@ def _train_seeds(
     trackers: Sequence[str],
     output: Output,
 ) -> int:
-    """Train with several seeds in turn, each in a folder of its own; see :func:`train`."""
+    """Train with several seeds in turn, each in a folder of its own; see :func:`run_training`."""
     # Where the seed is: agents have several groups of settings, models one.
     part = "trainer" if hasattr(config, "trainer") else "settings"
     settings = getattr(config, part)
@@ -477,7 +477,7 @@ def train_recipes(
     Args:
         out: model folder to write. Default: models/<graph name>-recipes.
     """
-    return train(RecipeTraining(), RecipesConfig(graph, settings), out, force, output)
+    return run_training(RecipeTraining(), RecipesConfig(graph, settings), out, force, output)
 
 
 def train_complex(
@@ -499,7 +499,7 @@ def train_complex(
     """
     config = LinksConfig(graph, settings)
     trackers = split_labels(track or ())
-    return train(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)
+    return run_training(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)
 
 
 def train_links(
@@ -530,7 +530,7 @@ def train_links(
         )
     config = LinksConfig(graph, settings)
     trackers = split_labels(track or ())
-    return train(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)
+    return run_training(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)
 
 
 def _list(output: Output) -> int:
@@ -567,7 +567,7 @@ def train_agent(  # noqa: PLR0913 - parameters are the command's options
     """
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
     config.check_preset()
-    return train(
+    return run_training(
         AgentsTraining(),
         config,
         out,

@@ -306,7 +306,7 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
         needed = np.flatnonzero(~graph.is_half_product)
         if links.is_full:
             needed = needed[:0]
-        uncovered = np.setdiff1d(needed, links.train_sample.recipes)
+        uncovered = np.setdiff1d(needed, links.train_sample.sets)
         detail = "all do"
         if len(uncovered):
             listed = ", ".join(map(quoted, graph.labels(uncovered[:6])))

@@ -105,7 +105,7 @@ class RankedLinks:
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
         # These two need the scores of all pairs.
         if self.has_table:
-            scorers["votes"] = VoteScorer(self.graph, known.recipes)
+            scorers["votes"] = VoteScorer(self.graph, known.sets)
             scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
         return {
             name: rank_triples(scorer, self.queries, self.graph.triples)

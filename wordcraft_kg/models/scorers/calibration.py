@@ -38,7 +38,7 @@ from torch import Tensor
 from wordcraft_kg.base.records import Coefficient, Count, Record, Share, Slope
 from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
+from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import sampled
 from wordcraft_kg.models.scorers.recipe_curve import (
@@ -348,7 +348,7 @@ def known_share(folds: Folds, relation: int) -> float:
 
     def new(fold: int, *others: int) -> float:
         """Count the fold's triples that are new to a model without this fold and ``others``."""
-        triples = recipe_triples(folds.recipes_of(fold))
+        triples = folds.triples_of(fold)
         own = triples[triples[:, 1] == relation]
         seen = folds.triples([fold, *others])
         is_new = ~is_in(own, seen, graph.num_entities)

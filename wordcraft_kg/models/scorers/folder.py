@@ -22,7 +22,7 @@ from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
+from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.scorers.calibration import Probabilities, Seen, predictions
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
@@ -340,7 +340,7 @@ def write_folds(
     def asked(number: int) -> Ids:
         seen = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
-        own = recipe_triples(folds.recipes_of(number))
+        own = folds.triples_of(number)
         new = own[~is_in(own, seen, graph.num_entities)]
         affordable = max(50, FOLD_SCORES // graph.num_entities)
         return sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))

@@ -17,7 +17,7 @@ from wordcraft_kg.evaluation.discovery import (
     open_guide,
     view_discovery,
 )
-from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs import Recipe, RecipeGraph
 from wordcraft_kg.reports.discovery_report import discovery_page
 
 HOSTILE = "<img src=x onerror=alert(1)>"
@@ -105,7 +105,7 @@ def test_a_scorer_of_other_results_is_counted(recipes_folder, kitchen):
     rows = kitchen.recipe_labels()
     turned = [*rows[1:], rows[0]]
     changed = [
-        row if place % 2 else row._replace(result=following.result)
+        row if place % 2 else Recipe(row.ingredients, following.result)
         for place, (row, following) in enumerate(zip(rows, turned, strict=True))
     ]
     wrong = RecipeGraph.from_recipes(changed, kitchen.base)

@@ -1,6 +1,7 @@
 """What the graph code must compute, written as loops over labels that are too plain to be wrong."""
 
 import math
+from itertools import permutations
 
 
 def results(rows, one, other):
@@ -8,10 +9,9 @@ def results(rows, one, other):
 
 
 def triples(rows):
-    pairs = [pair for a, b, result in rows for pair in ((a, b, result), (b, a, result))]
-    return {(a, "combinesWith", b) for a, b, _ in pairs} | {
-        (a, "componentOf", result) for a, _, result in pairs
-    }
+    made = {(one, "componentOf", result) for *parts, result in rows for one in parts}
+    pairs = [pair for *parts, _ in rows for pair in permutations(parts, 2)]
+    return made | {(one, "combinesWith", other) for one, other in pairs}
 
 
 def known_after_rounds(rows, start):

@@ -33,6 +33,17 @@ def graphs(draw, letters=FEW, min_size=0, max_size=24):
     )
 
 
+@st.composite
+def graphs_of_sets(draw, min_size=1):
+    """Graphs with sets of one to eight ingredients, self results and repetitions."""
+    row = st.tuples(st.lists(st.sampled_from(FEW), min_size=1, max_size=8))
+    rows = draw(st.lists(st.tuples(row, st.sampled_from(FEW)), min_size=min_size, max_size=20))
+    recipes = [Recipe(parts, result) for (parts,), result in rows]
+    base = draw(st.none() | st.sets(st.sampled_from(sorted({x for row in recipes for x in row}))))
+    book = RecipeBook.of("sets", recipes, base=base, keep_self_results=True)
+    return RecipeGraph.from_book(replace(book, kinds={each: each[0] for each in book.recipes}))
+
+
 def splittable_graphs():
     """Graphs large enough that no part of a split comes out empty by rounding."""
     return graphs(MANY, min_size=30, max_size=50)

@@ -1,4 +1,6 @@
 import csv
+import re
+from pathlib import Path
 from typing import get_args
 from urllib.parse import unquote
 
@@ -26,10 +28,15 @@ def opened(graph, config=None):
     return OpenedGraph(graph, make_split(graph, config or SplitConfig()), graph.name)
 
 
-@pytest.fixture(params=["kitchen", "awkward labels"])
+KITCHEN_OF_SETS = Path(__file__).parents[2] / "examples" / "kitchen-sets.csv"
+
+
+@pytest.fixture(params=["kitchen", "awkward labels", "sets"])
 def source(request, kitchen):
     if request.param == "kitchen":
         return opened(kitchen, SplitConfig(train_ratio=0.7, valid_ratio=0.1))
+    if request.param == "sets":
+        return open_graph(KITCHEN_OF_SETS, SplitConfig("by-recipe-plain"))
     rows = [
         (one, other, AWKWARD[(i * j) % 11])
         for i, one in enumerate(AWKWARD)
@@ -91,8 +98,8 @@ def test_graphml_holds_each_recipe_as_a_node(source, tmp_path):
     kinds = [kind for _, kind in view.nodes(data="kind")]
     assert kinds.count("recipe") == source.graph.num_recipes
     assert kinds.count("entity") == source.graph.num_entities
-    assert view.number_of_edges() == 3 * source.graph.num_recipes
-    assert recipes_in(view) == source.graph.recipe_labels()
+    assert view.number_of_edges() == source.graph.num_recipes + source.graph.sizes.sum()
+    assert recipes_in(view) == sorted(source.graph.recipe_labels())
     assert {node for node, base in view.nodes(data="base") if base} == set(source.graph.base)
     frame = entities_frame(source.graph).set_index("entity")
     for label, node in view.nodes(data=True):
@@ -126,8 +133,13 @@ def test_rdf_holds_the_triples_and_labels(source, tmp_path):
             roles[str(predicate).endswith("result")].append(
                 unquote(str(thing).removeprefix(entity))
             )
-    recipes = [Recipe.of(parts[0], parts[-1], result) for parts, (result,) in made.values()]
-    assert sorted(recipes) == source.graph.recipe_labels()
+    # The name of a recipe says how often an ingredient is needed, and its roles that it is.
+    recipes = []
+    for name, (parts, results) in made.items():
+        recipe = Recipe.of(*map(unquote, re.split(r"[+=]", name.rpartition(":")[2])))
+        assert (sorted(set(recipe.ingredients)), [recipe.result]) == (sorted(parts), results)
+        recipes.append(recipe)
+    assert sorted(recipes) == sorted(source.graph.recipe_labels())
     roles = sum(len(parts) + 1 for parts, _ in made.values())
     assert len(store) == len(found) + len(labels) + roles + len(recipes)
 
@@ -136,11 +148,14 @@ def test_sentences_name_each_recipe_of_the_part_once(source, tmp_path):
     export_graph(source, "sentences", tmp_path / "a.txt", part="partial")
     rows = source.split.is_in("train")
     expected = []
-    for a, b, result in source.graph.recipe_labels(source.graph.recipes[rows]):
-        second = "itself" if a == b else b
-        expected.append(f"Combining {a} with {second} makes {result}.")
+    for first, *others, result in source.graph.recipe_labels(source.graph.sets[rows]):
+        with_others = {1: "{}", 2: "{} and {}", 3: "{}, {} and {}", 4: "{}, {}, {} and {}"}.get(
+            len(others), "{}, {}, {}, {} and {}"
+        )
+        names = with_others.format(*others) if others != [first] else "itself"
+        expected.append(f"Combining {first} with {names} makes {result}.")
     assert (tmp_path / "a.txt").read_text(encoding="utf-8").split("\n")[:-1] == expected
-    assert any(" with itself makes " in sentence for sentence in expected)
+    assert any(" with itself makes " in each or each.count(",") == 3 for each in expected)
 
 
 @pytest.mark.parametrize("format", EXPORTERS)
@@ -174,11 +189,11 @@ def test_an_export_holds_the_part_that_is_asked_for(source, tmp_path, part):
     export_graph(source, "csv", tmp_path / "a.csv", part=part)
     book = read_book(tmp_path / "a.csv", keep_self_results=True)
     assert (list(book.recipes), book.entities) == (
-        graph.recipe_labels(graph.recipes[rows]),
+        graph.recipe_labels(graph.sets[rows]),
         graph.entities,
     )
     export_graph(source, "graphml", tmp_path / "a.graphml", part=part)
-    assert recipes_in(nx.read_graphml(tmp_path / "a.graphml")) == list(book.recipes)
+    assert recipes_in(nx.read_graphml(tmp_path / "a.graphml")) == sorted(book.recipes)
     export_graph(source, "nt", tmp_path / "a.nt", part=part)
     statements = (tmp_path / "a.nt").read_text(encoding="utf-8").splitlines()
     assert sum(":relation:" in statement for statement in statements) == len(triples)

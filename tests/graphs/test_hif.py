@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from graph_strategies import books
+from graph_strategies import books, graphs_of_sets
 from hypothesis import given
 
 from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_book, open_graph
@@ -38,7 +38,7 @@ def assert_conforms(document):
 
 
 def book_of(found, name):
-    """Make a book of the read recipes, which all have two ingredients."""
+    """Make a book of the read recipes."""
     book = RecipeBook.of(
         name, found.rows, base=found.base, listed=found.listed, keep_self_results=True
     )
@@ -70,6 +70,11 @@ def test_built_in_books_come_back_with_their_kinds(name):
     graph = RecipeGraph.from_book(open_book(name))
     again = back(graph)
     assert (again.hash, again.kinds) == (graph.hash, graph.kinds)
+
+
+@given(graph=graphs_of_sets())
+def test_sets_come_back_with_their_numbers_of_pieces(graph):
+    assert (back(graph).hash, back(graph).kinds) == (graph.hash, graph.kinds)
 
 
 def test_a_recipe_is_a_directed_edge_and_a_self_pair_has_the_weight_2(tmp_path):

@@ -7,8 +7,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from graph_strategies import graphs_of_sets
 from hypothesis import given
-from hypothesis import strategies as st
 
 from wordcraft_kg.base.errors import GraphError, RecipeFileError, SplitError
 from wordcraft_kg.graphs import (
@@ -31,7 +31,6 @@ from wordcraft_kg.graphs.folder import check_derived_files
 from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.graphs.triples import RELATIONS
 
-LETTERS = "abcdefgh"
 ROWS = [
     ("water", "earth", "mud"),
     ("mud", "straw", "fire", "brick"),
@@ -41,17 +40,6 @@ ROWS = [
     ("ice", "water"),
 ]
 RECIPES = sorted(Recipe.of(*row) for row in ROWS)
-
-
-@st.composite
-def graphs_of_sets(draw, min_size=1):
-    """Graphs with sets of one to eight ingredients, self results and repetitions."""
-    row = st.tuples(st.lists(st.sampled_from(LETTERS), min_size=1, max_size=8))
-    rows = draw(st.lists(st.tuples(row, st.sampled_from(LETTERS)), min_size=min_size, max_size=20))
-    recipes = [Recipe(parts, result) for (parts,), result in rows]
-    base = draw(st.none() | st.sets(st.sampled_from(sorted({x for row in recipes for x in row}))))
-    book = RecipeBook.of("sets", recipes, base=base, keep_self_results=True)
-    return RecipeGraph.from_book(replace(book, kinds={each: each[0] for each in book.recipes}))
 
 
 def test_a_recipe_is_a_multiset_and_a_result():

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -31,14 +31,11 @@ if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import TaskListing
     from wordcraft_kg.graphs.audit import Audit, BuiltGraph, EntityView, SplitSummary
 
-    SplitName = str
-else:
-    SplitName = Literal[tuple(SPLITS)]
-
 EXAMPLES = {
     "build-graph": (
         "wordcraft-kg build-graph everyday --out graphs/everyday",
         "wordcraft-kg build-graph recipes.txt --columns item1,item2,product --out graphs/mine",
+        "wordcraft-kg build-graph recipes.json --split folds.csv --out graphs/fold-1",
         "wordcraft-kg build-graph everyday --split by-goal --seed 1 --out graphs/everyday-by-goal",
     ),
     "describe": (
@@ -65,8 +62,13 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     base: Base = None,
     base_file: Path | None = None,
     split: Annotated[
-        SplitName, Parameter(help=f"held-out recipes: {_kinds()}.")
-    ] = SplitConfig.kind,
+        str | None,
+        Parameter(
+            help=f"held-out recipes: {_kinds()}; or a CSV or JSON file with each recipe's or "
+            "result's part. Default: by-recipe, or by-goal if most recipes are the only one of "
+            "their result."
+        ),
+    ] = None,
     train_ratio: float = SplitConfig.train_ratio,
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
@@ -95,9 +97,10 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.graphs.book_files import book_name
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.graphs.library import open_book
+    from wordcraft_kg.graphs.published_splits import read_published_split
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
     from wordcraft_kg.graphs.recipes import check_label
-    from wordcraft_kg.graphs.splits import make_split
+    from wordcraft_kg.graphs.splits import default_config, make_split
 
     recipes = open_book(book, keep_self_results=keep_self_results, **file.for_reading())
     folder = out or Path("graphs") / (name or recipes.name)
@@ -108,14 +111,20 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         if name is None
         else check_label(name, "`name`")
     )
-    partition = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
+    if split is not None and split not in SPLITS and Path(split).is_file():
+        partition = read_published_split(Path(split), graph)
+    else:
+        kind = default_config(graph).kind if split is None else split
+        partition = make_split(graph, SplitConfig(kind, train_ratio, valid_ratio, seed))
     audited = write_graph_folder(folder, recipes, partition, force=force)
     warn_of_base(audited)
     warn_of_cases(graph.entities)
     warn_of_missing(graph.entities)
     view = view_build(audited, folder)
     full = ("--kg", "full") if split == "none" else ()
-    following = command_line("train-recipes", folder, *full)
+    # Recipe scorers take pairs.
+    train = "train-recipes" if view.sets is None else "train-complex"
+    following = command_line(train, folder, *full)
     end = f"wrote {folder}/   next: {following}"
     output.result(view, [*lines_of_graph(view), *note_of_shares(audited.split), end])
 

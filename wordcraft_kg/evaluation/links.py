@@ -306,7 +306,7 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
         entities = np.flatnonzero(~graph.is_half_product)
         if links.is_full:
             entities = entities[:0]
-        uncovered = np.setdiff1d(entities, links.train_sample.recipes)
+        uncovered = np.setdiff1d(entities, links.train_sample.sets)
         detail = "all do"
         if len(uncovered):
             listed = ", ".join(map(quoted, graph.labels(uncovered[:6])))

@@ -114,7 +114,7 @@ class RankedLinks:
         }
         # These two need the scores of all pairs.
         if self.has_table:
-            scorers["votes"] = VoteScorer(self.graph, sample.recipes)
+            scorers["votes"] = VoteScorer(self.graph, sample.sets)
             scorers["neighbours"] = NeighbourScorer(self.graph, sample.triples)
         return {
             name: rank_triples(scorer, self.queries, self.graph.triples)

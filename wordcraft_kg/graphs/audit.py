@@ -6,6 +6,7 @@ Lists of labels are cut at :data:`SHOWN`; the counts beside them are complete.
 """
 
 from dataclasses import asdict
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import msgspec
@@ -20,8 +21,8 @@ from wordcraft_kg.graphs.planner import Planner, layers, rounds
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, Relation, is_in
+from wordcraft_kg.graphs.splits import Published, Split
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, Relation, is_in
 
 SHOWN = 20
 """Most entities, pairs or groups in a list."""
@@ -134,7 +135,27 @@ class AlikeLabels(Record):
     alike_labels: tuple[tuple[str, ...], ...]
 
 
-class SplitSummary(Record):
+class SetStatistics(Record):
+    """Sizes of ingredient sets, and what a split tells about the larger ones.
+
+    Attributes:
+        recipes_by_number_of_ingredients: number of recipes with 1, 2, ... ingredients.
+        inside_another_set: recipes whose ingredients are some of those of another recipe for the
+            same result.
+        test_sets: test recipes of three or more ingredients.
+        with_a_train_pair: those with a pair of ingredients that a train recipe combines, too.
+        of_train_pairs: those of whose ingredients train recipes combine every pair. Their
+            combinesWith triples are all leaked, and none of them is evaluated.
+    """
+
+    recipes_by_number_of_ingredients: dict[str, Count]
+    inside_another_set: Count
+    test_sets: Count
+    with_a_train_pair: Count
+    of_train_pairs: Count
+
+
+class SplitSummary(Record, omit_defaults=True, kw_only=True):
     """Settings of a train/validation/test split, and recipe and triple counts.
 
     ``test_goals_in_train`` and ``one_ingredient_away`` tell which kind of generalisation a split
@@ -164,6 +185,7 @@ class SplitSummary(Record):
         test_goals_in_train: those of them that train recipes make, too.
         one_ingredient_away: test recipes that share an ingredient and the result with a train
             recipe. Counting which entities make the result together with others can find them.
+        published: the file that names the parts of a published split; missing for a drawn one.
     """
 
     kind: str
@@ -186,6 +208,7 @@ class SplitSummary(Record):
     test_goals: Count
     test_goals_in_train: Count
     one_ingredient_away: Count
+    published: Published | None = None
 
     @property
     def train_share(self) -> float:
@@ -235,6 +258,7 @@ class GraphCounts(Record, omit_defaults=True, kw_only=True):
             given.
         hash: SHA-256 of entities, base and recipes.
         triples: triples of all recipes.
+        sets: statistics of ingredient sets; missing for a graph of pairs.
     """
 
     dropped_self_results: Count | None = None
@@ -248,6 +272,7 @@ class GraphCounts(Record, omit_defaults=True, kw_only=True):
     base_is_inferred: bool = False
     hash: Hash
     triples: TripleCounts
+    sets: SetStatistics | None = None
 
 
 class Audit(GraphCounts, omit_defaults=True, kw_only=True):
@@ -350,6 +375,7 @@ def audit(
         base_is_inferred=graph.base_is_inferred,
         hash=graph.hash,
         triples=TripleCounts(combines_with, component_of, len(graph.triples)),
+        sets=_set_statistics(split),
         ambiguity=_ambiguity(graph),
         reachability=reachability(graph),
         degrees=degrees(graph),
@@ -387,7 +413,55 @@ def split_summary(split: Split) -> SplitSummary:
         test_goals=len(goals),
         test_goals_in_train=int(np.sum(is_train_goal)),
         one_ingredient_away=int(np.sum(one_ingredient_away(split))),
+        published=split.published,
     )
+
+
+def _set_statistics(split: Split) -> SetStatistics | None:
+    """Return the statistics of a graph with other recipes than pairs; None for pairs alone."""
+    graph = split.graph
+    sizes, numbers = np.unique(graph.sizes, return_counts=True)
+    if sizes.tolist() in ([], [2]):
+        return None
+    is_test = split.is_in("test") & (graph.sizes > 2)
+    rows, triples = graph.triples_by_recipe(is_test)
+    is_pair = triples[:, 1] == COMBINES_WITH
+    is_train = is_in(triples, split.partial, graph.num_entities)
+    num_sets = int(np.sum(is_test))
+    with_train = np.bincount(rows[is_pair & is_train], minlength=num_sets) > 0
+    with_other = np.bincount(rows[is_pair & ~is_train], minlength=num_sets) > 0
+    return SetStatistics(
+        recipes_by_number_of_ingredients=dict(
+            zip(map(str, sizes.tolist()), numbers.tolist(), strict=True)
+        ),
+        inside_another_set=len(sets_inside_others(graph)),
+        test_sets=num_sets,
+        with_a_train_pair=int(np.sum(with_train)),
+        of_train_pairs=int(np.sum(~with_other)),
+    )
+
+
+def sets_inside_others(graph: RecipeGraph) -> dict[int, int]:
+    """Return recipes whose ingredients are some of another recipe's for the same result.
+
+    Returns:
+        Row of a larger recipe by row of each such recipe, ascending.
+    """
+    inside: dict[int, int] = {}
+    starts, order = graph.by_result
+    sizes = graph.sizes
+    for start, stop in pairwise(starts.tolist()):
+        rows = order[start:stop]
+        lengths = np.unique(sizes[rows]).tolist()
+        if len(lengths) < 2:
+            continue
+        row_of = {tuple(graph.sets[row, : sizes[row]].tolist()): row for row in rows.tolist()}
+        for ingredients, row in row_of.items():
+            smaller = [length for length in lengths if length < len(ingredients)]
+            # At most 254 smaller sets, whatever the number of recipes.
+            parts = {part for length in smaller for part in combinations(ingredients, length)}
+            inside |= dict.fromkeys((row_of[part] for part in parts if part in row_of), row)
+    return dict(sorted(inside.items()))
 
 
 def one_ingredient_away(split: Split) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, for_terminal, quoted
-from wordcraft_kg.graphs.audit import degrees, reachability
+from wordcraft_kg.graphs.audit import degrees, reachability, sets_inside_others
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.files import Decoded, read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
@@ -233,6 +233,7 @@ def check_book(
     findings += _characters(graph, line_of)
     findings += _spellings(graph, line_of)
     findings += _idle(graph, wanted)
+    findings += _inside(graph)
     findings += _unreachable(graph, line_of, lines_of)
     findings += _plurals(graph, line_of)
     findings += _lonely(graph, line_of)
@@ -461,6 +462,20 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
     others = [label for label in idle if label not in unused]
     if others:
         yield _note("idle", f"listed, but in no recipe: {listed(others)}")
+
+
+def _inside(graph: RecipeGraph) -> Iterator[Finding]:
+    """Yield a note on sets that are part of another set for the same result."""
+    inside = sets_inside_others(graph)
+    if inside:
+        row, larger = next(iter(inside.items()))
+        small, large = graph.recipe_labels(graph.sets[[row, larger]])
+        subject = counted(len(inside), "recipe")
+        message = (
+            f"{subject} with a part of the ingredients of another recipe for the same result, such "
+            f"as {small} beside {large}; both stay"
+        )
+        yield _note("inside", message)
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:

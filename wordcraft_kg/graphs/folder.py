@@ -34,7 +34,7 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, RecipeRows, label_fault
-from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
+from wordcraft_kg.graphs.splits import Split, SplitConfig, default_config, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
 
@@ -371,9 +371,9 @@ def _is_folder_name(name: str) -> bool:
 
 
 def default_split(graph: RecipeGraph) -> Split:
-    """Return a random split by ingredient pair; for a tiny graph, keep all recipes in train."""
+    """Return the split without chosen settings; for a tiny graph, keep all recipes in train."""
     try:
-        return make_split(graph, SplitConfig())
+        return make_split(graph, default_config(graph))
     except SplitError:
         # A graph of a few recipes still opens, for tasks and play; it only has no test part.
         return make_split(graph, SplitConfig("none"))

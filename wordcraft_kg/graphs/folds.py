@@ -97,6 +97,10 @@ class Folds:
         """Return the train sample in a fold, as trained on, as rows of ``graph.sets``."""
         return self.train_sample.among(self.of_recipe == fold)
 
+    def triples_of(self, fold: int) -> Ids:
+        """Return the triples of the train sample in a fold, shape (T, 3), sorted."""
+        return frozen(recipe_triples(self.recipes_of(fold), self.split.graph.num_entities))
+
     def triples(self, left_out: Collection[int] = ()) -> Ids:
         """Return the triples of the train sample outside the ``left_out`` folds, sorted."""
         seen = self.train_sample.among(self.seen(left_out))

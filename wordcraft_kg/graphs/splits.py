@@ -7,6 +7,7 @@ give the others away. Add a kind of split to :data:`SPLITS`, here or in your own
 
 import hashlib
 import json
+import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -15,6 +16,7 @@ from itertools import chain, compress
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,7 @@ from wordcraft_kg.base.errors import (
     SplitError,
 )
 from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.records import Count, Hash, Record, as_values
 from wordcraft_kg.base.settings import one_of, require, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.arrays import Ids, absent, different_ingredients, frozen, stacked
@@ -41,6 +44,7 @@ TEST = 2
 PARTS = ("train", "valid", "test")
 Part = Literal["train", "valid", "test"]
 """A part (subset) of a split."""
+_FEWEST_BY_GOAL = 100  # recipes of a graph that may be split by-goal without being told
 
 
 @dataclass(frozen=True)
@@ -82,17 +86,33 @@ class SplitConfig:
         whole("seed", self.seed, 0)
 
 
+class Published(Record):
+    """The file that a published split comes from.
+
+    Attributes:
+        file: its name.
+        sha256: hash of its bytes.
+        unknown: entries that name no recipe of the graph.
+    """
+
+    file: str
+    sha256: Hash
+    unknown: Count
+
+
 @dataclass(frozen=True)
 class Draw:
-    """The parts that a kind of split has drawn.
+    """The parts that a kind of split has drawn, or a published split names.
 
     Attributes:
         parts: shape (num_recipes,), int8: 0 train, 1 validation, 2 test.
         moved_for_coverage: number of recipes moved to train to cover all entities.
+        published: the file that names the parts; None if they were drawn.
     """
 
     parts: NDArray[np.int8]
     moved_for_coverage: int = 0
+    published: Published | None = None
 
 
 @dataclass(frozen=True)
@@ -129,6 +149,7 @@ class Split:
         config: the settings.
         parts: shape (num_recipes,), int8: 0 train, 1 validation, 2 test.
         moved_for_coverage: recipes moved to train so that every entity has a train recipe.
+        published: the file that names the parts; None if they were drawn.
     """
 
     def __init__(
@@ -149,6 +170,7 @@ class Split:
         self.parts = draw.parts
         self.parts.flags.writeable = False  # hashes and triples are cached
         self.moved_for_coverage = draw.moved_for_coverage
+        self.published = draw.published
         self._triples: dict[str, Ids] = {}
         self._held_out: dict[str, Ids] = {}
 
@@ -326,6 +348,8 @@ class Split:
         facts: list[Any] = [self.graph.hash, asdict(self.config), self.moved_for_coverage]
         if SPLITS[self.config.kind].uses_kinds:
             facts.append(self.graph.kinds)
+        if self.published is not None:
+            facts.append(self.published.sha256)
         digest = hashlib.sha256(json.dumps(facts).encode())
         digest.update(self.parts.tobytes())
         return digest.hexdigest()
@@ -335,13 +359,15 @@ class Split:
 
         A recipe is a line with its labels, so that people can read and compare the file.
         """
-        head = {
+        head: dict[str, Any] = {
             "format": _SPLIT_FORMAT,
             "graph": self.graph.hash,
             "hash": self.hash,
             **asdict(self.config),
             "moved_for_coverage": self.moved_for_coverage,
         }
+        if self.published is not None:
+            head["published"] = as_values(self.published)
         dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
         # Each label is encoded once, not in each of its recipes.
         texts = list(map(dump, self.graph.entities))
@@ -417,6 +443,24 @@ def _why_empty(
     )
 
 
+def default_config(graph: RecipeGraph) -> SplitConfig:
+    """Return the settings of the split that a graph gets without a choice; a warning says by-goal.
+
+    By-recipe keeps a train recipe for each entity: where most recipes are the only one of their
+    result, hardly any could be held out, and the split is by-goal.
+    """
+    is_only_one = graph.recipe_counts[graph.sets[:, -1]] == 1
+    if graph.num_recipes < _FEWEST_BY_GOAL or 2 * np.sum(is_only_one) <= graph.num_recipes:
+        return SplitConfig()
+    logging.getLogger(__name__).warning(
+        "no split is named, so it is by-goal: %s of %s recipes are the only one of their result, "
+        "most of which by-recipe would keep in train. Name the split with build-graph --split.",
+        f"{np.sum(is_only_one):,}",
+        f"{graph.num_recipes:,}",
+    )
+    return SplitConfig("by-goal")
+
+
 def groups_of(graph: RecipeGraph, kind: str) -> Ids:
     """Return each recipe's group, shape (num_recipes,), that a kind of split keeps together.
 
@@ -471,7 +515,8 @@ def read_split(
         parts = np.full(graph.num_recipes, -1, dtype=np.int8)
         for index, part in enumerate(PARTS):
             parts[_rows_of(graph, content[part])] = index
-        split = Split(graph, config, Draw(parts, content["moved_for_coverage"]))
+        published = msgspec.convert(content.get("published"), Published | None)
+        split = Split(graph, config, Draw(parts, content["moved_for_coverage"], published))
         # A recipe that stands twice does not change the hash, but the number of rows.
         num_rows = sum(len(content[part]) for part in PARTS)
         if split.hash != content["hash"] or num_rows != graph.num_recipes:
@@ -482,7 +527,7 @@ def read_split(
         return split
     except NotRegisteredError:
         raise
-    except (KeyError, TypeError, ConfigError) as error:
+    except (KeyError, TypeError, ConfigError, msgspec.ValidationError) as error:
         raise ArtefactError(
             f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again."
         ) from None

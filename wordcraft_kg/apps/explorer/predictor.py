@@ -234,7 +234,7 @@ class LinkPredictor:
             ConfigError: if there are too many entities to compare them all.
         """
         # The whole scorer: a fold has not seen its own links, which may be the best reasons.
-        return LinkEvidence(whole_of(self.model.scorer), self.model.train_sample.recipes)
+        return LinkEvidence(whole_of(self.model.scorer), self.model.train_sample.sets)
 
     @property
     def split(self) -> Split:

@@ -75,7 +75,7 @@ def choose(
         opened: graph and split; only the train recipes are read.
         settings: settings of the training.
         after_epoch: called with the finished and the total epochs; may raise to end the choice.
-        recipes: training recipes, ids of shape (n, 3); None for all train recipes.
+        recipes: training recipes, rows of ``graph.sets``; None for all train recipes.
         outside: triples from outside the book, in every training; None without.
 
     Returns:
@@ -89,7 +89,7 @@ def choose(
     # Other models have neither weight, and given weights are kept.
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
         return None
-    recipes = split.recipes("train") if recipes is None else recipes
+    recipes = split.sets("train") if recipes is None else recipes
     is_small = len(recipes) <= SMALL
     if not is_small and not settings.negatives:
         return None
@@ -197,7 +197,7 @@ def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None
         split: split whose train recipes are split again.
         held_out: share of their pairs, or goals, in the new test part.
         seed: seed of the draw.
-        recipes: recipes to split, ids of shape (n, 3); None for all train recipes.
+        recipes: recipes to split, rows of ``graph.sets``; None for all train recipes.
 
     Returns:
         a split of a graph with these recipes and all entities, with the same entity ids.
@@ -205,6 +205,6 @@ def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None
     Raises:
         SplitError: if a part is empty, because there are too few train recipes.
     """
-    recipes = split.recipes("train") if recipes is None else recipes
+    recipes = split.sets("train") if recipes is None else recipes
     graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)
     return make_split(graph, SplitConfig(split.config.kind, train_ratio=1 - held_out, seed=seed))

@@ -211,7 +211,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             self.opened,
             settings,
             after_epoch,
-            recipes=self.train_sample.recipes,
+            recipes=self.train_sample.sets,
             outside=self.outside,
         )
         if choice:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, different_ingredients
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.config import check_table
@@ -177,18 +177,17 @@ class VoteScorer(Scorer):
 
         Args:
             graph: the graph that the ids belong to.
-            recipes: ids of shape (n, 3): two ingredients and the result.
+            recipes: known recipes, rows of ``graph.sets``.
             unseen: the pseudo-count ``eps``, above 0.
             kwargs: ``device`` and ``name``, as in ``Scorer``.
         """
         super().__init__(graph.entities, graph.hash, **kwargs)
         self.unseen = unseen
-        ingredients_a, ingredients_b, result = recipes.T
         size = graph.num_entities
+        result = recipes[:, -1]
         # A recipe with twice the same ingredient is one vote.
-        keys_a = ingredients_a * size + result
-        keys_b = ingredients_b * size + result
-        votes = np.concatenate([keys_a, keys_b[ingredients_a != ingredients_b]])
+        rows, ingredients = different_ingredients(recipes, size)
+        votes = ingredients * size + result[rows]
         keys, counts = np.unique(votes, return_counts=True)
         # The last key is larger than all vote keys, so searches always end at a key.
         keys = np.append(keys, np.iinfo(np.int64).max)

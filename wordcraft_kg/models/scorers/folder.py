@@ -24,7 +24,7 @@ from wordcraft_kg.base.tensors import MAX_WEIGHT, check_tensors, copied, largest
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
+from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
@@ -328,7 +328,7 @@ def write_folds(
     def asked(number: int) -> Ids:
         seen = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
-        fold_triples = recipe_triples(folds.recipes_of(number))
+        fold_triples = folds.triples_of(number)
         new = fold_triples[~is_in(fold_triples, seen, graph.num_entities)]
         affordable = max(50, FOLD_SCORES // graph.num_entities)
         return sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))

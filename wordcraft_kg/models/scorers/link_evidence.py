@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
+from wordcraft_kg.graphs.recipes import Recipe, recipes_of_ids
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, recipe_triples
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.roles import EntityRoles, Side
 
@@ -80,12 +80,13 @@ class LinkEvidence:
 
     Attributes:
         roles: similarities between entities, by the scorer's scores.
-        recipes: training recipes, ids of shape (n, 3).
+        recipes: training recipes, rows of ``graph.sets``.
+        triples: their triples, shape (T, 3).
         entities: labels in id order.
 
     Example:
         >>> model = open_model("models/kitchen")
-        >>> evidence = LinkEvidence(model.scorer, model.train_sample.recipes)
+        >>> evidence = LinkEvidence(model.scorer, model.train_sample.sets)
         >>> flour, water = model.scorer.entity_ids(["flour", "water"]).tolist()
         >>> evidence.reason(flour, COMBINES_WITH, water).is_in_sample
         True
@@ -96,7 +97,7 @@ class LinkEvidence:
 
         Args:
             scorer: any scorer of links.
-            recipes: its training recipes, ids of shape (n, 3).
+            recipes: its training recipes, rows of ``graph.sets``.
 
         Raises:
             ConfigError: if the scorer has no factors and the graph is too large for a score table.
@@ -104,6 +105,7 @@ class LinkEvidence:
         self.roles = EntityRoles.of(scorer)
         self.recipes = recipes
         self.entities = scorer.entities
+        self.triples = recipe_triples(recipes, len(self.entities))
 
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
         """Return the training links that support a link of ids, and their weights.
@@ -148,16 +150,10 @@ class LinkEvidence:
         Returns:
             distinct ids, ascending.
         """
-        a, b, result = self.recipes.T
-        is_first = a == entity
-        is_second = b == entity
-        if relation == COMBINES_WITH:
-            partners = [b[is_first], a[is_second]]
-            return np.unique(np.concatenate(partners))
-        if side == "head":
-            ingredients = self.recipes[result == entity, :2]
-            return np.unique(ingredients)
-        return np.unique(result[is_first | is_second])
+        # combinesWith stands in the triples in both directions.
+        column, opposite = (0, 2) if side == "head" else (2, 0)
+        is_link = (self.triples[:, 1] == relation) & (self.triples[:, opposite] == entity)
+        return np.unique(self.triples[is_link, column])
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
         """Return the evidence for a link of ids.
@@ -203,24 +199,20 @@ class LinkEvidence:
         Returns:
             row numbers in :attr:`recipes`, ascending.
         """
-        # combinesWith links both ingredients in either direction.
-        a, b, result = self.recipes.T
-        if relation == COMBINES_WITH:
-            is_pair = (a == head) & (b == tail)
-            is_mirrored = (a == tail) & (b == head)
-            return np.flatnonzero(is_pair | is_mirrored)
-        is_ingredient = (a == head) | (b == head)
-        return np.flatnonzero(is_ingredient & (result == tail))
+        *ingredients, result = self.recipes.T
+        uses_of_head = np.sum([column == head for column in ingredients], axis=0)
+        if relation != COMBINES_WITH:
+            return np.flatnonzero((uses_of_head > 0) & (result == tail))
+        # An entity is combined with itself where it stands twice.
+        uses_of_tail = np.sum([column == tail for column in ingredients], axis=0)
+        needed = 2 if head == tail else 1
+        return np.flatnonzero((uses_of_head >= needed) & (uses_of_tail >= needed))
 
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
         """Return the first recipes with a link, and the number of further recipes."""
         rows = self.recipes_of(head, relation, tail)
         listed = self.recipes[rows[:RECIPES]]
-        recipes = []
-        for recipe in listed.tolist():
-            a, b, result = (self.entities[entity] for entity in recipe)
-            recipes.append(Recipe.of(a, b, result))
-        return tuple(recipes), len(rows) - len(listed)
+        return recipes_of_ids(self.entities, listed), len(rows) - len(listed)
 
 
 def _links(others: Ids, relation: int, end: int, side: Side) -> Ids:

@@ -6,6 +6,9 @@ near-synonyms.
 The page docs/explanation/leaks.md says what such recipes mean for a split.
 """
 
+from collections import defaultdict
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +16,7 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import is_in, recipe_triples
+from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.scorers.features import EntityFeatures
 
 NEAR_SYNONYM = 0.7
@@ -31,7 +34,8 @@ def near_synonym_recipes(
 ) -> NDArray[np.bool_]:
     """Return which test recipes differ from a train recipe in one ingredient alone, a near-synonym.
 
-    A test recipe {a, b} -> c counts if a train recipe {a', b} -> c has cos(a, a') >= ``threshold``.
+    A test recipe {a, b} -> c counts if a train recipe {a', b} -> c has cos(a, a') >= ``threshold``;
+    in larger sets, all other ingredients are equal.
 
     Args:
         split: split whose test and train recipes are compared.
@@ -44,24 +48,25 @@ def near_synonym_recipes(
     graph = split.graph
     unit = features.unit_vectors
     is_train = split.is_in("train")
+    recipes = graph.sets.tolist()
+    # The ingredients that complete a train recipe, by the rest of it.
+    completions: defaultdict[tuple[int, ...], list[int]] = defaultdict(list)
+    for row in np.flatnonzero(is_train).tolist():
+        for ingredient, rest in _without_each(recipes[row], graph.num_entities):
+            completions[rest].append(ingredient)
     is_reworded = np.zeros(graph.num_recipes, dtype=bool)
-    for index in np.flatnonzero(split.is_in("test")).tolist():
-        a, b, result = graph.recipes[index].tolist()
-        # Ingredients x and y of the train recipes with the same result.
-        rows = graph.recipes_of(result)
-        x, y = graph.recipes[rows[is_train[rows]], :2].T
-        # Row 0: whether x is near; row 1: whether y is.
-        near_a = unit[[x, y]] @ unit[a] >= threshold
-        near_b = unit[[x, y]] @ unit[b] >= threshold
-        # One ingredient is kept, in either place, and the other one is near.
-        is_same = (
-            (x == a) & near_b[1]
-            | (y == a) & near_b[0]
-            | (x == b) & near_a[1]
-            | (y == b) & near_a[0]
-        )
-        is_reworded[index] = np.any(is_same)
+    for row in np.flatnonzero(split.is_in("test")).tolist():
+        for ingredient, rest in _without_each(recipes[row], graph.num_entities):
+            cosines = unit[completions.get(rest, [])] @ unit[ingredient]
+            is_reworded[row] |= bool((cosines >= threshold).any())
     return is_reworded
+
+
+def _without_each(recipe: list[int], padding: int) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """Yield each ingredient of a recipe of ids, and the recipe without it."""
+    for place, ingredient in enumerate(recipe[:-1]):
+        if ingredient != padding:
+            yield ingredient, (*recipe[:place], *recipe[place + 1 :])
 
 
 def near_synonym_triples(
@@ -82,4 +87,5 @@ def near_synonym_triples(
     Returns:
         shape (T,), bool.
     """
-    return is_in(triples, recipe_triples(graph.recipes[recipes]), graph.num_entities)
+    of_recipes = graph.triples_by_recipe(recipes)[1]
+    return is_in(triples, of_recipes, graph.num_entities)

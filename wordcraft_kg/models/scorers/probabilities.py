@@ -49,7 +49,7 @@ from torch import Tensor, nn
 from wordcraft_kg.base.records import Coefficient, Count, Record, Share, Slope
 from wordcraft_kg.graphs.arrays import Ids, distinct, recipe_keys
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
+from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.scorers.neighbours.pair_features import pairs_of
 from wordcraft_kg.models.scorers.protocol import RecipeScores, TripleScorer
 from wordcraft_kg.models.scorers.ranking import sampled
@@ -439,7 +439,7 @@ def known_share(folds: Folds, relation: int) -> float:
 
     def new(fold: int, *further: int) -> float:
         """Count the fold's triples that are new to a model without it and ``further`` folds."""
-        triples = recipe_triples(folds.recipes_of(fold))
+        triples = folds.triples_of(fold)
         triples = triples[triples[:, 1] == relation]
         trained_on = folds.triples([fold, *further])
         return float(np.sum(~is_in(triples, trained_on, folds.split.graph.num_entities)))

@@ -22,7 +22,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, triple_keys
+from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 MIN_TRIPLES = 30
@@ -294,21 +294,9 @@ def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids
         shape (T,): group numbers, as in ``split.groups``.
     """
     graph = split.graph
-    a, b, result = graph.recipes[recipes].T
-    group = split.groups[recipes]
-    # Each recipe gives four triples: combinesWith in both directions, and componentOf twice.
-    combines = np.full(len(group), COMBINES_WITH)
-    component = np.full(len(group), COMPONENT_OF)
-    triples_of_recipes = np.concatenate(
-        [
-            np.column_stack([a, combines, b]),
-            np.column_stack([b, combines, a]),
-            np.column_stack([a, component, result]),
-            np.column_stack([b, component, result]),
-        ]
-    )
-    keys = triple_keys(triples_of_recipes, graph.num_entities)
-    groups = np.tile(group, 4)
+    rows, recipe_triples = graph.triples_by_recipe(recipes)
+    keys = triple_keys(recipe_triples, graph.num_entities)
+    groups = split.groups[recipes][rows]
     # Sorted by triple and then by group, so that the search finds the first group of each triple.
     order = np.lexsort((groups, keys))
     query_keys = triple_keys(triples, graph.num_entities)

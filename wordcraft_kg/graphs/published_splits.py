@@ -1,0 +1,147 @@
+"""Published splits: each recipe's part from a file, checked against a recipe graph.
+
+A table names results or recipes, with the columns ``part``, ``result`` and perhaps the ingredient
+columns of our own table. JSON has a list for each part, or an object of results with their sets as
+in a recipe book: ``{"train": {"mud": [["water", "earth"]]}, "test": ["brick"]}``. A result stands
+for all its recipes.
+"""
+
+import csv
+import io
+import json
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.base.artefacts import read_large_file
+from wordcraft_kg.base.errors import SplitError
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.arrays import Ids, stacked
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import (
+    PARTS,
+    TEST,
+    TRAIN,
+    VALID,
+    Draw,
+    Published,
+    Split,
+    SplitConfig,
+    groups_of,
+)
+
+_PART_OF_NAME = {
+    **dict.fromkeys(("train", "training"), TRAIN),
+    **dict.fromkeys(("valid", "validation", "val", "dev"), VALID),
+    "test": TEST,
+}
+_EXPECTED = (
+    "expected a table with the columns part, result and, for single recipes, ingredient_a, "
+    'ingredient_b, ..., or JSON such as {"train": ["mud"], "test": [["mud", "fire", "brick"]]}'
+)
+_NO_PART = -1
+_Entry = tuple[tuple[str, ...], int]
+"""Labels (*ingredients, result) or (result,) and the part."""
+
+
+def read_published_split(path: Path, graph: RecipeGraph) -> Split:
+    """Read a split from a file.
+
+    The split is by-goal if the file holds out whole results, else by-recipe-plain; its ratios are
+    the shares of the recipes.
+
+    Args:
+        path: a CSV or JSON file.
+        graph: the graph whose recipes it divides.
+
+    Raises:
+        ArtefactError: if the file is missing or too large.
+        SplitError: if the file has another shape, a recipe has two parts or none, or the train or
+            test part is empty.
+    """
+    data = read_large_file(path)
+    try:
+        text = data.decode("utf-8-sig")
+        entries = list(_of_json(json.loads(text)) if text.lstrip()[:1] == "{" else _of_table(text))
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise SplitError(
+            f"{path}: no split ({type(error).__name__}: {error}); {_EXPECTED}."
+        ) from None
+    parts = np.full(graph.num_recipes, _NO_PART, dtype=np.int8)
+    unknown = 0
+    for part in (TRAIN, VALID, TEST):
+        rows, num_unknown = _rows(graph, [labels for labels, of in entries if of == part])
+        unknown += num_unknown
+        taken = rows[(parts[rows] != _NO_PART) & (parts[rows] != part)]
+        if len(taken):
+            names = f"{PARTS[parts[taken[0]]]} and {PARTS[part]}"
+            raise SplitError(
+                f"{path}: the recipe {_recipe(graph, taken)} is in {names}; expected one."
+            )
+        parts[rows] = part
+    left = np.flatnonzero(parts == _NO_PART)
+    if len(left):
+        raise SplitError(
+            f"{path}: {counted(len(left), 'recipe')} of {graph.num_recipes:,} without a part, such "
+            f"as {_recipe(graph, left)}; a published split names all recipes of the graph."
+        )
+    for part in (TRAIN, TEST):
+        if not (parts == part).any():
+            raise SplitError(f"{path}: the {PARTS[part]} part has no recipe of this graph.")
+    train, valid = (float(np.mean(parts == part)) for part in (TRAIN, VALID))
+    kind = "by-goal" if _is_whole(groups_of(graph, "by-goal"), parts) else "by-recipe-plain"
+    published = Published(file=path.name, sha256=sha256(data).hexdigest(), unknown=unknown)
+    return Split(graph, SplitConfig(kind, train, valid), Draw(parts, published=published))
+
+
+def _of_json(document: dict[str, Any]) -> Iterator[_Entry]:
+    """Yield the entries of the lists or objects below the names of parts."""
+    named = {_PART_OF_NAME[key]: value for key, value in document.items() if key in _PART_OF_NAME}
+    if not named:
+        raise KeyError("train")
+    for part, value in named.items():
+        rows = value
+        if isinstance(value, dict):
+            rows = [[*each, result] for result, sets in value.items() for each in sets]
+        for row in rows:
+            yield ((row,) if isinstance(row, str) else tuple(row)), part
+
+
+def _of_table(text: str) -> Iterator[_Entry]:
+    """Yield the entries of a table with a header; blank cells are no ingredients."""
+    for row in csv.DictReader(io.StringIO(text)):
+        cells = {name.strip(): (cell or "").strip() for name, cell in row.items() if name}
+        ingredients = (cell for name, cell in cells.items() if name.startswith("ingredient"))
+        yield (*filter(None, ingredients), cells["result"]), _PART_OF_NAME[cells["part"].lower()]
+
+
+def _rows(graph: RecipeGraph, entries: list[tuple[str, ...]]) -> tuple[Ids, int]:
+    """Return the rows of results and recipes in the graph, and the number of unknown entries."""
+    known = [labels for labels in entries if all(label in graph for label in labels)]
+    results = [labels[0] for labels in known if len(labels) == 1]
+    recipes = [labels for labels in known if len(labels) > 1]
+    ids = graph.ids_of(label for labels in recipes for label in labels)
+    table = stacked(ids, list(map(len, recipes)), graph.num_entities)
+    table[:, :-1].sort(axis=1)
+    rows_of_recipes = graph.rows_of(table)
+    rows_of_results = [graph.recipes_of(result) for result in results]
+    unknown = len(entries) - len(known) + int(np.sum(rows_of_recipes < 0))
+    unknown += sum(not len(rows) for rows in rows_of_results)
+    rows = np.concatenate([rows_of_recipes[rows_of_recipes >= 0], *rows_of_results])
+    return rows.astype(np.int64), unknown
+
+
+def _recipe(graph: RecipeGraph, rows: Ids) -> str:
+    return str(graph.recipe_labels(graph.sets[rows[:1]])[0])
+
+
+def _is_whole(groups: Ids, parts: Iterable[int]) -> bool:
+    """Return whether each group is in one part."""
+    parts_of = defaultdict[int, set[int]](set)
+    for group, part in zip(groups.tolist(), parts, strict=True):
+        parts_of[group].add(int(part))
+    return all(len(each) == 1 for each in parts_of.values())

@@ -183,12 +183,12 @@ class VoteScorer(Scorer):
         """
         super().__init__(graph.entities, graph.hash, **kwargs)
         self.unseen = unseen
-        ingredients_a, ingredients_b, result = recipes.T
+        one, other, result = recipes.T
         size = graph.num_entities
         # A recipe with twice the same ingredient is one vote.
-        keys_a = ingredients_a * size + result
-        keys_b = ingredients_b * size + result
-        votes = np.concatenate([keys_a, keys_b[ingredients_a != ingredients_b]])
+        of_one = one * size + result
+        of_other = other * size + result
+        votes = np.concatenate([of_one, of_other[one != other]])
         keys, counts = np.unique(votes, return_counts=True)
         # The last key is larger than all vote keys, so searches always end at a key.
         keys = np.append(keys, np.iinfo(np.int64).max)

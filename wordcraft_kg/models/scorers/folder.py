@@ -329,8 +329,8 @@ def write_folds(
     def asked(number: int) -> Ids:
         seen = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
-        fold_triples = recipe_triples(folds.recipes_of(number))
-        new = fold_triples[~is_in(fold_triples, seen, graph.num_entities)]
+        own = recipe_triples(folds.recipes_of(number))
+        new = own[~is_in(own, seen, graph.num_entities)]
         affordable = max(50, FOLD_SCORES // graph.num_entities)
         return sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))
 

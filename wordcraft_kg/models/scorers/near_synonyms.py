@@ -48,8 +48,8 @@ def near_synonym_recipes(
     for index in np.flatnonzero(split.is_in("test")).tolist():
         a, b, result = graph.recipes[index].tolist()
         # Ingredients x and y of the train recipes with the same result.
-        rows = graph.recipes_of(result)
-        x, y = graph.recipes[rows[is_train[rows]], :2].T
+        made = graph.recipes_of(result)
+        x, y = graph.recipes[made[is_train[made]], :2].T
         # Row 0: whether x is near; row 1: whether y is.
         near_a = unit[[x, y]] @ unit[a] >= threshold
         near_b = unit[[x, y]] @ unit[b] >= threshold

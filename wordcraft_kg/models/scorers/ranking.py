@@ -299,7 +299,7 @@ def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids
     # Each recipe gives four triples: combinesWith in both directions, and componentOf twice.
     combines = np.full(len(group), COMBINES_WITH)
     component = np.full(len(group), COMPONENT_OF)
-    triples_of_recipes = np.concatenate(
+    given = np.concatenate(
         [
             np.column_stack([a, combines, b]),
             np.column_stack([b, combines, a]),
@@ -307,12 +307,12 @@ def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids
             np.column_stack([b, component, result]),
         ]
     )
-    keys = triple_keys(triples_of_recipes, graph.num_entities)
+    keys = triple_keys(given, graph.num_entities)
     groups = np.tile(group, 4)
     # Sorted by triple and then by group, so that the search finds the first group of each triple.
     order = np.lexsort((groups, keys))
-    query_keys = triple_keys(triples, graph.num_entities)
-    place = np.searchsorted(keys[order], query_keys)
+    wanted = triple_keys(triples, graph.num_entities)
+    place = np.searchsorted(keys[order], wanted)
     return groups[order[place]]
 
 

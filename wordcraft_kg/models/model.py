@@ -39,7 +39,7 @@ class History:
         is_trained: whether this package trained the model; False for a scorer saved by
             ``save_scorer``.
         made_by_other_books: labels of the graph's entities that a recipe of another book in the
-            training makes; None without another book, and for models from before this record.
+            training makes; None without another book.
     """
 
     config: RunConfig

@@ -46,8 +46,7 @@ class OutsideSource(Record, frozen=True, kw_only=True):
         left_out_without: further recipes of another book that are left out because a book in
             ``without`` has them.
         reworded: used recipes that reword a test or validation recipe by near-synonyms.
-        makes: labels of the graph's entities that a used recipe of another book makes; None for
-            other sources, and in folders from before this field.
+        makes: labels of the graph's entities that a used recipe of another book makes.
     """
 
     name: str
@@ -59,7 +58,7 @@ class OutsideSource(Record, frozen=True, kw_only=True):
     left_out_test: Count = 0
     left_out_without: Count = 0
     reworded: Count = 0
-    makes: tuple[str, ...] | None = None
+    makes: tuple[str, ...] = ()
 
 
 class OtherBook(NamedTuple):

@@ -198,6 +198,28 @@ def knowledge_files(folder: str | Path) -> RunFiles:
     return RunFiles(folder, run)
 
 
+def read_rows(files: RunFiles, name: str) -> list[list[str]]:
+    """Return the rows of three columns in a file of a knowledge folder, without its header.
+
+    Args:
+        files: the folder's files.
+        name: :data:`TRIPLES` or :data:`FACTS`.
+
+    Raises:
+        ArtefactError: if the file is missing, has changed, or a line has other columns.
+    """
+    text = files.bytes(name).decode(errors="replace").removesuffix("\n")
+    # Split at newlines alone: labels may have other line ends.
+    _, *lines = text.split("\n")
+    rows = [line.split("\t") for line in lines]
+    for number, row in enumerate(rows, 2):
+        if len(row) != 3:
+            raise ArtefactError(
+                f"{files.folder / name}, line {number}: expected 3 columns. Make the folder again."
+            )
+    return rows
+
+
 def check_same_split(spec: str, opened: OpenedGraph) -> None:
     """Check that a knowledge folder has not seen test recipes.
 

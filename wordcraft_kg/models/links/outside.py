@@ -11,18 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.knowledge.folder import (
-    KNOWLEDGE,
-    TRIPLES,
-    KnowledgeRecord,
-    knowledge_files,
-)
+from wordcraft_kg.models.knowledge.folder import TRIPLES, knowledge_files, read_rows
 from wordcraft_kg.models.links.records import OutsideSummary
-
-_COLUMNS = ("head", "relation", "tail")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +75,9 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
     rows = list[tuple[int, int, int]]()
     for folder in folders:
         before = len(rows)
-        for head, relation, tail in _lines(folder):
+        # Raises ConfigError if the folder has no triples.
+        _hash(folder)
+        for head, relation, tail in read_rows(knowledge_files(folder), TRIPLES):
             # Such triples would count as recipes, also as those of the test part.
             if relation in RELATIONS:
                 raise ConfigError(
@@ -113,20 +108,3 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
     )
     nodes = tuple(places)[len(entities) :]
     return OutsideTriples(nodes, tuple(relations)[len(RELATIONS) :], triples, summary)
-
-
-def _lines(folder: str) -> list[list[str]]:
-    """Return head, relation and tail of each line."""
-    # Raises ConfigError if the folder has no triples.
-    _hash(folder)
-    files = knowledge_files(folder)
-    number = files.record(KNOWLEDGE, KnowledgeRecord).triples
-    text = files.bytes(TRIPLES).decode(errors="replace").removesuffix("\n")
-    header, *lines = [line.split("\t") for line in text.split("\n")]
-    has_three_columns = all(len(line) == len(_COLUMNS) for line in lines)
-    if tuple(header) != _COLUMNS or len(lines) != number or not has_three_columns:
-        raise ArtefactError(
-            f"{files.folder / TRIPLES} is damaged: expected the header {' '.join(_COLUMNS)} and "
-            f"{number:,} lines of three columns, separated by tabs. Make the folder again."
-        )
-    return lines

@@ -31,6 +31,7 @@ from wordcraft_kg.models.knowledge.folder import (
     TableInfo,
     knowledge_files,
     read_knowledge,
+    read_rows,
 )
 from wordcraft_kg.models.knowledge.outside import is_book
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
@@ -293,15 +294,7 @@ def _fact_evidence(files: RunFiles, knowledge: KnowledgeTables) -> _Source:
     A line of the file has an entity's label, a relation's phrase, and a label or class.
     """
     facts_of = defaultdict[str, list[tuple[str, str]]](list)
-    text = files.bytes(FACTS).decode(errors="replace")
-    # Line 1 has the names of the columns. Split at newlines alone: labels may have others.
-    _, *lines = text.removesuffix("\n").split("\n")
-    for number, line in enumerate(lines, 2):
-        if line.count("\t") != 2:
-            raise ArtefactError(
-                f"{files.folder / FACTS}, line {number}: expected 3 columns. Make the folder again."
-            )
-        head, phrase, tail = line.split("\t")
+    for head, phrase, tail in read_rows(files, FACTS):
         facts_of[head].append((phrase, tail))
     frequency = Counter(chain.from_iterable(facts_of.values()))
 

@@ -90,12 +90,6 @@ def recipes_history(files: RunFiles) -> History:
 
 
 def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | None:
-    """Return the labels that any other book among the sources makes.
-
-    None without a book, or if the record of one does not say.
-    """
-    books = [source for source in sources if source.kind == "book"]
-    labels_of_books = [frozenset(book.makes) for book in books if book.makes is not None]
-    # A record from before the field `makes`: any label may be made.
-    is_complete = len(labels_of_books) == len(books)
-    return frozenset().union(*labels_of_books) if labels_of_books and is_complete else None
+    """Return the labels that any other book among the sources makes; None without a book."""
+    labels = [frozenset(source.makes) for source in sources if source.kind == "book"]
+    return frozenset().union(*labels) if labels else None

@@ -144,7 +144,12 @@ def _folds(
         )
     folds = make_folds(split, settings.folds)
     if without:
-        return folds.with_train_sample(_sample_without(opened.graph, settings, without))
+        is_used = ~np.any([shared_recipes(opened.graph, book) for book in without], axis=0)
+        if not is_used.any():
+            raise ConfigError(
+                f"`without` {', '.join(settings.without)} leaves no recipe of {opened.graph.name}."
+            )
+        return folds.with_train_sample(TrainSample.of(opened.graph, is_used))
     sample = draw_train_sample(
         split,
         settings.train_fraction,
@@ -153,25 +158,6 @@ def _folds(
         of_recipe=folds.of_recipe,
     )
     return folds.with_train_sample(sample)
-
-
-def _sample_without(
-    graph: RecipeGraph,
-    settings: RecipeScorerConfig,
-    without: Sequence[RecipeGraph],
-) -> TrainSample:
-    """Return a graph's recipes that no book in ``without`` has.
-
-    Raises:
-        ConfigError: if there are none.
-    """
-    is_shared = [shared_recipes(graph, book) for book in without]
-    is_kept = ~np.any(is_shared, axis=0)
-    if not is_kept.any():
-        raise ConfigError(
-            f"`without` {', '.join(settings.without)} leaves no recipe of {graph.name}."
-        )
-    return TrainSample.of(graph, is_kept)
 
 
 @contextmanager
@@ -365,22 +351,20 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         run: RunFolder[FitDone],
         report: Progress | None,
     ) -> Mapping[str, Any]:
+        return {"inputs": self._inputs()}
+
+    def _inputs(self) -> dict[str, str]:
+        """Return the hashes of all inputs by name; two sources may have one name."""
         settings = self.config.settings
-        inputs = {"features": self.features.sha256, **self._outside_hashes()}
-        # The inputs are in the run's record: a resumed run compares those that files may change.
+        inputs = {"features": self.features.sha256}
+        for place, source in enumerate(self.outside.sources, 1):
+            inputs[f"with {place}: {source.name}"] = source.sha256
         inputs |= {f"without {book.name}": book.hash for book in self.without}
         if settings.kg == "partial":
             inputs["folds"] = self.folds.hash
         if is_subsample(settings.train_fraction, settings.label_noise):
             inputs["train_sample"] = self.folds.train_sample.hash
-        return {"inputs": inputs}
-
-    def _outside_hashes(self) -> dict[str, str]:
-        """Return the hashes of outside knowledge by input; two sources may have one name."""
-        return {
-            f"with {place}: {source.name}": source.sha256
-            for place, source in enumerate(self.outside.sources, 1)
-        }
+        return inputs
 
     def restored(self, run: RunFolder[FitDone]) -> None:
         """Return None in place of a checkpoint: a resumed run skips all saved fits."""
@@ -398,8 +382,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         if not run.is_live:
             # Fits of one run must have the same inputs, or folds and main model would differ in
             # more than the recipes that they leave out.
-            inputs = {"features": self.features.sha256, **self._outside_hashes()}
-            for name, sha256 in inputs.items():
+            for name, sha256 in self._inputs().items():
                 if sha256 != run.record.inputs.get(name):
                     raise ArtefactError(
                         f"`{name}` has changed since '{run.path}' began. Restore the earlier "

@@ -131,9 +131,7 @@ class LinkEvidence:
             neighbours = self.ends(end, relation, side)
             neighbours = neighbours[neighbours != entity]
             triples.append(_links(neighbours, relation, end, side))
-            as_head, as_tail = self.roles.units[relation]
-            units = as_head if side == "head" else as_tail
-            cosines = units[neighbours] @ units[entity]
+            cosines = self.roles.alike(entity, relation, side)[neighbours]
             # Rounding can lift the cosine of equal vectors above 1.
             positive = cosines.astype(np.float64).clip(0, 1)
             weights.append(positive**POWER)

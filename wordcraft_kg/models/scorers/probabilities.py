@@ -60,8 +60,9 @@ if TYPE_CHECKING:
 SEGMENTS = (3.0, 6.0)
 """Log-odds at which the slope may change: the best 5 % and the best .25 % of all pairs.
 
-Beside a single slope, three lower the log loss on held-out links of both small books by .5 to 3 %
-(splits 10 and 11), by a 95 % interval in seven of eight cases.
+Against a single slope, they lower the log loss of the cross-fitted kernel regression on test links
+by .3 to 3 % (Little Alchemy 2 and `everyday`, splits 10 and 11, both relations), with a 95 %
+interval (2,000 resamples of tails) above 0 in seven of the eight cases.
 """
 MAX_CELLS = 2**20
 """Pairs of different entities scored per relation; more pairs are sampled uniformly."""

@@ -615,7 +615,7 @@ def promised() -> Iterator[str]:
 
 ENVIRONMENTS = {
     "one": "one environment",
-    "naive 1024": "SyncVectorEnv, 1,024 environments",
+    "plain 1024": "plain Python, 1,024 environments",
     "batched 128": "batched, 128",
     "batched 1024": "**batched, 1,024**",
     "batched 8192": "batched, 8,192",
@@ -639,12 +639,12 @@ def _rounded(value: float) -> str:
 
 
 def environments() -> Iterator[str]:
-    """Yield the table of environment speed, and how many times the naive loop it is."""
+    """Yield the table of environment speed, and how many times plain Python it is."""
     rows = {row["row"]: row["steps_per_cpu_second"] for row in _read(f"{DATA}/environments.json")}
-    yield "| Little Alchemy 2, 8 distractors | steps per CPU second | times SyncVectorEnv |"
+    yield "| Little Alchemy 2, 8 distractors | steps per CPU second | times plain Python |"
     yield "|---|---|---|"
     for name, title in ENVIRONMENTS.items():
-        times = rows[name] / rows["naive 1024"]
+        times = rows[name] / rows["plain 1024"]
         yield f"| {title} | {_rounded(rows[name])} | {_rounded(times) if times >= 10 else f'{times:.1f}'} |"
 
 

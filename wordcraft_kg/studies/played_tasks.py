@@ -9,7 +9,7 @@ import numpy as np
 
 from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, distance_of
+from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.arrays import Ids

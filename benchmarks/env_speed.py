@@ -1,25 +1,24 @@
-"""Measure environment speed, compared with a naive loop in the same run.
+"""Measure environment speed, compared with plain Python in the same run.
 
     python benchmarks/env_speed.py little-alchemy-2 --json environments.json
 
-Depth 1 and 8 distractors unless said otherwise; random legal actions, resets included. *Naive* is
-gymnasium's SyncVectorEnv over the single environment: a Python loop over environments, as one would
-write it without the engine. Steps are counted for each CPU second of the process, so other jobs on
+Depth 1 and 8 distractors unless said otherwise; random legal actions, resets included. *Plain
+Python* is a loop over the tests' reference environments, the rules as one would write them without
+the engine, whose observations are stacked into arrays. Steps are counted for each CPU second of the process, so other jobs on
 the machine count little; ``--wall`` counts by the clock, for an idle machine.
 """
 
 import argparse
 import json
 import os
+import sys
 import time
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 
-import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -28,6 +27,9 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.task_search import make_tasks
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "envs"))
+from reference_env import ReferenceEnv
 
 SECONDS = 2.0
 
@@ -76,16 +78,28 @@ def batched(opened: OpenedGraph, num_envs: int, depth: int = 1) -> tuple[Callabl
     return run, state
 
 
-def naive(opened: OpenedGraph, num_envs: int) -> Callable[[], int]:
+def plain(opened: OpenedGraph, num_envs: int) -> Callable[[], int]:
     world = World(opened, WordCraftConfig(num_distractors=8))
-    envs = gym.make_vec("WordCraft-v0", num_envs=num_envs, vectorization_mode="sync", graph=world)
+    starts = WordCraftEnv(world)
+    starts.reset(seed=0)
     rng = np.random.default_rng(0)
-    seen, _ = envs.reset(seed=0)
+
+    def begun() -> ReferenceEnv:
+        task = starts._draw_task()
+        table = [*starts._starts[task], *starts._draw_distractors(task)]
+        starts._shuffle(table)
+        return ReferenceEnv(world, task, table)
+
+    envs = [begun() for _ in range(num_envs)]
 
     def run() -> int:
-        nonlocal seen
-        actions = (rng.random(num_envs) * seen["action_mask"].sum(1)).astype(np.int64)
-        seen, *_ = envs.step(actions)
+        for i, number in enumerate(rng.random(num_envs).tolist()):
+            envs[i].step(int(number * len(envs[i].table)))
+            if envs[i].outcome != "in_progress":
+                envs[i] = begun()
+        observations = [env.seen() for env in envs]
+        for name in observations[0]:
+            np.array([seen[name] for seen in observations])
         return num_envs
 
     return run
@@ -142,15 +156,15 @@ def main() -> None:
     )
     print(f"a task of depth 4         {1e3 * (clock() - start) / len(drawn):6.2f} ms")
 
-    rates = {"one": rate(single(opened), clock), "naive 1024": rate(naive(opened, 1_024), clock)}
+    rates = {"one": rate(single(opened), clock), "plain 1024": rate(plain(opened, 1_024), clock)}
     print(f"one environment           {rates['one']:12,.0f} {unit}")
-    print(f"naive, 1,024              {rates['naive 1024']:12,.0f} {unit}")
+    print(f"plain Python, 1,024       {rates['plain 1024']:12,.0f} {unit}")
     for num_envs in (128, 1_024, 8_192):
         run, state = batched(opened, num_envs)
         speed = rates[f"batched {num_envs}"] = rate(run, clock)
         print(
             f"batched, {num_envs:5,}            {speed:12,.0f} {unit}, {memory(state):.0f} bytes "
-            f"each, {speed / rates['naive 1024']:.0f} times the naive loop"
+            f"each, {speed / rates['plain 1024']:.0f} times plain Python"
         )
     run, _ = batched(opened, 1_024, depth=3)
     rates["depth 3, batched 1024"] = rate(run, clock)

@@ -15,8 +15,12 @@ from typing import Any
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
-from wordcraft_kg.apps.text_agents.submission import GameLine, Submission, verified_games
-from wordcraft_kg.apps.text_agents.submission_files import submissions_at
+from wordcraft_kg.apps.text_agents.submission import (
+    GameLine,
+    Submission,
+    submissions_at,
+    verified_games,
+)
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import paired_difference
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-from wordcraft_kg.apps.text_agents.submission_files import (
+from wordcraft_kg.apps.text_agents.submission import (
     ARCHIVE,
     SUBMISSION_FILE,
     read_submission_file,

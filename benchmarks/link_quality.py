@@ -26,7 +26,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from wordcraft_kg.agents.players import fact_recipes, pair_player, play_all, scorer_players
+from wordcraft_kg.agents.evaluation import play_all
+from wordcraft_kg.agents.players import fact_recipes, pair_player, scorer_players
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World

@@ -18,8 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World, open_graph
-from wordcraft_kg.agents.sb3 import MaskableSB3Policy, SB3Policy
-from wordcraft_kg.agents.sb3_env import SB3VecEnv
+from wordcraft_kg.agents.sb3 import MaskableSB3Policy, SB3Policy, SB3VecEnv
 from wordcraft_kg.models.policies.folder import make_policy
 
 SECONDS = 3.0

@@ -34,8 +34,7 @@ from torch import nn
 
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
-from wordcraft_kg.agents.vtrace import v_trace
+from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss, v_trace
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig

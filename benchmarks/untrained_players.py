@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from wordcraft_kg.agents.evaluation import play_all
 from wordcraft_kg.agents.players import (
     FEWEST_USES,
     NEAREST_WORDS,
@@ -28,7 +29,6 @@ from wordcraft_kg.agents.players import (
     fewest_uses,
     knowledge_player,
     nearest_words,
-    play_all,
     scorer_players,
 )
 from wordcraft_kg.base.artefacts import write_atomically

@@ -36,7 +36,7 @@ def _zipped(names, rng, content):
 
 
 def _read_submission(path):
-    from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
+    from wordcraft_kg.apps.text_agents.submission import read_submission_file
 
     for name in ("submission.json", "games.jsonl"):
         read_submission_file(path, name)

@@ -14,8 +14,7 @@ import pandas as pd
 from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.submission import metrics_text, verify
-from wordcraft_kg.apps.text_agents.submission_files import submissions_at
+from wordcraft_kg.apps.text_agents.submission import metrics_text, submissions_at, verify
 from wordcraft_kg.cli import main
 
 games = TaskGames(World.open("everyday", WordCraftConfig(part="test", num_distractors=8)))

@@ -10,16 +10,16 @@ from refusals import refuses
 
 from wordcraft_kg import ImpalaConfig, PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents import evaluation
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, play_all, player_of
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
-from wordcraft_kg.agents.players import play_all, random_entity, recipe_oracle
+from wordcraft_kg.agents.players import random_entity, recipe_oracle
+from wordcraft_kg.agents.records import TERMINATION_REASONS
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.statistics import task_bootstrap
-from wordcraft_kg.envs import evaluation_tables
+from wordcraft_kg.envs import draws
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
+from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.evaluation.players import view_baselines
 from wordcraft_kg.models.policies.folder import make_policy
@@ -453,7 +453,7 @@ def test_the_scorer_alone_needs_a_scorer(opened):
 
 
 def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeypatch, caplog):
-    monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
+    monkeypatch.setattr(draws, "MOST_TASKS", 20)
     world = World(opened, WordCraftConfig(num_distractors=2))
     amount = len(world.tasks)
     evaluator = Evaluator(world, distractor_seeds=1, limit=20)
@@ -469,7 +469,7 @@ def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeyp
 def test_very_many_tasks_are_played_on_the_first_of_their_tables(opened, monkeypatch):
     world = World(opened, WordCraftConfig(part="test", num_distractors=3))
     few = Evaluator(world)(scripted)
-    monkeypatch.setattr(evaluation_tables, "MANY_TASKS", len(world.tasks) - 1)
+    monkeypatch.setattr(draws, "MANY_TASKS", len(world.tasks) - 1)
     many = Evaluator(world)(scripted)
     assert (few.success.shape, many.success.shape) == ((63, 5), (63, 1))
     np.testing.assert_array_equal(many.decisions, few.decisions[:, :1])

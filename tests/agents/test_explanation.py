@@ -15,10 +15,10 @@ from short_fits import short_fits
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
-from wordcraft_kg.envs import evaluation_tables
+from wordcraft_kg.envs import draws
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
+from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, recipe_triples
 from wordcraft_kg.models.policies.config import PolicyConfig
@@ -146,7 +146,7 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part
 def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
     opened, explaining, monkeypatch
 ):
-    monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
+    monkeypatch.setattr(draws, "MOST_TASKS", 20)
     explainer = explaining("no scorer")
     world = explainer.world
     evaluator = Evaluator(world, distractor_seeds=1, limit=20)

@@ -29,7 +29,7 @@ from wordcraft_kg import (
     train_agent,
 )
 from wordcraft_kg.agents.impala import LOSSES, METRICS, Impala, check_compiler
-from wordcraft_kg.agents.vtrace import v_trace
+from wordcraft_kg.agents.losses import v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.models.policies.folder import make_policy

@@ -9,8 +9,7 @@ import torch
 from wordcraft_kg import ImpalaConfig, PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.losses import memory_loss
-from wordcraft_kg.agents.memory import Successes, led_to_goals
+from wordcraft_kg.agents.losses import Successes, led_to_goals, memory_loss
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.models.policies.folder import make_policy

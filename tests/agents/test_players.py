@@ -13,7 +13,7 @@ from wordcraft_kg import (
     make_split,
     open_graph,
 )
-from wordcraft_kg.agents.evaluation import Evaluator
+from wordcraft_kg.agents.evaluation import Evaluator, play_all
 from wordcraft_kg.agents.players import (
     advice_on_words,
     fact_sources,
@@ -21,7 +21,6 @@ from wordcraft_kg.agents.players import (
     knowledge_players,
     nearest_words,
     pair_player,
-    play_all,
     random_distinct,
     random_entity,
     recipe_oracle,

@@ -13,8 +13,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World
-from wordcraft_kg.agents.sb3 import MaskableSB3Policy, SB3Policy
-from wordcraft_kg.agents.sb3_env import SB3VecEnv
+from wordcraft_kg.agents.sb3 import MaskableSB3Policy, SB3Policy, SB3VecEnv
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wrappers import TaskObservation

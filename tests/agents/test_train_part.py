@@ -17,7 +17,7 @@ from wordcraft_kg import (
     open_graph,
     train_agent,
 )
-from wordcraft_kg.agents import curves, training
+from wordcraft_kg.agents import training
 from wordcraft_kg.agents.plan_weights import fit_plan_weights
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
@@ -92,8 +92,8 @@ def test_no_scorer_depends_on_held_out_results(request, graphs, kind):
 )
 def test_no_agent_depends_on_held_out_results(graphs, scorer, use, request, tmp_path, monkeypatch):
     """With p there are weights of plans, which are learned from play."""
-    monkeypatch.setattr(curves, "MOST_TASKS", 20)
-    monkeypatch.setattr(curves, "CURVE_TASKS", 20)
+    monkeypatch.setattr(training, "MOST_TASKS", 20)
+    monkeypatch.setattr(training, "CURVE_TASKS", 20)
     monkeypatch.setattr(training, "fit_plan_weights", partial(fit_plan_weights, tasks=100))
     folders = []
     for i, graph in enumerate(graphs):

@@ -18,8 +18,8 @@ class ReferenceEnv:
         self.outcome = "in_progress"
         self.goal = int(world.tasks.goals[task])
         self.intermediates = {*world.tasks.intermediates[task].tolist()} - {world.nothing}
-        recipes = world.graph.recipes.tolist()
-        self.last_pairs = {tuple(recipes[plan[-1]][:2]) for plan in world.tasks.plans[task]}
+        pairs = world.graph.recipes[:, :2]
+        self.last_pairs = {tuple(pairs[plan[-1]].tolist()) for plan in world.tasks.plans[task]}
 
     def step(self, slot):
         """Choose a slot; return reward, whether by plan, and whether the slot was empty."""

@@ -10,8 +10,8 @@ from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph
-from wordcraft_kg.agents.evaluation import Evaluator
-from wordcraft_kg.agents.players import nearest_words, play_all, random_entity
+from wordcraft_kg.agents.evaluation import Evaluator, play_all
+from wordcraft_kg.agents.players import nearest_words, random_entity
 from wordcraft_kg.base.errors import ConfigError, TaskError
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.vector import WordCraftVectorEnv

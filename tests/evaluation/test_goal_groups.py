@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
-from wordcraft_kg.agents.players import BEST_PAIR, NEAREST_WORDS, play_all, scorer_players
+from wordcraft_kg.agents.evaluation import play_all
+from wordcraft_kg.agents.players import BEST_PAIR, NEAREST_WORDS, scorer_players
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.envs.config import WordCraftConfig

@@ -8,7 +8,8 @@ import pytest
 
 from wordcraft_kg import TaskConfig, WordCraftConfig, World, open_graph
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
-from wordcraft_kg.agents.players import play_all, random_distinct
+from wordcraft_kg.agents.evaluation import play_all
+from wordcraft_kg.agents.players import random_distinct
 from wordcraft_kg.evaluation.discovery import view_discovery
 from wordcraft_kg.evaluation.reference import (
     PACK,

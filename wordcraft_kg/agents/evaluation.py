@@ -1,6 +1,6 @@
 """Evaluation of policies and players on all tasks in a part of the split, on fixed tables."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -9,16 +9,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, Success, TerminationReason
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
+from wordcraft_kg.agents.records import TERMINATION_REASONS, Success, TerminationReason
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import Share
+from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import MAX_SIZE, check_memory, whole
 from wordcraft_kg.base.statistics import task_bootstrap
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
-from wordcraft_kg.envs.evaluation_tables import (
+from wordcraft_kg.envs.draws import (
     EVALUATION_SEED,
     MOST_TASKS,
     default_seeds,
@@ -147,14 +148,16 @@ class Evaluator:
         *,
         distractor_seeds: int | None = None,
         limit: int | None = MOST_TASKS,
+        seed: int = EVALUATION_SEED,
     ):
         """Create an environment for each of at most ``limit`` tasks.
 
         Args:
             world: graph, tasks and settings.
             distractor_seeds: tables per task; None for
-                :func:`~wordcraft_kg.envs.evaluation_tables.default_seeds`.
+                :func:`~wordcraft_kg.envs.draws.default_seeds`.
             limit: most tasks; of more, evenly spaced ones are played. None for no limit.
+            seed: draws the tables.
 
         Raises:
             ConfigError: if ``distractor_seeds`` or ``limit`` is below 1, or the episodes do not fit
@@ -175,6 +178,7 @@ class Evaluator:
             num_bytes,
         )
         self.engine = BatchEngine(world, len(self.tasks))
+        self._seed = seed
         # The ingredients in the last recipes of a task's plans, shape (N, P), padded with -1.
         pairs = world.graph.recipes[:, :2].tolist()
         parts = []
@@ -183,11 +187,16 @@ class Evaluator:
             parts.append(sorted(set(chain.from_iterable(last_pairs))))
         self._parts = padded(parts, -1)
 
-    def __call__(self, player: Player) -> Evaluation:
+    def __call__(
+        self, player: Player, rng: np.random.Generator | None = None, stage: str = "playing"
+    ) -> Evaluation:
         """Play all tasks with all distractor seeds; return the outcomes.
 
-        A player maps a batched state and a random generator to slots, shape (N,): see
-        :mod:`wordcraft_kg.agents.players`.
+        Args:
+            player: maps a batched state and a random generator to slots, shape (N,): see
+                :mod:`wordcraft_kg.agents.players`.
+            rng: the player's generator; None for one for each distractor seed.
+            stage: what the progress display says.
 
         Raises:
             ConfigError: if no distractors are found that the distractor policy allows.
@@ -205,14 +214,14 @@ class Evaluator:
         decisions = np.zeros(shape, dtype=np.int64)
         engine = self.engine
         rows = np.arange(len(self.tasks))
-        for distractor_seed in steps("playing", range(self.distractor_seeds)):
-            state = engine.pose(self.tasks, distractor_seed, seed=EVALUATION_SEED)
-            rng = np.random.default_rng([EVALUATION_SEED, distractor_seed])
+        for distractor_seed in steps(stage, range(self.distractor_seeds)):
+            state = engine.pose(self.tasks, distractor_seed, seed=self._seed)
+            choices = rng or np.random.default_rng([EVALUATION_SEED, distractor_seed])
             while (running := state.attempts_left > 0).any():
                 # A step clears the selection at the end of an attempt, so the state before it tells
                 # the pair. The step comes first: it refuses a number that is not a slot.
                 before = state
-                slots = player(before, rng)
+                slots = player(before, choices)
                 state, step = engine.step_once(before, slots)
                 selection = before.selection
                 action = before.table[rows, slots]
@@ -294,3 +303,119 @@ def evaluate(
     world = World.of(graph, settings)
     evaluator = Evaluator(world, distractor_seeds=distractor_seeds)
     return evaluator(PolicyPlayer(player) if isinstance(player, Policy) else player)
+
+
+class PlayerSuccess(Record):
+    """A player's success rate on tables with a given number of distractors.
+
+    Attributes:
+        player: the player's name.
+        distractors: distractors on each table.
+        episodes: number of played tables.
+        success: share of episodes that made the goal.
+        low: lower end of the 95 % interval of ``success``, which resamples groups of tasks, see
+            :attr:`World.groups`, because their episodes are not independent.
+        high: upper end.
+        by_plan: share of episodes in which a plan's last pair made the goal.
+        goals: the group of goals that the row is about; empty for all tasks.
+    """
+
+    player: str
+    distractors: Count
+    episodes: Count
+    success: Share
+    low: Share
+    high: Share
+    by_plan: Share
+    goals: str = ""
+
+
+def play_all(
+    world: World,
+    players: dict[str, Player],
+    distractors: Iterable[int] = (1, 2, 8),
+    *,
+    distractor_seeds: int | None = None,
+    seed: int = 0,
+    groups: Mapping[str, NDArray[np.bool_]] | None = None,
+    limit: int = MOST_TASKS,
+) -> tuple[PlayerSuccess, ...]:
+    """Evaluate players on the tasks of a world with each number of distractors.
+
+    Success does not depend on reward settings.
+
+    Args:
+        world: the world with the tasks; its own number of distractors is not used.
+        players: players by name.
+        distractors: numbers of distractors.
+        distractor_seeds: tables per task, equal for all players; None as for
+            :class:`Evaluator`.
+        seed: draws distractors and players' choices.
+        groups: masks over the world's tasks by name, each of shape (tasks,). Groups without tasks
+            have no row. None for no groups.
+        limit: most tasks; of more, evenly spaced ones are played, as by the evaluator.
+
+    Returns:
+        For each number of distractors and player a record of all tasks, then one of each group.
+
+    Raises:
+        ConfigError: for a seed out of range, ``limit`` or ``distractor_seeds`` below 1, or too few
+            entities in the graph for so many distractors.
+        ActionError: if a player chooses a number that is not a slot.
+        LeakError: if a player would score a task by a model trained on the task's recipes.
+    """
+    whole("seed", seed, 0)
+    rows: list[PlayerSuccess] = []
+    for amount in dict.fromkeys(distractors):
+        variant = world.variant(num_distractors=amount)
+        evaluator = Evaluator(variant, distractor_seeds=distractor_seeds, limit=limit, seed=seed)
+        masks = {group: mask[evaluator.tasks] for group, mask in (groups or {}).items()}
+        for name, player in players.items():
+            # A generator for each player: results do not depend on the other players.
+            rng = np.random.default_rng([seed, amount])
+            stage = f"playing {name}, {counted(amount, 'distractor')}"
+            result = evaluator(player, rng, stage)
+            rows += success_rows(name, amount, result.success, result.by_plan, result.groups, masks)
+    return tuple(rows)
+
+
+def success_rows(
+    name: str,
+    distractors: int,
+    success: NDArray[np.bool_],
+    by_plan: NDArray[np.bool_],
+    clusters: Ids,
+    groups: Mapping[str, NDArray[np.bool_]],
+) -> list[PlayerSuccess]:
+    """Return the rows of a player that has played N tasks on D tables each.
+
+    Args:
+        name: the player's name.
+        distractors: distractors on each table.
+        success: shape (N, D): whether the goal was made.
+        by_plan: shape (N, D): whether a plan's last pair made the goal.
+        clusters: shape (N,): each task's resampling group, see :attr:`World.groups`.
+        groups: groups of goals by name, masks of shape (N,); those without tasks have no row.
+
+    Returns:
+        A row for all tasks, then one for each group.
+    """
+    rows = []
+    masks = {"": np.ones(len(success), dtype=bool), **groups}
+    for group, mask in masks.items():
+        if not mask.any():
+            continue
+        low, high = task_bootstrap(success[mask], clusters[mask])
+        rows.append(
+            PlayerSuccess(
+                player=name,
+                distractors=distractors,
+                episodes=success[mask].size,
+                success=float(success[mask].mean()),
+                low=low,
+                high=high,
+                by_plan=float(by_plan[mask].mean()),
+                goals=group,
+            )
+        )
+    return rows

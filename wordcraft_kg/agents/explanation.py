@@ -17,7 +17,7 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.settings import nearest, whole
 from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
-from wordcraft_kg.envs.evaluation_tables import EvaluationTables
+from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import TrainedOn

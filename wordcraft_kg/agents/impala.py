@@ -21,15 +21,16 @@ from torch import Tensor, nn
 
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.losses import (
+    Successes,
     baseline_loss,
     divergence,
+    led_to_goals,
     memory_loss,
     policy_gradient_loss,
+    v_trace,
 )
 from wordcraft_kg.agents.losses import entropy as summed_entropy
-from wordcraft_kg.agents.memory import Successes, led_to_goals
 from wordcraft_kg.agents.states import bind_tasks, states_of
-from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import as_tensor, copied
@@ -281,27 +282,27 @@ class Impala:
         ahead: Future[Tensor | None] | None = None
         if self.scores_ahead and self.update_number + 1 < self.config.updates:
             ahead = self._ahead.submit(self.policy.external_scores, self._states())
+        assert self._flat.grad is not None
         try:
-            self._improve(weights, is_cut=is_cut)
+            # Gradients flow through `weights` into the views of the flat gradient.
+            self._flat.grad.zero_()
+            losses, last = self._learn(weights, self._unroll, is_cut)
+            # Copied, because a compiled learner reuses its output tensors.
+            details = _Last(last.log_rhos.clone(), last.lambdas.clone())
+            self._descend(losses)
+            self._last = details
         finally:
             # Awaited whatever happens: the caller may bind the policy to other tasks now.
             scores = None if ahead is None else ahead.result()
         self._next_scores = scores
 
-    def _improve(self, weights: Weights, *, is_cut: bool) -> None:
-        """Learn from the unroll.
-
-        Args:
-            weights: weights of the learning policy, with gradients.
-            is_cut: whether an episode continues after the unroll.
+    def _descend(self, losses: _Loss) -> None:
+        """Take a step of the optimiser down the gradient of the losses.
 
         Raises:
             TrainingError: if the loss is not finite, on the CPU; then parameters are unchanged.
         """
-        # Gradients flow through `weights` into the views of the flat gradient.
         assert self._flat.grad is not None
-        self._flat.grad.zero_()
-        losses, last = self._learn(weights, self._unroll, is_cut)
         losses.loss.backward()
 
         # Clip the norm of all gradients together, as `clip_grad_norm_` does.
@@ -320,8 +321,6 @@ class Impala:
         self.optimizer.step()
         self.update_number += 1
         self._count(losses, norm)
-        # Copied, because a compiled learner reuses its output tensors.
-        self._last = _Last(last.log_rhos.clone(), last.lambdas.clone())
 
     def _acting(self, weights: Weights) -> Weights:
         """Return the actor's weights: the learner's, or with a lag those of an earlier update."""

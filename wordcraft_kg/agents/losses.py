@@ -1,7 +1,9 @@
-"""Actor-critic loss terms, summed over time and batch as in IMPALA.
+"""What IMPALA learns from: V-trace targets, loss terms, and a memory of own successes.
 
-Sums, not means: the paper's learning rate and costs belong to sums.
+Losses are sums over time and batch, not means: the paper's learning rate and costs belong to sums.
 """
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -79,3 +81,139 @@ def memory_loss(log_policies: Tensor, remembered: Tensor) -> Tensor:
     # Elsewhere the sum over no choice would be log 0; all choices give a constant instead.
     target_log_probs = log_policies.masked_fill(~remembered & has_any, -torch.inf)
     return -torch.logsumexp(target_log_probs, dim=0).masked_fill(~has_any, 0).sum()
+
+
+class VTrace(NamedTuple):
+    """Targets for a batch of unrolls, without gradients.
+
+    Attributes:
+        vs: shape (T, B): targets for state values.
+        pg_advantages: shape (T, B): advantages for the policy gradient.
+    """
+
+    vs: Tensor
+    pg_advantages: Tensor
+
+
+@torch.no_grad()
+def v_trace(
+    log_rhos: Tensor,
+    discounts: Tensor,
+    rewards: Tensor,
+    values: Tensor,
+    bootstrap_value: Tensor,
+    *,
+    clip_rho: float = 1.0,
+    clip_c: float = 1.0,
+    clip_pg_rho: float = 1.0,
+) -> VTrace:
+    """Correct returns for the difference between the acting policy (μ) and the learning policy (π).
+
+    With ``ρ_t = min(ρ̄, π/μ)`` and ``c_t = min(c̄, π/μ)``:
+    ``vs_t = V_t + ρ_t (r_t + γ_t V_{t+1} - V_t) + γ_t c_t (vs_{t+1} - V_{t+1})``, and
+    ``pg_advantage_t = min(ρ̄_pg, π/μ) (r_t + γ_t vs_{t+1} - V_t)``. With all ratios 1, vs are the
+    returns.
+
+    Args:
+        log_rhos: shape (T, B): log π(a|x) - log μ(a|x).
+        discounts: shape (T, B): γ, or 0 where the episode ended with this step.
+        rewards: shape (T, B).
+        values: shape (T, B): V of the states in which actions were chosen.
+        bootstrap_value: shape (B,): V of the state after the last step.
+        clip_rho: ρ̄, which determines the fixed point.
+        clip_c: c̄, which limits how far corrections reach back.
+        clip_pg_rho: ρ̄_pg, for the policy gradient.
+
+    Returns:
+        Value targets and advantages.
+
+    Source: Espeholt et al. 2018, "IMPALA", equations 1 and 2 and section 4.2.
+    """
+    rhos = log_rhos.exp()
+    next_values = torch.cat([values[1:], bootstrap_value[None]])
+    deltas = rhos.clamp(max=clip_rho) * (rewards + discounts * next_values - values)
+    reach = discounts * rhos.clamp(max=clip_c)
+    # Equation 1 as the recursion of remark 1, backwards in time: with d_t = vs_t - V_t,
+    # d_t = delta_t + γ_t c_t d_{t+1}, and d_T = 0.
+    corrections = torch.empty_like(values)
+    correction = torch.zeros_like(bootstrap_value)
+    for t in range(len(values) - 1, -1, -1):
+        correction = torch.addcmul(deltas[t], reach[t], correction)
+        corrections[t] = correction
+    vs = values + corrections
+    # The policy gradient uses vs, not V, of the next state: a better estimate of its return.
+    next_vs = torch.cat([vs[1:], bootstrap_value[None]])
+    pg_advantages = rhos.clamp(max=clip_pg_rho) * (rewards + discounts * next_vs - values)
+    return VTrace(vs, pg_advantages)
+
+
+class Successes:
+    """Pairs that led to a goal, each with the attempts that were left before it.
+
+    Attributes:
+        keys: shape (n,), int64: a number for each pair, goal and attempts left, in ascending order.
+    """
+
+    def __init__(self, num_entities: int, device: torch.device):
+        """Remember nothing yet, of ``num_entities`` (E) entities."""
+        self._size = num_entities + 1
+        self.keys = torch.empty(0, dtype=torch.int64, device=device)
+
+    def add(self, goal: Tensor, left: Tensor, one: Tensor, other: Tensor) -> None:
+        """Remember pairs of entities that led to a goal.
+
+        Args:
+            goal: ids, shape (n,), int64.
+            left: attempts left before the pair, shape (n,), int64.
+            one: ids of an entity of each pair, shape (n,), int64.
+            other: ids of its partner, shape (n,), int64; the order of a pair has no meaning.
+        """
+        new = self._keys(goal, left, one, other)
+        self.keys = torch.cat([self.keys, new]).unique()
+
+    def hold(self, goal: Tensor, left: Tensor, table: Tensor) -> Tensor:
+        """Return which slot pairs of B tables are remembered.
+
+        Args:
+            goal: ids, shape (B,).
+            left: attempts left, shape (B,).
+            table: ids in the slots, shape (B, A).
+
+        Returns:
+            shape (B, A, A), bool, symmetric; False for empty slots, which no pair has.
+        """
+        if not len(self.keys):
+            return torch.zeros(
+                (*table.shape, table.shape[1]), dtype=torch.bool, device=table.device
+            )
+        goals = goal[:, None, None]
+        attempts = left[:, None, None]
+        table_keys = self._keys(goals, attempts, table[:, :, None], table[:, None])
+        places = torch.searchsorted(self.keys, table_keys).clamp(max=len(self.keys) - 1)
+        return self.keys[places] == table_keys
+
+    def _keys(self, goal: Tensor, left: Tensor, one: Tensor, other: Tensor) -> Tensor:
+        """Return a number for each pair, goal and attempts left, whatever the pair's order."""
+        # With five attempts left, 63 bits are enough for a million entities.
+        lower = torch.minimum(one, other)
+        higher = torch.maximum(one, other)
+        return ((left * self._size + goal) * self._size + lower) * self._size + higher
+
+
+def led_to_goals(won: Tensor, over: Tensor, is_new: Tensor) -> Tensor:
+    """Return which choices of an unroll led to the goal, shape (T, B), bool.
+
+    These are the choices that made the goal, and earlier ones in their episodes that made something
+    else.
+
+    Args:
+        won: shape (T, B), bool: the choice made the goal.
+        over: shape (T, B), bool: the choice ended the episode.
+        is_new: shape (T, B), bool: the choice changed the table.
+    """
+    led = torch.zeros_like(won)
+    is_reached = torch.zeros_like(won[0])
+    for t in reversed(range(len(won))):
+        is_reached = won[t] | (is_reached & ~over[t])
+        led[t] = is_reached & (won[t] | is_new[t])
+    return led

@@ -4,15 +4,52 @@ The field names are those in the files, so a renamed field makes existing runs u
 """
 
 from pathlib import Path
+from typing import Literal, get_args
 
 import msgspec
 
-from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.base.artefacts import read_large_file
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share, parse_lines
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.record import RunFiles
+
+TerminationReason = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
+TERMINATION_REASONS: tuple[TerminationReason, ...] = get_args(TerminationReason)
+"""Termination reasons of an episode, by its last attempt; the first match in this order counts.
+
+| reason | the last pair |
+|---|---|
+| goal | made the goal |
+| same_twice | was an entity with itself |
+| one_right_part | has an ingredient for the goal in a plan |
+| no_right_part | made something else |
+| no_recipe | made nothing |
+"""
+
+
+class Success(Record):
+    """A player's success on the tasks in a part of the split, all or a sample of them.
+
+    Attributes:
+        mean: share of episodes that made the goal.
+        ci_low: lower end of the 95 % interval of ``mean``, over tasks: the interval resamples the
+            groups of tasks that the split holds out together.
+        ci_high: upper end.
+        tasks: number of tasks.
+        distractor_seeds: tables per task.
+        by_plan: share of episodes in which a plan's last pair made the goal.
+        actions: mean episode length in actions.
+    """
+
+    mean: Share
+    ci_low: Share
+    ci_high: Share
+    tasks: Count
+    distractor_seeds: Count
+    by_plan: Share
+    actions: float
+
 
 EPISODES_FILE = "episodes.jsonl"
 """Name of the file with the episodes of the final evaluation, a line for each task."""

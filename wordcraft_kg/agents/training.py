@@ -2,7 +2,8 @@
 
 :class:`AgentTraining` surrounds the trainer (:mod:`~wordcraft_kg.agents.impala`) with everything
 that a run needs: inputs and their checks, learning curves, checkpoints, the final evaluation, the
-model card. Read :meth:`AgentTraining.prepare`, ``_train`` and ``_finish``, in this order.
+model card. Read :meth:`AgentTraining.prepare`, :meth:`AgentTraining.fit` and ``_finish``, in this
+order.
 
 Checkpoints hold the complete trainer state, so that on a CPU an interrupted and continued run ends
 with the same bits as an uninterrupted run.
@@ -10,8 +11,10 @@ with the same bits as an uninterrupted run.
 
 import logging
 import math
+import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,41 +24,44 @@ import msgspec
 import torch
 
 from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at
-from wordcraft_kg.agents.card import agent_card
 from wordcraft_kg.agents.config import AgentConfig
-from wordcraft_kg.agents.curves import MetricsFile, evaluators
-from wordcraft_kg.agents.evaluation import Evaluation, PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala, check_compiler
-from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
 from wordcraft_kg.agents.plan_weights import fit_plan_weights
 from wordcraft_kg.agents.records import (
     EPISODES_FILE,
+    TERMINATION_REASONS,
     AgentProgress,
     AgentSummary,
     PlayedTask,
     read_summary,
 )
 from wordcraft_kg.base.artefacts import dump_json, json_text, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, TaskError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.envs.batch import BatchEngine, State
+from wordcraft_kg.envs.draws import MOST_TASKS
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.policies.config import PolicyKind
 from wordcraft_kg.models.policies.folder import (
     make_policy,
+    usage,
     write_constants,
     write_parameters,
 )
+from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.registry import tables_are_too_large
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.planning.source import BestPlan, P
 from wordcraft_kg.runs.checkpoints import Checkpoint
-from wordcraft_kg.runs.record import RunFiles, read_finished_run
+from wordcraft_kg.runs.record import RunFiles, RunRecord, front_matter, read_finished_run
 from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
@@ -300,6 +306,51 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             TrainingError: if the loss is no longer finite; the last checkpoint stays.
             ConfigError: if the settings do not fit the graph or the machine.
         """
+        self._start(run, report, log, checkpoint)
+        trainer = self.config.trainer
+        log_every = self._in_updates(trainer.log_every)
+        checkpoint_every = self._in_updates(trainer.checkpoint_every)
+        eval_every = self._in_updates(trainer.eval_every)
+        if not trainer.eval_every:
+            eval_every = trainer.updates
+        # Where a recipe scorer's loops use the threads, torch's own would only wait, and waiting
+        # takes the processor's time from the loops.
+        threads = 1 if self.impala.scores_ahead else trainer.threads
+        with self.impala, torch_threads(threads):
+            # A checkpoint before the first update, so that a run killed early can be resumed.
+            if run.checkpoints.last is None:
+                self._save()
+            if not self.step:  # the first points on the curves
+                self._log({}, is_point=True)
+            while self.impala.update_number < trainer.updates and not run.interrupted.is_set():
+                begun = time.perf_counter()
+                self.impala.update()
+                updates = self.impala.update_number
+                is_point = updates == trainer.updates or updates % eval_every == 0
+                # On a device, reading waits for pending work, so it is part of the measured time.
+                is_logged = is_point or updates % log_every == 0
+                figures = self.impala.take_metrics() if is_logged else None
+                self.seconds += time.perf_counter() - begun
+                if figures is not None:
+                    self._log(figures, is_point=is_point)
+                if updates % checkpoint_every == 0:
+                    self._save()
+            # At the end, or after Ctrl-C.
+            if run.checkpoints.last != self.step:
+                self._save()
+            if self.impala.update_number < trainer.updates:
+                run.interrupt()
+                return TrainedAgent(run.path, self.step, None)
+            return self._finish()
+
+    def _start(
+        self,
+        run: RunFolder[AgentProgress],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[AgentProgress] | None,
+    ) -> None:
+        """Make the trainer, and restore its state; arguments and errors as :meth:`fit`."""
         self._begun = time.perf_counter()
         if checkpoint is not None:
             self.policy = policy_at(RunFiles(run.path, run.record), checkpoint)
@@ -314,15 +365,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             with run.restoring():
                 self._restore(checkpoint)
             run.resume(self.config)
-        # Where a recipe scorer's loops use the threads, torch's own would only wait, and waiting
-        # takes the processor's time from the loops.
-        threads = 1 if self.impala.scores_ahead else self.config.trainer.threads
-        with self.impala, torch_threads(threads):
-            self._train()
-            if self.impala.update_number < self.config.trainer.updates:
-                run.interrupt()
-                return TrainedAgent(run.path, self.step, None)
-            return self._finish()
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedAgent:  # noqa: D102 - inherited
@@ -340,34 +382,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         # Lines after the checkpoint will be written again.
         self.metrics.cut(progress.metrics_bytes)
         self._logged = (self.step, self.seconds)
-
-    def _train(self) -> None:
-        trainer = self.config.trainer
-        log_every = self._in_updates(trainer.log_every)
-        checkpoint_every = self._in_updates(trainer.checkpoint_every)
-        eval_every = self._in_updates(trainer.eval_every)
-        if not trainer.eval_every:
-            eval_every = trainer.updates
-        # A checkpoint before the first update, so that a run killed early can be resumed.
-        if self.run.checkpoints.last is None:
-            self._save()
-        if not self.step:  # the first points on the curves
-            self._log({}, is_point=True)
-        while self.impala.update_number < trainer.updates and not self.run.interrupted.is_set():
-            begun = time.perf_counter()
-            self.impala.update()
-            updates = self.impala.update_number
-            is_point = updates == trainer.updates or updates % eval_every == 0
-            # On a device, reading waits for pending work, so reading is part of the measured time.
-            figures = self.impala.take_metrics() if is_point or updates % log_every == 0 else None
-            self.seconds += time.perf_counter() - begun
-            if figures is not None:
-                self._log(figures, is_point=is_point)
-            if updates % checkpoint_every == 0:
-                self._save()
-        # At the end, or after Ctrl-C.
-        if self.run.checkpoints.last != self.step:
-            self._save()
 
     def _in_updates(self, steps: int) -> int:
         """Return a number of environment steps as a number of updates, 1 or more."""
@@ -484,3 +498,196 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
                 actions=tuple(result.actions[i].tolist()),
             )
             yield json_text(msgspec.to_builtins(row)) + "\n"
+
+
+_KINDS: dict[PolicyKind, str] = {
+    "pairs": "Actor-critic on pairs",
+    "attention": "Self-attention actor-critic",
+    "mlp": "One-layer MLP",
+}
+
+
+def agent_card(
+    opened: OpenedGraph,
+    config: AgentConfig,
+    run: RunRecord,
+    summary: AgentSummary,
+) -> str:
+    """Return the model card of a finished training, in Markdown.
+
+    Args:
+        opened: graph and split of the training.
+        config: settings of the training.
+        run: record of the run, which says what the scorer was trained on.
+        summary: final evaluation.
+    """
+    kind = _KINDS[config.policy.policy or "attention"]
+    rows = "\n".join(
+        f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
+        f"{result.tasks:,} tasks with {result.distractor_seeds} distractor seeds each"
+        for part, result in summary.success.items()
+    )
+    return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
+# {kind} for {opened.graph.name}, {_guide(config, run)}
+
+Plays crafting tasks of depth {config.tasks.depth} with {config.tasks.distractors} distractors on \
+graph `{opened.graph.hash[:12]}`.
+{_note_on_scores(run)}
+Success of the greedy policy by split (95 % interval over tasks, for this seed):
+
+{rows}
+
+Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
+{summary.parameters:,} parameters, preset {config.trainer.preset}. `config.toml` reproduces the \
+run; `run.json` lists software versions.
+
+{usage(opened.graph.entities)}
+"""
+
+
+def _guide(config: AgentConfig, run: RunRecord) -> str:
+    """Return the knowledge that guides the agent, for the title."""
+    if not config.scorer:
+        return "without a knowledge graph"
+    trained_on = "not trained on recipes"
+    if run.kg != "none":
+        trained_on = f"trained on the {run.kg} knowledge graph"
+    use = "as the only logits" if config.policy.kg_only else "mixed into the logits"
+    return f"with {' and '.join(config.policy.sources)} from a scorer {trained_on}, {use}"
+
+
+def _note_on_scores(run: RunRecord) -> str:
+    """Return a paragraph on what the scorer knew of the tasks; empty without a scorer."""
+    if run.kg is None:
+        return ""
+    if run.kg == "full":
+        return (
+            "\nThe scorer was trained on all triples, including test triples: success on test "
+            "tasks measures the use of a perfect source, not generalisation.\n"
+        )
+    if run.kg == "none":
+        return (
+            "\nThe scorer was not trained on any recipe in the graph, so it treats train and test "
+            "tasks alike, unless its source (such as a language model) knew recipes in this "
+            "book.\n"
+        )
+    if run.cross_fitted:
+        return (
+            f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: a model trained without "
+            "the recipes of a train task scores this task. So success on train tasks predicts "
+            "success on test tasks.\n"
+        )
+    return (
+        "\nOn train tasks the scores were in-sample: the scorer was trained on the recipes of "
+        "these tasks.\n"
+    )
+
+
+EVALUATED: tuple[TaskPart, ...] = ("train", "test")
+"""Parts of the split on which a trained agent is evaluated."""
+CURVE_TASKS = 4_000
+"""Most tasks per part of the split for a point on a learning curve.
+
+The final evaluation uses far more, see ``MOST_TASKS`` in ``envs.draws``.
+"""
+
+
+class MetricsFile:
+    """Appends lines to ``metrics.jsonl``, and passes them on to the run's trackers.
+
+    Attributes:
+        path: path of the file.
+        eval_seconds: seconds spent on the learning curves so far.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        world: World,
+        log: Log,
+    ):
+        """Prepare the evaluators of the learning curves.
+
+        Args:
+            folder: run folder.
+            world: world of the training; its train and test parts are evaluated.
+            log: sends a line to the trackers.
+
+        Raises:
+            ArtefactError: if the file is a link, through which another run would be written to.
+        """
+        self.path = folder / "metrics.jsonl"
+        if self.path.is_symlink():
+            raise ArtefactError(
+                f"{self.path} is a link; expected a file. Train again with `force`."
+            )
+        self.eval_seconds = 0.0
+        self._log = log
+        self._evaluators = evaluators(world, curve=True)
+
+    def size(self) -> int:
+        """Flush the file to disk and return the size in bytes.
+
+        A checkpoint counts on lines that are on disk, also after a power failure.
+        """
+        self.path.touch()
+        with self.path.open("rb+") as file:
+            os.fsync(file.fileno())
+        return self.path.stat().st_size
+
+    def cut(self, size: int) -> None:
+        """Remove what was written after a checkpoint, when the file had ``size`` bytes.
+
+        Raises:
+            ValueError: if the file is shorter than that.
+        """
+        if self.path.stat().st_size < size:
+            raise ValueError("metrics.jsonl is shorter than at the checkpoint")
+        os.truncate(self.path, size)
+
+    def evaluate(self, policy: Policy) -> dict[str, float]:
+        """Evaluate a policy; return the success rate by curve, such as ``test_success``."""
+        begun = time.perf_counter()
+        point = {
+            f"{part}_success": float(evaluator(PolicyPlayer(policy)).success.mean())
+            for part, evaluator in self._evaluators.items()
+        }
+        self.eval_seconds += time.perf_counter() - begun
+        return point
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Append a line of metrics; without NaN and infinity, which JSON lacks."""
+        # One write for a line, so that a reader sees whole lines but for the last.
+        with self.path.open("ab") as file:
+            file.write((json_text(row) + "\n").encode())
+        self._log(
+            row["step"],
+            {name: value for name, value in row.items() if name != "step"},
+        )
+
+
+def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
+    """Return evaluators for train and test tasks, by part.
+
+    Args:
+        world: world of the training, in any part.
+        curve: take fewer tasks and, for train tasks, one table each, for learning curves.
+
+    Returns:
+        Evaluators by part; none for a part without tasks.
+
+    Raises:
+        ConfigError: if the graph has too few entities for the distractors beside a part's tasks.
+    """
+    result = {}
+    for part in EVALUATED:
+        with suppress(TaskError):  # without held-out recipes, a graph has no test tasks
+            # The curve of test tasks is the one that is read closely.
+            distractor_seeds = 1 if curve and part == "train" else None
+            limit = CURVE_TASKS if curve else MOST_TASKS
+            result[part] = Evaluator(
+                world.variant(part=part),
+                distractor_seeds=distractor_seeds,
+                limit=limit,
+            )
+    return result

@@ -13,7 +13,7 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, lines_of, refuse_given, whole_numbers
 from wordcraft_kg.cli.options import Book, MovedGraph, Part, Words
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
-from wordcraft_kg.envs.evaluation_tables import MOST_TASKS
+from wordcraft_kg.envs.draws import MOST_TASKS
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.players import Baselines

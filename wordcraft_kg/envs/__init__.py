@@ -1,19 +1,17 @@
 """Environments: the batched engine, the crafting environment for Gymnasium, the open-ended game.
 
 Read ``wordcraft`` first: its class documents the rules, for one environment. ``batch`` computes
-them for one environment or many; ``draws`` draws what its episodes begin with,
-``pairs`` looks results up, on NumPy or torch by ``arrays``. A ``World`` (``world``) holds the
-recipe graph, the split into train, valid and test recipes, the settings (``config``) and the tasks:
-build one ``World``, and derive other settings with ``world.variant(part="test")``. Rewards and
-results of the part ``train`` come from train recipes alone.
+them for one environment or many, on NumPy or torch by ``arrays``; ``draws`` draws what its episodes
+begin with, and fixes the tables on which all players are compared. A ``World`` (``world``) holds
+the recipe graph, the split into train, valid and test recipes, the settings (``config``) and the
+tasks: build one ``World``, and derive other settings with ``world.variant(part="test")``. Rewards
+and results of the part ``train`` come from train recipes alone.
 
 ``vector`` shows the engine to Gymnasium, ``open_ended`` is the game without a goal, ``words`` the
 games as text. Observations are ids and masks; ``wrappers`` add scores.
-``evaluation_tables`` fixes the tables on which all players are compared.
 
-Free to change: how ``batch`` and ``pairs`` compute, as long as the reference in the tests agrees
-and their speed stays. Not free: what an episode with a given seed, environment and number looks
-like (``draws``),
+Free to change: how ``batch`` computes, as long as the reference in the tests agrees and its speed
+stays. Not free: what an episode with a given seed, environment and number looks like (``draws``),
 because published results play on those tables; and ``words.PROMPTS``, whose hash is in results.
 """
 

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.envs.arrays import Array, arrays_of
+from wordcraft_kg.envs.arrays import Array, Pairs, arrays_of
 from wordcraft_kg.envs.draws import Ahead, Draws
-from wordcraft_kg.envs.pairs import Pairs
 from wordcraft_kg.envs.world import World
 
 IN_PROGRESS = 0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import AgentRun, OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
-from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
+from wordcraft_kg.agents.records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
 from wordcraft_kg.evaluation.slices import OPEN_END, binned, goal_groups

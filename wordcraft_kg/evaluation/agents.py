@@ -12,7 +12,7 @@ from wordcraft_kg.agents import players
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
-from wordcraft_kg.agents.outcomes import TerminationReason
+from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, Share

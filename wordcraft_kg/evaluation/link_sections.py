@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents import players
+from wordcraft_kg.agents.evaluation import PlayerSuccess, play_all
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval
@@ -277,7 +278,7 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
     return tuple(pairs)
 
 
-def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess, ...]:
+def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
     """Evaluate players that choose by the scores alone, on test tasks of one recipe.
 
     Tables have 1 and 8 distractors. Rows by goals of another book are those of the best pair and of
@@ -294,7 +295,7 @@ def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess
         }
         world = World(links.opened, WordCraftConfig(part="test"))
         groups = goal_groups(links.graph, world.tasks.goals, links.made_by_other_books)
-        rows = players.play_all(world, playing, (1, 8), seed=seed, groups=groups)
+        rows = play_all(world, playing, (1, 8), seed=seed, groups=groups)
         grouped = (players.BEST_PAIR, *words)
         return tuple(row for row in rows if not row.goals or row.player in grouped)
     except WordCraftKGError:

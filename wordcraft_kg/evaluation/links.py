@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.players import PlayerSuccess
+from wordcraft_kg.agents.evaluation import PlayerSuccess
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.evaluation import link_sections

@@ -9,28 +9,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
-from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, player_of
+from wordcraft_kg.agents.evaluation import (
+    Evaluation,
+    Evaluator,
+    PlayerSuccess,
+    play_all,
+    player_of,
+    success_rows,
+)
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
-from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.agents.players import (
     BEST_PAIR,
     PLANNER,
-    PlayerSuccess,
     advice_on_words,
     is_words_player,
     knowledge_of,
     knowledge_players,
-    play_all,
     scorer_alone,
     scorer_players,
-    success_rows,
 )
+from wordcraft_kg.agents.records import Success, TerminationReason
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
-from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, default_seeds, sampled_tasks
+from wordcraft_kg.envs.draws import MOST_TASKS, default_seeds, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
@@ -317,7 +321,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         distractors: distractor counts.
         model: name of a model, and the model; None for scripted players only.
         distractor_seeds: tables per task; None as for
-            :func:`~wordcraft_kg.agents.players.play_all`.
+            :func:`~wordcraft_kg.agents.evaluation.play_all`.
         seed: seed of distractors and of the players' choices.
         limit: most tasks; of more, evenly spaced ones are played.
         external: a player outside of this process, on the same tables; None without one.

@@ -39,7 +39,7 @@ from wordcraft_kg.base.artefacts import (
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share, as_record, as_values, read_record
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, distance_of
+from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.arrays import Ids

@@ -17,8 +17,7 @@ from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import play_all
-from wordcraft_kg.apps.text_agents.submission import Submission
-from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
+from wordcraft_kg.apps.text_agents.submission import Submission, read_submission_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values, parse_record
 from wordcraft_kg.evaluation.reference import read_table_games

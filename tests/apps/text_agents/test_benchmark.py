@@ -26,7 +26,7 @@ from wordcraft_kg import (
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import knowledge_players, nearest_words, scorer_players
-from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission, submission_files
+from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission
 from wordcraft_kg.apps.text_agents.benchmark import (
     FrozenTask,
     FrozenTrack,
@@ -62,7 +62,7 @@ from wordcraft_kg.base.errors import (
     WordCraftKGError,
 )
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.evaluation_tables import EvaluationTables
+from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.splits import SplitConfig
@@ -878,6 +878,6 @@ def test_an_archive_without_games_or_with_too_large_ones_is_refused(
         verify(archive)
     # An archive may unpack to a thousand times its size.
     bomb = archived(folder, tmp_path / "bomb.zip")
-    monkeypatch.setattr(submission_files, "SMALL_FILE", bomb.stat().st_size + 1)
+    monkeypatch.setattr(submission, "SMALL_FILE", bomb.stat().st_size + 1)
     with pytest.raises(ArtefactError, match=r"'games\.jsonl', has [0-9,]+ bytes; the limit"):
         verify(bomb)

@@ -18,7 +18,7 @@ from wordcraft_kg.apps.text_agents.chats import (
     licence_of,
 )
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
+from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import open_graph

@@ -20,8 +20,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.hosted_games import games_writer
-from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
+from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
 from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
 from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import read_games

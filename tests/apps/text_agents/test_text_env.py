@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import wordcraft_kg  # noqa: F401 - registers the environments
-from wordcraft_kg.apps.text_agents.named_games import open_play
+from wordcraft_kg.apps.text_agents.hosted_games import open_play
 from wordcraft_kg.apps.text_agents.text_env import LONGEST_ACTION, TextEnv
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 

@@ -8,7 +8,7 @@ from permuted import split_of, with_other_results, write_opened
 from wordcraft_kg import open_graph
 from wordcraft_kg.agents.players import random_distinct
 from wordcraft_kg.apps.text_agents.chats import ChatCounts, ChatSettings, chat_rows
-from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
+from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play
 from wordcraft_kg.apps.text_agents.openenv_server import CraftingSession
 from wordcraft_kg.apps.text_agents.text_env import TextEnv
 from wordcraft_kg.apps.text_agents.trl import LookUpEnvironment, crafting_rows

@@ -12,12 +12,11 @@ trained scorer::
 
 What lies where:
 
-* rules: ``settings`` (options), ``games``, ``conversation``, ``knowledge`` (facts to look up);
+* rules: ``settings`` (options), ``games``, ``conversation`` (with facts to look up);
 * doors for players: ``line_player`` (programs), ``mcp_server`` with ``hosted_games`` (MCP clients),
   ``inspect_tasks`` with ``inspect_log`` (language models in Inspect AI);
-* doors for training: ``named_games`` (games by name and number), ``trl`` (an environment and a data
-  set), ``openenv_server`` with ``openenv_session`` and ``openenv_tasks`` (OpenEnv), ``text_env``
-  (Gymnasium), ``chats`` (conversations to fine-tune on);
+* doors for training: ``hosted_games`` (games by name and number), ``trl`` (an environment and a
+  data set), ``openenv_server``, ``text_env`` (Gymnasium), ``chats`` (to fine-tune on);
 * results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as
   agent evaluation), ``result_reader`` (recorded games for the explorer);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``

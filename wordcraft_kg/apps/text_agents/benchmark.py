@@ -15,9 +15,8 @@ from typing import Any, Literal, get_args
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.conversation import Play
+from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge, Play
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
 from wordcraft_kg.base.artefacts import read_small_file

@@ -16,7 +16,7 @@ import numpy as np
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track
 from wordcraft_kg.apps.text_agents.games import Pair
-from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
+from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
@@ -25,14 +25,18 @@ from wordcraft_kg.apps.text_agents.records import (
 )
 from wordcraft_kg.apps.text_agents.results import play_program, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
-from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
-from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
+from wordcraft_kg.apps.text_agents.submission import (
+    Played,
+    Submission,
+    read_submission_file,
+    replay,
+)
 from wordcraft_kg.base.artefacts import check_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import as_lines
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
+from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.discovery import open_guide
@@ -409,7 +413,7 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
 
 
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    logged = read_logged_games(Path(argument))
+    logged = read_inspect_log(argument)
     entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
     return replace(entrant, tokens=logged.tokens)
 

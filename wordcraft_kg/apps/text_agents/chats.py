@@ -20,7 +20,7 @@ from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import decided_pairs
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import Pair, TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.named_games import name_of, tool_opening
+from wordcraft_kg.apps.text_agents.hosted_games import name_of, tool_opening
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.base.artefacts import json_text, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError

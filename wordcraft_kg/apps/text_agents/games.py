@@ -8,7 +8,7 @@ from typing import Any
 from wordcraft_kg.base.errors import EpisodeError
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.envs.evaluation_tables import EvaluationTables
+from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 from wordcraft_kg.apps.text_agents.records import (
     GameRecord,
     PlayedSettings,
-    TextResult,
 )
-from wordcraft_kg.apps.text_agents.results import groups_of, result_of
+from wordcraft_kg.apps.text_agents.results import evaluation_of, groups_of
 from wordcraft_kg.base.errors import ArtefactError, reason
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import Count, Record, as_record
@@ -18,6 +17,8 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 
 if TYPE_CHECKING:
     from inspect_ai.log import EvalLog, EvalSample
+
+    from wordcraft_kg.agents.evaluation import Evaluation
 
 METADATA = "wordcraft_kg"
 """Key in the metadata of an Inspect task; the value is a :class:`LoggedTask`."""
@@ -59,29 +60,22 @@ class LoggedGames:
     games: Sequence[GameRecord]
     tokens: Mapping[str, int]
 
+    def evaluation(self, opened: OpenedGraph | None = None) -> "Evaluation":
+        """Return the evaluation of the games on tasks; ``metrics()`` has the success rate.
 
-def read_inspect_log(path: str | Path, opened: OpenedGraph | None = None) -> TextResult:
-    """Read a language model's result from an Inspect log.
-
-    The metrics are computed from the games, as for any other player, not read from the log's
-    scores. Errors as :func:`read_logged_games`.
-
-    Args:
-        path: the log.
-        opened: graph of the games, for intervals that resample the groups of tasks that its split
-            holds out together; None resamples tasks.
-    """
-    logged = read_logged_games(Path(path))
-    groups = groups_of(opened, logged.settings) if opened else None
-    return result_of(logged.model, logged.settings, logged.games, groups)
+        Args:
+            opened: graph of the games, for intervals that resample the groups of tasks that its
+                split holds out together; None resamples tasks.
+        """
+        return evaluation_of(self.games, groups_of(opened, self.settings) if opened else None)
 
 
-def read_logged_games(path: Path) -> LoggedGames:
+def read_inspect_log(path: str | Path) -> LoggedGames:
     """Read a language model's games from an Inspect log of ``crafting`` or ``discovery``.
 
-    The player is the model's name. A game that an Inspect limit ended counts. A game that was not
-    played or has failed is missing, and then there is no result, because the other tasks may be
-    easier.
+    Metrics follow from the games, as for any other player. A game that an Inspect limit ended
+    counts. A game that was not played or has failed is missing, and then there is no result,
+    because the other tasks may be easier.
 
     Args:
         path: the log's file, ``.eval`` or ``.json``.
@@ -91,6 +85,7 @@ def read_logged_games(path: Path) -> LoggedGames:
         ArtefactError: for a missing or damaged file, the log of another Inspect task, or missing
             games.
     """
+    path = Path(path)
     log = _read(path)
     about = (log.eval.metadata or {}).get(METADATA)
     if about is None:

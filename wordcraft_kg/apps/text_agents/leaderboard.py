@@ -13,9 +13,9 @@ from wordcraft_kg.apps.text_agents.submission import (
     Submission,
     answers_text,
     metrics_text,
+    submissions_at,
     verify,
 )
-from wordcraft_kg.apps.text_agents.submission_files import submissions_at
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.wording import counted, for_markdown, look_alike_key
 from wordcraft_kg.evaluation.reference import literature

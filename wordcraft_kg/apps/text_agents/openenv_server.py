@@ -24,8 +24,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.hosted_games import GamesWriter
-from wordcraft_kg.apps.text_agents.named_games import GameList, NamedGame
+from wordcraft_kg.apps.text_agents.hosted_games import GameList, GamesWriter, NamedGame
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard, foreign_host, is_of_another_site
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, WordCraftKGError
 from wordcraft_kg.base.settings import MAX_SIZE, whole

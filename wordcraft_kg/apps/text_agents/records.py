@@ -2,10 +2,10 @@
 
 from typing import Any, Literal, Self
 
-from wordcraft_kg.agents.outcomes import Success, TerminationReason
+from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, KnowledgeKind
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
-from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
@@ -160,29 +160,3 @@ class GameRecord(Record, frozen=True, kw_only=True):
     def last(self) -> tuple[str, str] | None:
         """Labels of the last combined pair; None without one and after a lost attempt."""
         return self.pairs[-1] if self.pairs else None
-
-
-class TextResult(Record, frozen=True, kw_only=True):
-    """A player's metrics over all games.
-
-    Attributes:
-        player: the player's name.
-        settings: settings of the games.
-        games: number of games.
-        success: success on the tasks with its interval; None in the open-ended world.
-        outcomes: share of each termination; empty in the open-ended world.
-        known: mean number of known entities by number of attempts; empty for tasks.
-        invalid_actions: number of messages that were not understood, over all games.
-        lost_attempts: number of attempts lost by them, over all games.
-        look_ups: number of entities that were looked up, over all games.
-    """
-
-    player: str
-    settings: PlayedSettings
-    games: Count
-    success: Success | None
-    outcomes: dict[TerminationReason, Share]
-    known: dict[Count, float]
-    invalid_actions: Count
-    lost_attempts: Count
-    look_ups: Count

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import get_args
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
-from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
+from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
     GameRecord,
@@ -16,10 +16,12 @@ from wordcraft_kg.apps.text_agents.records import (
     PlayedSettings,
 )
 from wordcraft_kg.apps.text_agents.results import read_games
-from wordcraft_kg.apps.text_agents.submission import Submission, check_kind, read_lines
-from wordcraft_kg.apps.text_agents.submission_files import (
+from wordcraft_kg.apps.text_agents.submission import (
     SUBMISSION_FILE,
+    Submission,
+    check_kind,
     is_submission,
+    read_lines,
     read_submission_file,
 )
 from wordcraft_kg.base.records import parse_record
@@ -54,7 +56,7 @@ def _games(path: Path, opened: OpenedGraph) -> Iterator[TableGame]:
     if is_submission(path):
         games = _submitted_games(path, opened)
     elif _is_log(path):
-        logged = read_logged_games(path)
+        logged = read_inspect_log(path)
         games = _recorded_games(
             path, opened, logged.model, "language model", logged.settings, logged.games
         )

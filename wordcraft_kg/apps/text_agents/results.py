@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
-from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
+from wordcraft_kg.agents.records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TableOf, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.records import (
@@ -26,7 +26,6 @@ from wordcraft_kg.apps.text_agents.records import (
     GameRecord,
     GamesHeader,
     PlayedSettings,
-    TextResult,
 )
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.artefacts import read_large_file
@@ -42,7 +41,7 @@ from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted, for_file
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, sampled_tasks
+from wordcraft_kg.envs.draws import EVALUATION_SEED, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -199,39 +198,6 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
         counts = [curve[: mark + 1][-1] for curve in curves]
         means[mark] = float(np.mean(counts))
     return means
-
-
-def result_of(
-    player: str,
-    settings: PlayedSettings,
-    played: Sequence[GameRecord],
-    groups: Ids | None = None,
-) -> TextResult:
-    """Return a player's result: metrics and counts over all recorded games.
-
-    Args:
-        player: the player's name.
-        settings: settings of the games.
-        played: the records, at least one, of tasks or of open-ended games; of tasks with all
-            distractor seeds.
-        groups: resampling groups of the tasks; None as for :func:`evaluation_of`.
-
-    Raises:
-        ConfigError: without a game on a task.
-        ValueError: if a task lacks a distractor seed that another one has.
-    """
-    counts = {name: sum(getattr(game, name) for game in played) for name in COUNTS}
-    curves = [(len(settings.base), *game.known_after) for game in played]
-    evaluation = None if settings.is_open_ended else evaluation_of(played, groups)
-    return TextResult(
-        player=player,
-        settings=settings,
-        games=len(played),
-        success=evaluation.metrics() if evaluation else None,
-        outcomes=evaluation.shares() if evaluation else {},
-        known={} if evaluation else mean_known(curves, settings.attempts),
-        **counts,
-    )
 
 
 def read_games(path: Path) -> tuple[GamesHeader, Sequence[GameRecord], bytes]:

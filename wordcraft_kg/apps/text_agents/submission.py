@@ -3,6 +3,10 @@
 Anyone may send one, so nothing in it is trusted: verification plays all games again by the rules,
 computes all results again, and compares bytes. Both files are canonical: the same games give the
 same bytes. What a player declares about itself cannot be verified; it may only be a harmless line.
+
+The files lie in a folder, or in a ZIP archive with the two files of one submission or a folder for
+each of several. A submission in an archive has the path of the archive and of its folder there,
+such as ``craft-8.zip/votes``; other members have no effect.
 """
 
 import datetime
@@ -13,26 +17,28 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.benchmark import (
-    Track,
-    edition_text,
-    open_track,
-    read_manifest,
-)
+from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import Pair, TaskGame
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
-from wordcraft_kg.apps.text_agents.submission_files import SUBMISSION_FILE, read_submission_file
-from wordcraft_kg.base.artefacts import TEMPORARY, dump_json, made_folder, write_atomically
+from wordcraft_kg.base.artefacts import (
+    SMALL_FILE,
+    TEMPORARY,
+    ZipArchive,
+    dump_json,
+    made_folder,
+    read_small_file,
+    write_atomically,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
 from wordcraft_kg.base.records import (
     Count,
@@ -645,3 +651,71 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
             )
         lines.append(line)
     return lines
+
+
+SUBMISSION_FILE = "submission.json"
+ARCHIVE = ".zip"
+"""Ending of an archive; ``python -m zipfile -c ARCHIVE FILES`` makes one."""
+
+
+def is_submission(path: Path) -> bool:
+    """Return whether a path is a folder with a submission, or could be an archive's submission."""
+    return _archive_of(path) is not None or (path / SUBMISSION_FILE).is_file()
+
+
+def submissions_at(path: Path) -> list[Path]:
+    """Return the submissions at a path, in folders and archives at any depth, in order.
+
+    Args:
+        path: a folder or an archive; a folder without a submission and a damaged archive are
+            returned as they are, so that reading them says what is wrong.
+    """
+    if path.is_file() and path.suffix == ARCHIVE:
+        return _in_archive(path)
+    folders = [file.parent for file in path.rglob(SUBMISSION_FILE)]
+    for archive in path.rglob(f"*{ARCHIVE}"):
+        if archive.is_file():
+            folders += _in_archive(archive)
+    return sorted(folders) or [path]
+
+
+def read_submission_file(submission: Path, name: str) -> bytes:
+    """Return the bytes of a file of a submission.
+
+    Args:
+        submission: a folder, an archive, or a folder in an archive.
+        name: :data:`SUBMISSION_FILE` or :data:`~wordcraft_kg.apps.text_agents.records.GAMES_FILE`.
+
+    Raises:
+        ArtefactError: if the file is missing, too large or damaged.
+    """
+    path = _archive_of(submission)
+    if path is None:
+        return read_small_file(submission / name)
+    archive = ZipArchive(path, read_small_file(path))
+    member = (submission.relative_to(path) / name).as_posix()
+    if member not in archive.members:
+        raise ArtefactError(
+            f"{submission} has no {name}; expected the files {SUBMISSION_FILE} and {GAMES_FILE} of "
+            f"`wordcraft-kg bench run`, or one of several folders with them, as in "
+            f"{path.name}/NAME."
+        )
+    return archive.read(member, SMALL_FILE)
+
+
+def _archive_of(submission: Path) -> Path | None:
+    """Return the archive that a path names or goes into; None outside of archives."""
+    for path in (submission, *submission.parents):
+        if path.suffix == ARCHIVE and path.is_file():
+            return path
+    return None
+
+
+def _in_archive(archive: Path) -> list[Path]:
+    """Return the paths of an archive's submissions; the archive itself if it has or shows none."""
+    try:
+        members = map(PurePosixPath, ZipArchive(archive, read_small_file(archive)).members)
+    except ArtefactError:
+        return [archive]
+    folders = [archive / member.parent for member in members if member.name == SUBMISSION_FILE]
+    return sorted(folders) or [archive]

@@ -9,9 +9,8 @@ from typing import Any
 import gymnasium as gym
 from gymnasium import spaces
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole

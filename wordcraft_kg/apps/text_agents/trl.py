@@ -24,7 +24,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.named_games import name_of, open_play, tool_opening
+from wordcraft_kg.apps.text_agents.hosted_games import name_of, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps

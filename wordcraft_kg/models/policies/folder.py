@@ -33,9 +33,8 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
-from wordcraft_kg.models.policies.sources.knowledge import share_lists
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
-from wordcraft_kg.models.policies.sources.source import ScoreView, Source
+from wordcraft_kg.models.policies.sources.source import ScoreView, Source, share_lists
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer

@@ -14,7 +14,7 @@ from wordcraft_kg.agents.explanation import (
     Explainer,
 )
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.outcomes import TerminationReason
+from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages.games import GamesState, list_games

@@ -141,7 +141,7 @@ def _check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> b
     Raises:
         OutputExistsError: if the folder has other files, or a submission without ``force``.
     """
-    from wordcraft_kg.apps.text_agents.submission_files import SUBMISSION_FILE
+    from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE
 
     is_finished = (out / SUBMISSION_FILE).exists()
     has_games = games.is_file()

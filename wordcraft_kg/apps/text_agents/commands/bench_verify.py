@@ -36,8 +36,7 @@ def bench_verify(
         weights: file with a text player's weights.
         timeout: seconds for an answer of a program.
     """
-    from wordcraft_kg.apps.text_agents.submission import metrics_text, verify
-    from wordcraft_kg.apps.text_agents.submission_files import submissions_at
+    from wordcraft_kg.apps.text_agents.submission import metrics_text, submissions_at, verify
 
     if not folders:
         raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")

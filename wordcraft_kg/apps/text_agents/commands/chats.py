@@ -79,7 +79,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         write_chats,
     )
     from wordcraft_kg.apps.text_agents.games import TaskGames
-    from wordcraft_kg.apps.text_agents.named_games import open_play
+    from wordcraft_kg.apps.text_agents.hosted_games import open_play
     from wordcraft_kg.graphs.folder import open_graph
 
     for file in (out, card_path(out)):

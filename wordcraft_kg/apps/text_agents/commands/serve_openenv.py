@@ -107,8 +107,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             "each, or leave --out out."
         )
     check_extra("openenv")
-    from wordcraft_kg.apps.text_agents.hosted_games import games_writer
-    from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
+    from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
     from wordcraft_kg.apps.text_agents.records import GamesHeader
     from wordcraft_kg.apps.web.connections import most_web_sockets

@@ -11,12 +11,12 @@ from torch import Tensor
 from wordcraft_kg.base.tensors import check_tensors, with_prefix
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources import U, V
-from wordcraft_kg.models.policies.sources.knowledge import knowledge_of_models
 from wordcraft_kg.models.policies.sources.source import (
     FoldedSource,
     KeptScores,
     Rows,
     ScoreView,
+    knowledge_of_models,
 )
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import SelfEdges

@@ -8,7 +8,6 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.sources.knowledge import knowledge_of_models
 from wordcraft_kg.models.policies.sources.source import (
     Evidence,
     FoldedSource,
@@ -16,6 +15,7 @@ from wordcraft_kg.models.policies.sources.source import (
     Rows,
     ScoreView,
     Source,
+    knowledge_of_models,
 )
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.cross_fitting import whole_of

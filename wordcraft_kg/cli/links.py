@@ -18,10 +18,11 @@ from wordcraft_kg.models.scorers.config import MAX_QUERIES
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
     from wordcraft_kg.evaluation.links import LinkView
-    from wordcraft_kg.evaluation.queries import Query
     from wordcraft_kg.graphs.folder import TrainedOn
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
+EXPLAINED = 3
+"""Number of answers that are shown with evidence."""
 EXAMPLES = {
     "evaluate-links": (
         "wordcraft-kg evaluate-links models/everyday",
@@ -146,10 +147,6 @@ def _metrics(metrics: "RankingMetrics") -> str:
     )
 
 
-EXPLAINED = 3
-"""Number of answers that are shown with evidence."""
-
-
 def score(  # noqa: PLR0913 - parameters are the command's options
     model: Path,
     head: str | None = None,
@@ -237,7 +234,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     else:
         view = scoring.view(query)
         scored = [view]
-    text = _text_of_answers(view, query, len(loaded.scorer.entities))
+    text = _text_of_answers(view, len(loaded.scorer.entities))
     output.result(view, [*text, *note_of_words(loaded), *_notes(loaded.kg, scored)])
 
 
@@ -258,27 +255,27 @@ def _check_query(
         )
 
 
-def _text_of_answers(view: Any, query: "Query", num_entities: int) -> Iterator[str]:
-    """Yield the answers to a query, and for a whole one the ranks of its entities."""
-    if not query.is_open:
-        yield from _lines([view])
-        # A dictionary by what is printed: for a + a, both ingredients are one slot.
-        ranks = {}
-        for place in (2, 0, 1):
-            name = query.columns[place]
-            if name != "relation":
-                # Ingredients are told apart by their labels.
-                role = query.slots[place] if name.startswith("ingredient") else name
-                ranks[role] = f"{role} {getattr(view, f'rank_as_{name}'):,}"
-        ranking = ", ".join(ranks.values())
-        yield f"rank among all {num_entities:,} entities, unfiltered: {ranking}"
-    elif hasattr(view, "relation"):
-        triples = []
-        for best in view.top:
-            triples.append(f"{view.head or best.entity} {view.relation} {view.tail or best.entity}")
+def _text_of_answers(view: Any, num_entities: int) -> Iterator[str]:
+    """Yield the answers to an open query, or a whole one with the ranks of its entities."""
+    if hasattr(view, "top"):
+        triples = None
+        if hasattr(view, "relation"):
+            triples = [
+                f"{view.head or best.entity} {view.relation} {view.tail or best.entity}"
+                for best in view.top
+            ]
         yield from _lines(view.top, triples)
-    else:
-        yield from _lines(view.top)
+        return
+    yield from _lines([view])
+    # A dictionary by what is printed: for a + a, both ingredients are one slot.
+    ranks = {}
+    for name in view.__struct_fields__:
+        slot = name.removeprefix("rank_as_")
+        if slot != name:
+            # Ingredients are told apart by their labels.
+            role = getattr(view, slot) if slot.startswith("ingredient") else slot
+            ranks[role] = f"{role} {getattr(view, name):,}"
+    yield f"rank among all {num_entities:,} entities, unfiltered: {', '.join(ranks.values())}"
 
 
 def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:

@@ -24,6 +24,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
+import pandas as pd
 from msgspec import structs
 from numpy.typing import NDArray
 
@@ -413,13 +414,7 @@ class PlayedTasks:
             every = World(self._graph(address), config).groups
             # Of very many tasks, an even sample is played.
             step = distance_of(len(every), MOST_TASKS)
-            played = every[::step]
-            _, first, number = np.unique(played, return_index=True, return_inverse=True)
-            # unique() numbers the groups by their values; the first appearance does not depend on
-            # these. The place of a group in the order of first appearances is its new number.
-            order = np.argsort(first)
-            place = np.argsort(order)
-            self._groups[key] = place[number]
+            self._groups[key], _ = pd.factorize(every[::step])
         return self._groups[key]
 
     def check(

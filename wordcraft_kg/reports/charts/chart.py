@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.base.wording import for_html, for_terminal
@@ -86,36 +87,19 @@ def spread(
     """
     if not wanted:
         return []
+    from scipy.optimize import isotonic_regression
+
     num_gaps = len(wanted) - 1
-    widest = (high - low) / max(num_gaps, 1)
-    gap = min(gap, widest)
-    order = sorted(range(len(wanted)), key=wanted.__getitem__)
-    # Without the gaps of the lower ranks (rank * gap), places only must not decrease: isotonic
-    # regression. Pools of equal places are kept as (sum, number).
-    pools: list[tuple[float, int]] = []
-    for rank, index in enumerate(order):
-        total = wanted[index] - rank * gap
-        size = 1
-        # A pool whose mean is not below the next one's joins it.
-        while pools:
-            pooled_total, pooled_size = pools[-1]
-            if pooled_total / pooled_size < total / size:
-                break
-            pools.pop()
-            total += pooled_total
-            size += pooled_size
-        pools.append((total, size))
-    means: list[float] = []
-    for total, size in pools:
-        means += [total / size] * size
+    gap = min(gap, (high - low) / max(num_gaps, 1))
+    order = np.argsort(wanted, kind="stable")
+    # Without the gaps of the lower ranks, positions only must not decrease: isotonic regression.
+    gaps = gap * np.arange(len(wanted))
+    pooled = isotonic_regression(np.asarray(wanted)[order] - gaps).x
+    places = np.empty(len(wanted))
     # Bounds without the gaps; the lower one stays as it is.
-    highest = high - num_gaps * gap
-    places = [0.0] * len(wanted)
-    for rank, index in enumerate(order):
-        place = max(means[rank], low)
-        place = min(place, highest)
-        places[index] = place + rank * gap
-    return places
+    places[order] = np.clip(pooled, low, high - num_gaps * gap) + gaps
+    positions: list[float] = places.tolist()
+    return positions
 
 
 class Labels:

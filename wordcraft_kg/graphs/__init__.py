@@ -2,9 +2,9 @@
 
 A recipe combines one to eight ingredients into a result, in most books two. Triples, train/test
 splits, crafting tasks and model vocabularies are derived from the recipe graph; triples alone lose
-which ingredients make which result. Ids follow the sorted labels: equal graphs have equal ids. A split records its graph's
-hash, and derived files record both hashes. The bytes of a graph folder depend only on the recipe
-book and the split's settings.
+which ingredients make which result. Ids follow the sorted labels: equal graphs have equal ids. A
+split records its graph's hash, and derived files record both hashes. The bytes of a graph folder
+depend only on the recipe book and the split's settings.
 
 Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 

@@ -1,20 +1,20 @@
 """Recipe graphs and everything derived from a graph; trains nothing, imports no torch or PyKEEN.
 
-A recipe combines two ingredients into a result. Triples, train/test splits, crafting tasks and
-model vocabularies are derived from the recipe graph; triples alone lose which pair makes which
-result. Ids follow the sorted labels: equal graphs have equal ids. A split records its graph's
-hash, and derived files record both hashes. The bytes of a graph folder depend only on the recipe
-book and the split's settings.
+A recipe combines one to eight ingredients into a result, in most books two. Triples, train/test
+splits, crafting tasks and model vocabularies are derived from the recipe graph; triples alone lose
+which ingredients make which result. Ids follow the sorted labels: equal graphs have equal ids. A
+split records its graph's hash, and derived files record both hashes. The bytes of a graph folder
+depend only on the recipe book and the split's settings.
 
 Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
 - ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``: recipe books, as values,
   as files of any shape, under construction, by name, and with invented words;
-- ``chains``, ``reading``: recipes of other numbers of ingredients, and how a file was read;
+- ``chains``, ``reading``: larger sets as pairs, for code that takes pairs, and how a file was read;
 - ``recipe_graph``, ``arrays``, ``triples``, ``planner``, ``bottlenecks``: the graph, its id
   arrays, its triples, the cheapest derivations, and the entities that many others need;
-- ``splits``, ``folds``, ``train_samples``: recipes held out for tests, for cross-fitting, or left
-  out and changed to train on less;
+- ``splits``, ``published_splits``, ``folds``, ``train_samples``: recipes held out for tests, drawn
+  or from a file, for cross-fitting, or left out and changed to train on less;
 - ``tasks``, ``task_search``: crafting tasks and the search for all their shortest plans;
 - ``folder``, ``audit``, ``export``: graph folders, views of graphs and entities, other formats.
 

@@ -202,8 +202,10 @@ class Planner:
             self._recipe[entity] = recipe
             for index in order[starts[entity] : starts[entity + 1]]:
                 missing[index] -= 1
+                if missing[index]:
+                    continue
                 *ingredients, result = recipes[index]
-                if missing[index] or settled[result]:
+                if settled[result]:
                     continue
                 candidate = 1 + sum(map(cost_of, ingredients))
                 # Equal costs too, for the tie; an entry that is beaten later stays in the queue

@@ -3,7 +3,7 @@
 Held-out recipes are few and their features many, so a single network learns noise too. The mean of
 three networks that begin with different weights errs less: on validation parts of by-goal splits 0
 to 2 it solves .461 and .783 of the tasks of Little Alchemy 2 with 8 and 1 distractors, a single
-network .450 and .769.
+network .450 and .769. See "The rankers" in docs/explanation/recipe-scorer.md.
 """
 
 import math

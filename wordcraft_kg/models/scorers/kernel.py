@@ -1,4 +1,7 @@
-"""The recipe kernel: closed-form link prediction from similarities between entities."""
+"""The recipe kernel: closed-form link prediction from similarities between entities.
+
+See "Similar entities" and "Links by kernel regression" in docs/explanation/recipe-scorer.md.
+"""
 
 from typing import Any
 

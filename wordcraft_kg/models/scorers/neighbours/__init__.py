@@ -53,6 +53,8 @@ full tables.
 Compiled loops check no bounds: :mod:`.stored` says what they rely on, and checks stored tensors for
 it whenever knowledge is made.
 
+The page docs/explanation/recipe-scorer.md explains the formulas and names the function of each.
+
 Read :mod:`.knowledge` for scores, :mod:`.storage` for what is stored, :mod:`.pair_features` and
 :mod:`.feature_loops` for the features of tables, :mod:`.links` for those of links, :mod:`.similar`
 for k. Loops that make lists and hash tables are in :mod:`.list_loops` and :mod:`.hash_loops`; all

@@ -1,7 +1,8 @@
 """Loops that compute the features of pairs on tables; see the package for the formulas.
 
 A table has one goal, so what depends on the goal and a slot is computed once for all pairs, and
-what depends on the goal and a result once for all pairs that may make it.
+what depends on the goal and a result once for all pairs that may make it. See "Recipes by similar
+recipes" in docs/explanation/recipe-scorer.md.
 """
 
 from math import log, log1p

@@ -1,7 +1,8 @@
 """Features of links: their names, and how they are computed for any entities and candidates.
 
 Each link is computed by itself: loops follow the neighbours of both entities to the known links.
-Those of componentOf share what depends on the result, so links are asked for by result.
+Those of componentOf share what depends on the result, so links are asked for by result. See "The
+rankers" in docs/explanation/recipe-scorer.md.
 """
 
 import numpy as np

@@ -2,6 +2,7 @@
 
 See the package for the mathematics. Everything follows from recipes, word vectors and the nearest
 words, so a model folder stores these alone, and the lists are made again when a model is opened.
+See "Lists in place of tables" in docs/explanation/recipe-scorer.md.
 Ties are broken by the smaller id.
 """
 

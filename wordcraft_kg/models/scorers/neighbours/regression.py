@@ -12,7 +12,8 @@ If all entities with recipes are landmarks, and m is as large, this is exactly
 :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`. The cost is E L D for the kernel,
 L³ for eigenvectors and (links) m for the products.
 
-Source: Williams and Seeger 2001 (Nyström); Stock et al. 2018 (two-step and Kronecker ridge).
+Source: Williams and Seeger 2001 (Nyström); Stock et al. 2018 (two-step and Kronecker ridge). See
+"Links by kernel regression" in docs/explanation/recipe-scorer.md.
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,7 @@ from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, of_blocks, 
 
 RANK = 256
 """Most coordinates m of an entity in a regression."""
-LANDMARKS = 1_536
+LANDMARKS = 1_024
 """Most landmarks: the entities in most recipes, ties by id."""
 _CELLS = 2**26
 """Similarities of entities and landmarks, about, from which on landmarks are fewer."""
@@ -68,6 +69,8 @@ def link_factors(
         vectors: unit word vectors, shape (T, D).
         rank: most coordinates; m is 0 without recipes.
     """
+    from scipy import linalg
+
     size = len(vectors)
     seen, counts = np.unique(recipes, return_counts=True)
     nothing = np.zeros((size, 0), dtype=np.float32)
@@ -81,12 +84,14 @@ def link_factors(
     most = min(rank, max(num_landmarks // 4, 1))
     columns = rows[landmarks].T.tocsr()
     kernel = _kernel(landmarks, landmarks, columns, rows, vectors)
-    values, basis = np.linalg.eigh(kernel.astype(np.float64))
-    # The largest eigenvalues; those up to rounding or below 0 have no root.
+    # The largest eigenvalues alone: all of them would take several times as long.
+    last = len(landmarks) - 1
+    largest = (max(last + 1 - most, 0), last)
+    values, basis = linalg.eigh(kernel.astype(np.float64), subset_by_index=largest)
+    # Those up to rounding or below 0 have no root.
     has_root = values > 1e-6 * values[-1]
-    chosen = np.flatnonzero(has_root)[-most:]
-    scaled = (basis[:, chosen] / np.sqrt(values[chosen])).astype(np.float32)
-    coordinates = np.empty((size, len(chosen)), dtype=np.float32)
+    scaled = (basis[:, has_root] / np.sqrt(values[has_root])).astype(np.float32)
+    coordinates = np.empty((size, scaled.shape[1]), dtype=np.float32)
     every = np.arange(size)
 
     def write(block: slice) -> None:

@@ -1,4 +1,7 @@
-"""Similarity of two entities, the atom of all features: see the package for its formula."""
+"""Similarity of two entities, the atom of all features.
+
+See "Similar entities" in docs/explanation/recipe-scorer.md.
+"""
 
 from math import sqrt
 from typing import Any

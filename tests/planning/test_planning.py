@@ -160,7 +160,7 @@ def log_odds_of_form(steps):
     return REUSED * any(first & second for second in later)
 
 
-@pytest.mark.parametrize("seed", [3, 5, 6])
+@pytest.mark.parametrize("seed", [5, 6, 7])
 def test_a_plan_is_carried_on_after_the_result_that_it_expects(seed):
     search = random_search(seed)
     goal = seed % SIZE

@@ -108,7 +108,7 @@ def open_other_book(
         ) from None
     if book.hash == graph.hash:
         raise ConfigError(f"`with` '{spec}' is the graph itself. Give another book.")
-    ids = _ids_in(graph, book)
+    ids = ids_among(graph.entities, book.entities)
     is_new = ids >= graph.num_entities
     labels = (*graph.entities, *book.labels(np.flatnonzero(is_new)))
     size = len(labels)
@@ -143,12 +143,15 @@ def open_other_book(
     return OtherBook(labels, used, source)
 
 
-def _ids_in(graph: RecipeGraph, book: RecipeGraph) -> Ids:
-    """Return the graph's ids of a book's entities; those that it lacks have the ids from E on."""
-    index = LabelIndex(graph.entities)
-    next_ids = count(graph.num_entities)
-    places = [index.find(label) for label in book.entities]
-    ids = [next(next_ids) if place is None else place for place in places]
+def ids_among(entities: Sequence[str], labels: Sequence[str]) -> Ids:
+    """Return the place of each label among entities; labels that they lack have the ids from E on.
+
+    Labels that differ in case, article or plural are one entity.
+    """
+    index = LabelIndex(entities)
+    further = count(len(entities))
+    places = [index.find(label) for label in labels]
+    ids = [next(further) if place is None else place for place in places]
     return np.array(ids, dtype=np.int64)
 
 
@@ -160,7 +163,8 @@ def shared_recipes(graph: RecipeGraph, book: RecipeGraph) -> NDArray[np.bool_]:
     # A graph may have half-sorted recipes, whose rows stay in the graph's order.
     rows = graph.recipes.copy()
     rows[:, :2].sort(axis=1)
-    book_rows = _distinct(_ids_in(graph, book)[book.recipes])
+    ids = ids_among(graph.entities, book.entities)
+    book_rows = _distinct(ids[book.recipes])
     return is_in(rows, book_rows, graph.num_entities + book.num_entities)
 
 

@@ -121,26 +121,26 @@ def open_other_book(
     for third in without:
         in_further = book.recipes[shared_recipes(book, third)]
         is_shared |= is_in(recipes, _distinct(ids[in_further]), size)
-    used = recipes[~is_shared]
-    if not len(used):
+    used_recipes = recipes[~is_shared]
+    if not len(used_recipes):
         raise ConfigError(
             f"`with` '{spec}': all {len(recipes):,} recipes are recipes of the graph, or of a book "
             "in `without`. Give another book."
         )
-    results = np.unique(used[:, 2])
+    results = np.unique(used_recipes[:, 2])
     num_described = len(np.unique(ids[~is_new]))
     source = OutsideSource(
         name=book.name,
         kind="book",
         sha256=book.hash,
         coverage=num_described / max(graph.num_entities, 1),
-        recipes=len(used),
+        recipes=len(used_recipes),
         left_out=left_out,
         left_out_test=int(is_in(recipes, held_out, size).sum()),
         left_out_without=int(is_shared.sum()) - left_out,
         makes=tuple(graph.labels(results[results < graph.num_entities])),
     )
-    return OtherBook(labels, used, source)
+    return OtherBook(labels, used_recipes, source)
 
 
 def ids_among(entities: Sequence[str], labels: Sequence[str]) -> Ids:
@@ -149,9 +149,9 @@ def ids_among(entities: Sequence[str], labels: Sequence[str]) -> Ids:
     Labels that differ in case, article or plural are one entity.
     """
     index = LabelIndex(entities)
-    further = count(len(entities))
+    next_ids = count(len(entities))
     places = [index.find(label) for label in labels]
-    ids = [next(further) if place is None else place for place in places]
+    ids = [next(next_ids) if place is None else place for place in places]
     return np.array(ids, dtype=np.int64)
 
 

@@ -86,8 +86,8 @@ def extended(
     if main.knowledge.has_encoder:
         encoder = main.knowledge.encoder()
         new_vectors = every[size:].float().to(encoder.bias.device)
-        named = encoder.with_entities(new_vectors).named()
-        tensors |= {name: tensor[None] for name, tensor in named.items()}
+        encoder_tensors = encoder.with_entities(new_vectors).named()
+        tensors |= {name: tensor[None] for name, tensor in encoder_tensors.items()}
     tables = {name: constants[name] for name in LINK_TABLES if constants[name].numel()}
     # Only for books that are small enough for tables: shares of all pairs would take gigabytes.
     if tables:

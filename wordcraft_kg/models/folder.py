@@ -56,13 +56,13 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
     files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
     scorer = load_scorer(folder)
     history = _history(files)
-    opened = files.graph(graph or history.config.graph)
-    check_scorer(scorer, opened.graph)
+    graph_and_split = files.graph(graph or history.config.graph)
+    check_scorer(scorer, graph_and_split.graph)
     # A scorer that was saved, not trained here, was checked when it was saved.
     folds = folds_of(scorer)
     if folds is not None and history.is_trained:
-        folds.check_split(opened.split)
-    return Model(scorer, opened, files.run, history)
+        folds.check_split(graph_and_split.split)
+    return Model(scorer, graph_and_split, files.run, history)
 
 
 def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> TrainSample | None:

@@ -108,7 +108,7 @@ def open_other_book(
         ) from None
     if book.hash == graph.hash:
         raise ConfigError(f"`with` '{spec}' is the graph itself. Give another book.")
-    ids = _ids_in(graph, book)
+    ids = ids_among(graph.entities, book.entities)
     is_new = ids >= graph.num_entities
     labels = (*graph.entities, *book.labels(np.flatnonzero(is_new)))
     size = len(labels)
@@ -121,33 +121,36 @@ def open_other_book(
     for third in without:
         in_further = book.recipes[shared_recipes(book, third)]
         is_shared |= is_in(recipes, _distinct(ids[in_further]), size)
-    used = recipes[~is_shared]
-    if not len(used):
+    used_recipes = recipes[~is_shared]
+    if not len(used_recipes):
         raise ConfigError(
             f"`with` '{spec}': all {len(recipes):,} recipes are recipes of the graph, or of a book "
             "in `without`. Give another book."
         )
-    results = np.unique(used[:, 2])
+    results = np.unique(used_recipes[:, 2])
     num_described = len(np.unique(ids[~is_new]))
     source = OutsideSource(
         name=book.name,
         kind="book",
         sha256=book.hash,
         coverage=num_described / max(graph.num_entities, 1),
-        recipes=len(used),
+        recipes=len(used_recipes),
         left_out=left_out,
         left_out_test=int(is_in(recipes, held_out, size).sum()),
         left_out_without=int(is_shared.sum()) - left_out,
         makes=tuple(graph.labels(results[results < graph.num_entities])),
     )
-    return OtherBook(labels, used, source)
+    return OtherBook(labels, used_recipes, source)
 
 
-def _ids_in(graph: RecipeGraph, book: RecipeGraph) -> Ids:
-    """Return the graph's ids of a book's entities; those that it lacks have the ids from E on."""
-    index = LabelIndex(graph.entities)
-    next_ids = count(graph.num_entities)
-    places = [index.find(label) for label in book.entities]
+def ids_among(entities: Sequence[str], labels: Sequence[str]) -> Ids:
+    """Return the place of each label among entities; labels that they lack have the ids from E on.
+
+    Labels that differ in case, article or plural are one entity.
+    """
+    index = LabelIndex(entities)
+    next_ids = count(len(entities))
+    places = [index.find(label) for label in labels]
     ids = [next(next_ids) if place is None else place for place in places]
     return np.array(ids, dtype=np.int64)
 
@@ -160,7 +163,8 @@ def shared_recipes(graph: RecipeGraph, book: RecipeGraph) -> NDArray[np.bool_]:
     # A graph may have half-sorted recipes, whose rows stay in the graph's order.
     rows = graph.recipes.copy()
     rows[:, :2].sort(axis=1)
-    book_rows = _distinct(_ids_in(graph, book)[book.recipes])
+    ids = ids_among(graph.entities, book.entities)
+    book_rows = _distinct(ids[book.recipes])
     return is_in(rows, book_rows, graph.num_entities + book.num_entities)
 
 

@@ -306,8 +306,8 @@ def join_books(
     books = []
     for spec in filter(is_book, specs):
         book_alone = open_other_book(spec, opened, keep_train=keep_train)
-        counted, _ = with_words_of(book_alone, opened, features, allow_missing=allow_missing)
-        books.append(counted)
+        other_book, _ = with_words_of(book_alone, opened, features, allow_missing=allow_missing)
+        books.append(other_book)
     # Tables and word vectors alone: there is nothing to join, and no recipe to learn from.
     if not books:
         own_graph = opened.graph

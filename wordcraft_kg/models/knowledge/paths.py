@@ -192,14 +192,14 @@ def _alike_texts(network: Network, alignment: Alignment) -> Floats:
     return np.asarray(cosines * is_known * is_known[:, None])
 
 
-def _forward_walks(network: Network, own: sparse.csr_array) -> list[Floats]:
+def _forward_walks(network: Network, confidences: sparse.csr_array) -> list[Floats]:
     """Return weights of walks with 1 and 2 steps along the edges' directions, (E, E) each."""
     links = network.links()
     both_ways = links + links.T
     links = _divided(links, both_ways.sum(1))
-    first = own @ links
-    last = links @ own.T
-    one_step = first @ own.T
+    first = confidences @ links
+    last = links @ confidences.T
+    one_step = first @ confidences.T
     two_steps = first @ last
     return [one_step.toarray(), two_steps.toarray()]
 
@@ -229,15 +229,15 @@ def _named(name: str, values: Floats, phrase: str) -> Table:
     return TableInfo(name=name, role="part", phrase=phrase), values
 
 
-def _parts(network: Network, own: sparse.csr_array) -> Floats:
+def _parts(network: Network, confidences: sparse.csr_array) -> Floats:
     """Return how directly a row is part of a column, shape (E, E).
 
     In a network with definitions, parts are inherited from classes, with half the weight for each
     step.
     """
     upward = (network.links(IS_A) != 0).astype(float)
-    reach = own
-    step = own
+    reach = confidences
+    step = confidences
     steps = _STEPS if network.glosses else 0
     for _ in range(steps):
         step = step @ upward / 2

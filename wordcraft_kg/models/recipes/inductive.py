@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
-from wordcraft_kg.base.labels import LabelIndex
 from wordcraft_kg.base.settings import FeatureSpec, nearest
 from wordcraft_kg.graphs.recipes import check_label
+from wordcraft_kg.models.knowledge.books import ids_among
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
@@ -60,7 +60,12 @@ def extended(
     main = whole_of(scorer)
     if not isinstance(main, RecipeScorer):
         raise _other_kind(scorer)
-    entities = _with_labels(main, labels)
+    checked = [check_label(label, "a new entity") for label in labels]
+    entities = (*main.entities, *checked)
+    if len(set(entities)) < len(entities):
+        # From the end, where the new labels are.
+        repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
+        raise ConfigError(f"the new entity '{repeated}' exists already; expected each label once.")
     constants = main.knowledge.constants()
     old = constants["vectors"].cpu()
     if vectors.shape != (len(labels), old.shape[1]):
@@ -79,8 +84,8 @@ def extended(
     if main.knowledge.has_encoder:
         encoder = main.knowledge.encoder()
         new_vectors = every[size:].float().to(encoder.bias.device)
-        named = encoder.with_entities(new_vectors).named()
-        tensors |= {name: tensor[None] for name, tensor in named.items()}
+        encoder_tensors = encoder.with_entities(new_vectors).named()
+        tensors |= {name: tensor[None] for name, tensor in encoder_tensors.items()}
     tables = {name: constants[name] for name in LINK_TABLES if constants[name].numel()}
     # Only for books that are small enough for tables: shares of all pairs would take gigabytes.
     if tables:
@@ -129,22 +134,6 @@ def _wider_tables(tables: Tensor, shares: Tensor) -> Tensor:
     return torch.stack(wider)
 
 
-def _with_labels(scorer: RecipeScorer, labels: Sequence[str]) -> tuple[str, ...]:
-    """Return the labels of a scorer's entities and of new ones.
-
-    Raises:
-        ConfigError: if a new label exists already.
-        RecipeFileError: if a new label is invalid.
-    """
-    checked = [check_label(label, "a new entity") for label in labels]
-    entities = (*scorer.entities, *checked)
-    if len(set(entities)) < len(entities):
-        # From the end, where the new labels are.
-        repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
-        raise ConfigError(f"the new entity '{repeated}' exists already; expected each label once.")
-    return entities
-
-
 class LabelledScorer(NamedTuple):
     """A recipe scorer for the labels of any book.
 
@@ -176,13 +165,8 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
     """
     main = whole_of(scorer)
     num_trained = len(main.entities)
-    index = LabelIndex(main.entities)
-    rows = [index.find(label) for label in labels]
-    by_label = list(zip(labels, rows, strict=True))
-    new = [label for label, row in by_label if row is None]
-    # New labels get the ids after those of the model's entities.
-    place = {label: num_trained + number for number, label in enumerate(new)}
-    ids = np.array([place[label] if row is None else row for label, row in by_label])
+    ids = ids_among(main.entities, labels)
+    new = [label for label, row in zip(labels, ids.tolist(), strict=True) if row >= num_trained]
     if new:
         labelled = with_words(folder, scorer, new, allow_missing=True)
         return LabelledScorer(labelled, num_trained, ids)

@@ -149,13 +149,13 @@ class ComplExScorer(StoredScorer):
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
         # Re(x conj(y)) is the dot product of (real, imaginary) parts, here shape (E, 2 d).
         queries = self.entity * self.relation[self.relation_ids(relation)]
-        left = torch.view_as_real(queries)
-        right = torch.view_as_real(self.entity)
-        return left.flatten(1), right.flatten(1)
+        head_factors = torch.view_as_real(queries)
+        tail_factors = torch.view_as_real(self.entity)
+        return head_factors.flatten(1), tail_factors.flatten(1)
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
-        left, right = self.factors(relation)
-        return left @ right.T
+        head_factors, tail_factors = self.factors(relation)
+        return head_factors @ tail_factors.T
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
@@ -213,6 +213,6 @@ def real_dot(queries: Tensor, candidates: Tensor) -> Tensor:
         product.
     """
     # torch conjugates lazily; the real view needs the conjugated numbers in memory.
-    left = torch.view_as_real(queries.resolve_conj()).flatten(1)
-    right = torch.view_as_real(candidates.resolve_conj()).flatten(1)
-    return left @ right.T
+    query_parts = torch.view_as_real(queries.resolve_conj()).flatten(1)
+    candidate_parts = torch.view_as_real(candidates.resolve_conj()).flatten(1)
+    return query_parts @ candidate_parts.T

@@ -11,6 +11,7 @@ from typing import Annotated, Literal, get_args
 
 import msgspec
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import AgentRun, OpenedAgent
@@ -421,12 +422,10 @@ def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[
 
 
 def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
-    by_run = []
+    curves = []
     for agent in members:
-        by_run.append({row.step: row.figures[key] for row in agent.metrics if key in row.figures})
+        values = {row.step: row.figures[key] for row in agent.metrics if key in row.figures}
+        curves.append(pd.Series(values, dtype=float))
     # Only steps that all runs have reached: a mean over fewer seeds would jump where a run ends.
-    shared = sorted(set.intersection(*map(set, by_run)))
-    rows = []
-    for step in shared:
-        rows.append((step, [values[step] for values in by_run]))
-    return rows
+    table = pd.concat(curves, axis=1, join="inner").sort_index()
+    return list(zip(table.index.tolist(), table.to_numpy().tolist(), strict=True))

@@ -1,7 +1,9 @@
 """A page for open-ended play: the entities that each player discovers."""
 
+import math
+from typing import NamedTuple
+
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.discovery import (
@@ -22,6 +24,31 @@ MOST_MAPPED = 2_000
 """Most entities on a map of discoveries; more would make the page too large to open."""
 MOST_REASONS = 40
 """Attempts with reasons at the start of a run; of later ones only those that made something."""
+_CELL = 10
+"""Distance between the corners of two squares of a map, in pixels; the map is 460 pixels wide."""
+_LEFT = 62  # room for "round 10"
+_COLUMNS = (460 - _LEFT) // _CELL
+_STEP = 3  # pixels between two rounds
+
+
+class Square(NamedTuple):
+    """An entity on a map of discoveries.
+
+    Attributes:
+        label: the entity.
+        round: crafting round from which on it can be made, 0 for the base.
+        x, y: upper left corner, in pixels.
+        attempt: median attempt at which it became known, 0 for the base; infinite if it stayed
+            unknown.
+        share: share of the runs that learnt it.
+    """
+
+    label: str
+    round: int
+    x: int
+    y: int
+    attempt: float
+    share: float
 
 
 def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str:
@@ -56,7 +83,7 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
             repeats[name] = points
     about = "Mean number of entities known after each attempt"
     picture = charts.curves(curves, "attempts", "entities known", about, colours=colours)
-    pictures: dict[str, charts.Chart | Markup] = {"known": picture}
+    pictures = {"known": picture}
     if repeats:
         share = "share of the attempts so far"
         about = f"Mean {share} that combined a pair tried before"
@@ -64,9 +91,10 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
             repeats, "attempts", share, about, percent=True, colours=colours
         )
     best = best_player(view)
+    squares: list[Square] = []
+    height = 0
     if best is not None and view.reachable <= MOST_MAPPED:
-        learnt = plays.learnt[plays.players.index(best)]
-        pictures["found"] = discovery_map(graph, view, learnt, best, colours[best])
+        squares, height = discovery_map(graph, view, plays.learnt[plays.players.index(best)])
     reasons = []
     for tried in view.tried:
         if tried.made or tried.attempt <= MOST_REASONS:
@@ -77,6 +105,9 @@ def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str
         pictures=pictures,
         about=DISCOVERERS,
         best=best,
+        best_colour=None if best is None else colours[best],
+        squares=squares,
+        height=height,
         reasons=reasons,
         never_repeat=[name for name in view.players if name not in repeats],
     )
@@ -93,30 +124,38 @@ def best_player(view: DiscoveryView) -> str | None:
 
 
 def discovery_map(
-    graph: RecipeGraph,
-    view: DiscoveryView,
-    learnt: NDArray[np.int32],
-    player: str,
-    number: int,
-) -> Markup:
-    """Draw when a player's runs learnt each entity: the median of the runs that did.
+    graph: RecipeGraph, view: DiscoveryView, learnt: NDArray[np.int32]
+) -> tuple[list[Square], int]:
+    """Return a map of when a player's runs learnt each entity: the median of the runs that did.
 
     Args:
         graph: the explored graph.
         view: the results, for base and attempts.
         learnt: attempt of each entity in each run, shape (runs, E).
-        player: name of the player, for the text alternative.
-        number: colour of the player.
+
+    Returns:
+        A square for each entity that can be made, in lines by crafting round, and the height of
+        the map.
     """
     layer = layers(graph, view.base)
-    entities = []
-    for entity in np.flatnonzero(layer >= 0).tolist():
-        attempts = learnt[:, entity]
-        made_attempts = attempts[attempts != NEVER]
-        share = len(made_attempts) / len(attempts)
-        attempt = float(np.median(made_attempts)) if len(made_attempts) else None
-        label = graph.entities[entity]
-        crafting_round = int(layer[entity])
-        entities.append(charts.Found(label, crafting_round, attempt, share))
-    about = f"Entities that {player} discovered, by crafting round; early ones in strong colour"
-    return charts.found_map(entities, view.attempts, number, about)
+    shares = (learnt != NEVER).mean(axis=0)
+    medians = np.ma.median(np.ma.masked_equal(learnt, NEVER), axis=0).filled(np.inf)
+    squares = []
+    top = 4
+    for crafting_round in range(layer.max() + 1):
+        # The early ones first, then the unknown ones, each in alphabetical order.
+        members = np.flatnonzero(layer == crafting_round).tolist()
+        members.sort(key=lambda entity: (medians[entity], graph.entities[entity]))
+        for place, entity in enumerate(members):
+            row, column = divmod(place, _COLUMNS)
+            square = Square(
+                label=graph.entities[entity],
+                round=crafting_round,
+                x=_LEFT + column * _CELL,
+                y=top + row * _CELL,
+                attempt=float(medians[entity]),
+                share=float(shares[entity]),
+            )
+            squares.append(square)
+        top += math.ceil(len(members) / _COLUMNS) * _CELL + _STEP
+    return squares, top + 4

@@ -1,13 +1,13 @@
 """A study report: tables, page and pictures from a study's summarised results."""
 
-import csv
-import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from operator import attrgetter
 from pathlib import Path
+
+import pandas as pd
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.reports import charts
@@ -177,13 +177,10 @@ def as_csv(view: StudyView) -> str:
     rows: list[dict[str, object]] = []
     for point in view.points:
         rows += [_values(point, entry, list(grid)) for entry in point.variants]
-    text = io.StringIO()
+    cells = [{name: _cell(value) for name, value in row.items()} for row in rows]
     # The same line ends on each system, for equal bytes.
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({name: _cell(value) for name, value in row.items()})
-    return text.getvalue()
+    text: str = pd.DataFrame(cells, dtype=object).to_csv(index=False, lineterminator="\n")
+    return text
 
 
 def _cell(value: object) -> object:

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
@@ -199,14 +200,10 @@ def _comparison(
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
     """Return the steps that all curves have, and the success at them, shape (runs, steps)."""
-    rows = [dict(run.curve) for run in members]
+    curves = [pd.Series(dict(run.curve), dtype=float) for run in members]
     # A mean over fewer runs would jump where one of them ends.
-    common = set.intersection(*(set(row) for row in rows))
-    steps = sorted(common)
-    table = []
-    for row in rows:
-        table.append([row[step] for step in steps])
-    return steps, np.array(table)
+    table = pd.concat(curves, axis=1, join="inner").sort_index()
+    return table.index.tolist(), table.to_numpy().T
 
 
 def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:

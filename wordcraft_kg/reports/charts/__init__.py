@@ -5,7 +5,6 @@ Charts follow the page's light and dark colours without JavaScript, see
 """
 
 from wordcraft_kg.reports.charts.chart import Chart, as_file, figure_of
-from wordcraft_kg.reports.charts.found import Found, found_map
 from wordcraft_kg.reports.charts.layered import Made, layered
 from wordcraft_kg.reports.charts.palette import COLOURS, colour_of
 from wordcraft_kg.reports.charts.series import (
@@ -23,14 +22,12 @@ __all__ = [
     "Chart",
     "CurvePoint",
     "Estimate",
-    "Found",
     "Made",
     "as_file",
     "colour_of",
     "curves",
     "dots",
     "figure_of",
-    "found_map",
     "intervals",
     "layered",
     "log_reliability",

@@ -291,7 +291,7 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
 
     def exchanged(place: int) -> Recipe:
         """Return a chosen recipe with the result that it has at the moment."""
-        return rows[place]._replace(result=results[place])
+        return Recipe(rows[place].ingredients, results[place])
 
     # What each pair makes: the original's results, and the wrong ones as they are accepted.
     originals = set(book.recipes)

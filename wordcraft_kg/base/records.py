@@ -73,7 +73,7 @@ def parse_record(
             and the field.
     """
     try:
-        return msgspec.json.decode(data, type=kind)
+        return msgspec.json.decode(data, type=kind, dec_hook=_from_array)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         if is_verified:
             raise ArtefactError(
@@ -130,9 +130,32 @@ def as_record(
         ArtefactError: if the values do not fit ``kind``; the message names ``path`` and the field.
     """
     try:
-        return msgspec.convert(values, kind)
+        return msgspec.convert(values, kind, dec_hook=_from_array)
     except msgspec.ValidationError as error:
         raise _damaged(path, error) from None
+
+
+def _from_array(kind: type[Any], value: Any) -> Any:
+    """Make a tuple of labels, such as a recipe, from its JSON array.
+
+    Args:
+        kind: a subclass of ``tuple`` with a class method ``of``.
+        value: what JSON has in its place.
+
+    Raises:
+        TypeError: if ``value`` is no list of strings, or too short.
+        NotImplementedError: for any other type.
+    """
+    if not issubclass(kind, tuple):
+        raise NotImplementedError(f"{kind.__name__} has no form in JSON.")
+    if not isinstance(value, list) or not all(isinstance(label, str) for label in value):
+        raise TypeError(f"Expected `array` of `str` for {kind.__name__}")
+    return kind.of(*value)  # type: ignore[attr-defined]
+
+
+def _schema_of_array(kind: type[Any]) -> dict[str, Any]:
+    """Return the JSON Schema of a tuple of labels, see :func:`_from_array`."""
+    return {"type": "array", "items": {"type": "string"}, "title": kind.__name__}
 
 
 def _damaged(path: Path | str, error: Exception) -> ArtefactError:
@@ -176,7 +199,7 @@ def checked_values(record: Record) -> Any:
         TypeError: if a value has no JSON form, such as a NumPy number.
     """
     values = as_values(record)
-    msgspec.convert(values, type(record))
+    msgspec.convert(values, type(record), dec_hook=_from_array)
     return values
 
 
@@ -193,7 +216,9 @@ def schema_of(
         title: the schema's title.
     """
     records = _records_in(kind)
-    (head, *references), definitions = msgspec.json.schema_components((kind, *records))
+    (head, *references), definitions = msgspec.json.schema_components(
+        (kind, *records), schema_hook=_schema_of_array
+    )
     # References tell under which name msgspec has put each class: a name that two modules use is
     # qualified by both modules.
     for reference, (record, fields) in zip(references, records.items(), strict=True):

@@ -438,8 +438,9 @@ class BookRows:
             remedy = _COLUMNS
             if self._hangs_together:
                 remedy = (
-                    f"Write it twice, or build the graph with `single_ingredient` {_SELF}, which "
-                    f"reads {one} + {one}, {_ALONE}, or the name of what it is combined with."
+                    f"Write it twice, or build the graph with `single_ingredient` {_SELF} (which "
+                    f"reads {one} + {one}), {_ALONE} (a recipe of one ingredient), or the name of "
+                    "what it is combined with."
                 )
             message = f"'{one}' is the only ingredient, in a book of pairs. {remedy}"
             return fault_at(place, "label", message)

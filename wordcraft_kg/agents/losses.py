@@ -159,24 +159,24 @@ class Successes:
         self._size = num_entities + 1
         self.keys = torch.empty(0, dtype=torch.int64, device=device)
 
-    def add(self, goal: Tensor, left: Tensor, one: Tensor, other: Tensor) -> None:
+    def add(self, goal: Tensor, attempts_left: Tensor, first: Tensor, second: Tensor) -> None:
         """Remember pairs of entities that led to a goal.
 
         Args:
             goal: ids, shape (n,), int64.
-            left: attempts left before the pair, shape (n,), int64.
-            one: ids of an entity of each pair, shape (n,), int64.
-            other: ids of its partner, shape (n,), int64; the order of a pair has no meaning.
+            attempts_left: attempts left before the pair, shape (n,), int64.
+            first: ids of an entity of each pair, shape (n,), int64.
+            second: ids of its partner, shape (n,), int64; the order of a pair has no meaning.
         """
-        new = self._keys(goal, left, one, other)
+        new = self._keys(goal, attempts_left, first, second)
         self.keys = torch.cat([self.keys, new]).unique()
 
-    def hold(self, goal: Tensor, left: Tensor, table: Tensor) -> Tensor:
+    def hold(self, goal: Tensor, attempts_left: Tensor, table: Tensor) -> Tensor:
         """Return which slot pairs of B tables are remembered.
 
         Args:
             goal: ids, shape (B,).
-            left: attempts left, shape (B,).
+            attempts_left: attempts left, shape (B,).
             table: ids in the slots, shape (B, A).
 
         Returns:
@@ -187,17 +187,17 @@ class Successes:
                 (*table.shape, table.shape[1]), dtype=torch.bool, device=table.device
             )
         goals = goal[:, None, None]
-        attempts = left[:, None, None]
+        attempts = attempts_left[:, None, None]
         table_keys = self._keys(goals, attempts, table[:, :, None], table[:, None])
         places = torch.searchsorted(self.keys, table_keys).clamp(max=len(self.keys) - 1)
         return self.keys[places] == table_keys
 
-    def _keys(self, goal: Tensor, left: Tensor, one: Tensor, other: Tensor) -> Tensor:
+    def _keys(self, goal: Tensor, attempts_left: Tensor, first: Tensor, second: Tensor) -> Tensor:
         """Return a number for each pair, goal and attempts left, whatever the pair's order."""
         # With five attempts left, 63 bits are enough for a million entities.
-        lower = torch.minimum(one, other)
-        higher = torch.maximum(one, other)
-        return ((left * self._size + goal) * self._size + lower) * self._size + higher
+        lower = torch.minimum(first, second)
+        higher = torch.maximum(first, second)
+        return ((attempts_left * self._size + goal) * self._size + lower) * self._size + higher
 
 
 def led_to_goals(won: Tensor, over: Tensor, is_new: Tensor) -> Tensor:

@@ -113,18 +113,18 @@ def _with_attempts(states: States, number: int) -> States:
     return states._replace(attempts=states.attempts._replace(left=attempts_left))
 
 
-def _rows(states: States, chosen: Tensor) -> States:
-    """Return the states where ``chosen``, shape (B,), is True."""
+def _rows(states: States, task_sample: Tensor) -> States:
+    """Return the states where ``task_sample``, shape (B,), is True."""
     attempts = states.attempts
     assert attempts is not None
     assert attempts.tried is not None
     assert states.task is not None
     return States(
-        states.goal[chosen],
-        states.selection[chosen],
-        states.table[chosen],
-        states.task[chosen],
-        Attempts(attempts.left[chosen], attempts.tried[chosen]),
+        states.goal[task_sample],
+        states.selection[task_sample],
+        states.table[task_sample],
+        states.task[task_sample],
+        Attempts(attempts.left[task_sample], attempts.tried[task_sample]),
     )
 
 
@@ -166,9 +166,9 @@ def _right_pairs(
     return right
 
 
-def _pair(one: int, other: int) -> tuple[int, int]:
+def _pair(first: int, second: int) -> tuple[int, int]:
     """Return a pair with the smaller id first."""
-    return (min(one, other), max(one, other))
+    return (min(first, second), max(first, second))
 
 
 def _after_right_pair(

@@ -291,5 +291,5 @@ class RecipeDiscoverer(Discoverer):
         self._weights = weights
 
 
-def _ordered(one: int, other: int) -> Pair:
-    return (one, other) if one <= other else (other, one)
+def _ordered(first: int, second: int) -> Pair:
+    return (first, second) if first <= second else (second, first)

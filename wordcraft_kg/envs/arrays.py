@@ -195,12 +195,12 @@ class Pairs:
             self._keys = arrays.array(np.append(a[first] * self.size + b[first], sentinel))
             self._numbers = arrays.array(np.append(pair, self.no_pair))
 
-    def __call__(self, one: Array, other: Array) -> Array:
+    def __call__(self, first: Array, second: Array) -> Array:
         """Return pair numbers, for ids of equal shapes, in any order."""
         if self.is_dense:
-            return self._table.take(one * self.size + other)
-        lower = self.xp.minimum(one, other)
-        higher = self.xp.maximum(one, other)
+            return self._table.take(first * self.size + second)
+        lower = self.xp.minimum(first, second)
+        higher = self.xp.maximum(first, second)
         keys = lower * self.size + higher
         places = self.xp.searchsorted(self._keys, keys)
         return self.xp.where(self._keys[places] == keys, self._numbers[places], self.no_pair)

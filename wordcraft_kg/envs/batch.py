@@ -395,58 +395,58 @@ class BatchEngine:
 
     def begin_where(
         self,
-        now: State,
+        state: State,
         over: Array,
-        before: State | None = None,
+        state_before: State | None = None,
     ) -> State:
         """Begin the next episode in some environments.
 
         Args:
-            now: current state.
+            state: current state.
             over: shape (N,), bool: True where the next episode begins.
-            before: the state before a step, which stays unchanged. Arrays of ``now`` that are not
-                in ``before`` belong to nobody else, and are written to without a copy. By default
-                ``now`` itself stays unchanged.
+            state_before: the state before a step, which stays unchanged. Arrays of ``state`` that
+                are not in ``state_before`` belong to nobody else, and are written to without a
+                copy. By default ``state`` itself stays unchanged.
 
         Raises:
             ConfigError: if no distractors without a shortcut are found for a task.
         """
         if self.arrays.on_device:
-            return self._begin_where_on_device(now, over)
+            return self._begin_where_on_device(state, over)
         rows = over.nonzero()[0]
         if not len(rows):
-            return now
-        begun = self._begun(*now.ahead.take(rows, now.episode[rows]))
-        episode = now.episode + over
+            return state
+        begun = self._begun(*state.ahead.take(rows, state.episode[rows]))
+        episode = state.episode + over
         if len(rows) == self.num_envs:
-            return State(self, now.keys, now.ahead, now.age, *begun, episode)
-        current: Any = now[_GOAL:-1]
-        earlier: Any = (before or now)[_GOAL:-1]
+            return State(self, state.keys, state.ahead, state.age, *begun, episode)
+        current: Any = state[_GOAL:-1]
+        earlier: Any = (state_before or state)[_GOAL:-1]
         merged = []
         for new, old, was in zip(begun, current, earlier, strict=True):
             # An array that a step did not replace still belongs to the state before.
             merged_array = old.copy() if old is was else old
             merged_array[rows] = new
             merged.append(merged_array)
-        return State(self, now.keys, now.ahead, now.age, *_Begun._make(merged), episode)
+        return State(self, state.keys, state.ahead, state.age, *_Begun._make(merged), episode)
 
-    def _begin_where_on_device(self, now: State, over: Array) -> State:
+    def _begin_where_on_device(self, state: State, over: Array) -> State:
         """Write every environment, with the old state or the next episode, to read no count."""
-        begun = self._begun(*now.ahead.take(self._rows, now.episode))
-        current: Any = now[_GOAL:-1]
+        begun = self._begun(*state.ahead.take(self._rows, state.episode))
+        current: Any = state[_GOAL:-1]
         merged = []
         for new, old in zip(begun, current, strict=True):
             mask = over.reshape(-1, *[1] * (new.ndim - 1))  # for arrays with further axes
             merged.append(self.arrays.xp.where(mask, new, old))
-        episode = now.episode + over
-        ahead = now.ahead
-        age = now.age + 1
+        episode = state.episode + over
+        ahead = state.ahead
+        age = state.age + 1
         if age == ahead.size:
             # One environment may have used all its cached episodes by now. Which one, only the
             # device knows, so all are drawn again.
-            ahead = Ahead(self._draws, now.keys, episode)
+            ahead = Ahead(self._draws, state.keys, episode)
             age = 0
-        return State(self, now.keys, ahead, age, *_Begun._make(merged), episode)
+        return State(self, state.keys, ahead, age, *_Begun._make(merged), episode)
 
     # --- steps ------------------------------------------------------------------------------------
 
@@ -594,7 +594,7 @@ class BatchEngine:
         is_goal = (results == state.goal[rows][:, None]).any(1) & makes
         return _Made(rows, makes, results, is_goal)
 
-    def _are_all_over(self, state: State, made: _Made) -> bool:
+    def _are_all_over(self, state: State, attempts: _Made) -> bool:
         """Return whether all episodes with results end, so that their tables are never seen.
 
         With one attempt in an episode, the default at depth 1, this is so in every step, and saves
@@ -603,26 +603,26 @@ class BatchEngine:
         """
         if self._is_shaped or self.arrays.on_device:
             return False
-        is_last = state.attempts_left[made.rows] == 1
-        return bool((made.is_goal | is_last).all())
+        is_last = state.attempts_left[attempts.rows] == 1
+        return bool((attempts.is_goal | is_last).all())
 
-    def _put_on_table(self, state: State, made: _Made) -> tuple[Array, Array, list[Array]]:
+    def _put_on_table(self, state: State, attempts: _Made) -> tuple[Array, Array, list[Array]]:
         """Put new results into the first free slots.
 
         Returns:
             Tables with the spare column, (N, num_slots + 1), and their counts, (N,), as copies;
             and for each of r results whether it is new, (R,), bool.
         """
-        rows = made.rows
+        rows = attempts.rows
         tables = state.wide[rows]
         wide = self.arrays.copy(state.wide)
         count = state.count[rows]
         news = []
         # All results of a pair differ, so each is compared with the table before the attempt.
-        for i in range(made.results.shape[1]):
-            result = made.results[:, i]
+        for i in range(attempts.results.shape[1]):
+            result = attempts.results[:, i]
             is_on_table = (tables == result[:, None]).any(1)
-            is_new = made.makes & (result != self.nothing) & ~is_on_table
+            is_new = attempts.makes & (result != self.nothing) & ~is_on_table
             # Where nothing is new, the first free slot, or the spare column of a full table, gets
             # the id of nothing, which it holds already.
             wide[rows, count] = self.arrays.xp.where(is_new, result, wide[rows, count])
@@ -635,7 +635,7 @@ class BatchEngine:
     def _shaping(
         self,
         state: State,
-        made: _Made,
+        attempts: _Made,
         news: Sequence[Array],
     ) -> Array:
         """Return the shaped rewards of attempts that make something, shape (R,).
@@ -643,23 +643,23 @@ class BatchEngine:
         An intermediate is rewarded when it is new, but is relevant whenever it is made.
         """
         cast = self.arrays.cast
-        intermediates = self._intermediates[state.task[made.rows]]
-        num_first = self.arrays.full((len(made.rows),), 0)
-        is_relevant = made.is_goal
+        intermediates = self._intermediates[state.task[attempts.rows]]
+        num_first = self.arrays.full((len(attempts.rows),), 0)
+        is_relevant = attempts.is_goal
         for i, is_new in enumerate(news):
-            result = made.results[:, i]
+            result = attempts.results[:, i]
             is_listed = (intermediates == result[:, None]).any(1)
             is_intermediate = is_listed & (result != self.nothing)  # both are padded with nothing
             num_first = num_first + (is_intermediate & is_new)
             is_relevant = is_relevant | is_intermediate
         reward = self.config.rewards.intermediate_reward * cast(num_first, self._reward_dtype)
-        is_irrelevant = cast(made.makes & ~is_relevant, self._reward_dtype)
+        is_irrelevant = cast(attempts.makes & ~is_relevant, self._reward_dtype)
         return reward - self.config.rewards.irrelevant_penalty * is_irrelevant
 
     def _noted(
         self,
         state: State,
-        chosen: Array,
+        entities: Array,
         is_tried: Array,
     ) -> Array:
         """Return the tried pairs with those of this step, shape (N, attempts, 2)."""
@@ -668,7 +668,7 @@ class BatchEngine:
             return state.tried  # no later attempt could read them
         number = attempts - state.attempts_left  # of the current attempt, from 0
         is_now = is_tried[:, None] & (self._attempt_numbers == number[:, None])
-        pairs = self.arrays.xp.stack([state.selection, chosen], 1)
+        pairs = self.arrays.xp.stack([state.selection, entities], 1)
         return self.arrays.xp.where(is_now[:, :, None], pairs[:, None], state.tried)
 
     # --- checks -----------------------------------------------------------------------------------

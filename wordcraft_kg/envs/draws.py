@@ -230,14 +230,14 @@ class Draws:
         self,
         keys: Array,
         tasks: Array,
-        taken: Array,
+        excluded: Array,
     ) -> Array:
         """Draw distractors with as few candidates as each table needs: (most_drawn, R)."""
         num_distractors = self.world.config.num_distractors
         counts = self._num_drawn[tasks]
         # Most tables take the first candidates; the rest are drawn with more care.
         first = self._candidates(keys, num_distractors)
-        clash = self._clashes(first, taken) | (counts > num_distractors)
+        clash = self._clashes(first, excluded) | (counts > num_distractors)
         open_tables = clash.nonzero()[0]
         if self._shortcuts is not None:
             open_tables = np.arange(len(keys))
@@ -245,7 +245,9 @@ class Draws:
         distractors[:num_distractors] = first
         amount = self.most_drawn + 4
         while len(open_tables):
-            picks = self._pick(keys[open_tables], tasks[open_tables], taken[:, open_tables], amount)
+            picks = self._pick(
+                keys[open_tables], tasks[open_tables], excluded[:, open_tables], amount
+            )
             distractors[:, open_tables] = picks
             amount *= 4
             if amount >= 2**11 * self.most_drawn:
@@ -260,16 +262,16 @@ class Draws:
         lots = (self._numbers(keys, 1, amount) * len(self._lots)) >> 31
         return self._lots[lots]
 
-    def _clashes(self, candidates: Array, taken: Array) -> Array:
+    def _clashes(self, candidates: Array, excluded: Array) -> Array:
         """Return which tables draw an entity twice, or one that is taken; shape (R,), bool."""
         clash = self.arrays.full((candidates.shape[1],), 0, "bool")
         if len(clash) <= _FEW:
             # All pairs in two comparisons: for few tables, the calls cost more than the numbers.
-            clash |= (candidates[:, None] == taken[None, :]).any((0, 1))
+            clash |= (candidates[:, None] == excluded[None, :]).any((0, 1))
             equal = candidates[:, None] == candidates[None, :]
             return clash | (equal.sum((0, 1)) > len(candidates))  # each equals itself
         for i in range(len(candidates)):
-            for entity in taken:
+            for entity in excluded:
                 clash |= candidates[i] == entity
             for j in range(i):
                 clash |= candidates[i] == candidates[j]
@@ -279,7 +281,7 @@ class Draws:
         self,
         keys: Array,
         tasks: Array,
-        taken: Array,
+        excluded: Array,
         amount: int,
     ) -> Array:
         """Take the first allowed distractors among ``amount`` candidates, in their order.
@@ -290,7 +292,7 @@ class Draws:
         arrays = self.arrays
         candidates = self._candidates(keys, amount)
         is_allowed = arrays.full(tuple(candidates.shape), 1, "bool")
-        for entity in taken:
+        for entity in excluded:
             is_allowed &= candidates != entity[None, :]
         # A repeated candidate is skipped: if refused before, refused again.
         for i in range(1, amount):
@@ -307,7 +309,7 @@ class Draws:
         self,
         shortcuts: Pairs,
         candidates: Array,
-        allowed: Array,
+        is_allowed: Array,
         tasks: Array,
     ) -> None:
         """Refuse candidates, in their order, that make the goal in a single attempt.
@@ -317,8 +319,8 @@ class Draws:
         Args:
             shortcuts: pairs of the recipes that no distractor may complete.
             candidates: shape (K, R).
-            allowed: shape (K, R), bool: candidates that are taken unless refused here; changed in
-                place.
+            is_allowed: shape (K, R), bool: candidates that are taken unless refused here; changed
+                in place.
             tasks: shape (R,).
         """
         goals = self._goals[tasks][:, None]
@@ -329,15 +331,15 @@ class Draws:
             pair = shortcuts(ids[i], present)
             makes_goal = (shortcuts.results[pair] == goals).any(-1)
             # Candidates that were not taken are not on the table.
-            makes_goal[len(near) : -1] &= allowed[:i]
-            allowed[i] &= ~makes_goal.any(0)
+            makes_goal[len(near) : -1] &= is_allowed[:i]
+            is_allowed[i] &= ~makes_goal.any(0)
 
     def _avoid_shortcuts(
         self,
         keys: Array,
         tasks: Array,
-        taken: Array,
-        drawn: Array,
+        excluded: Array,
+        distractors: Array,
     ) -> None:
         """Draw again, one table at a time, while distractors open a longer shortcut.
 
@@ -349,12 +351,12 @@ class Draws:
             task = int(tasks[i])
             turn = 0
             number = world.num_drawn[task]
-            while world.has_shortcut(task, _without(drawn[:number, i], world.nothing)):
+            while world.has_shortcut(task, _without(distractors[:number, i], world.nothing)):
                 turn += 1
                 world.check_tries(turn, task)
                 key = mixed(keys[i : i + 1] + turn)
-                candidates = self._pick(key, tasks[i : i + 1], taken[:, i : i + 1], 256)
-                drawn[:, i] = candidates[:, 0]
+                candidates = self._pick(key, tasks[i : i + 1], excluded[:, i : i + 1], 256)
+                distractors[:, i] = candidates[:, 0]
 
 
 def _without(ids: Array, nothing: int) -> list[int]:

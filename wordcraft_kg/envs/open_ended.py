@@ -76,14 +76,14 @@ class Discovery:
         """Whether all reachable entities are known."""
         return len(self.known) == self.reachable
 
-    def combine(self, one: int, other: int) -> tuple[tuple[int, ...], bool]:
+    def combine(self, first: int, second: int) -> tuple[tuple[int, ...], bool]:
         """Combine two known entities.
 
         Returns:
             Ids of results that were unknown, and whether the pair was tried before.
         """
         # The order of ingredients has no meaning; pairs are kept in ascending order.
-        pair = (one, other) if one <= other else (other, one)
+        pair = (first, second) if first <= second else (second, first)
         repeated = pair in self.tried
         self.tried.add(pair)
         # A pair may have several results, and all of them become known.

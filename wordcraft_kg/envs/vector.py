@@ -278,32 +278,32 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             task=self.state.task,
         )
 
-    def _final_info(self, done: Step) -> dict[str, Any]:
+    def _final_info(self, result: Step) -> dict[str, Any]:
         """Return the infos of the episodes that a step has ended, in Gymnasium's form."""
         info: dict[str, Any] = {}
-        for name, column in self._infos(done, done.task).items():
+        for name, column in self._infos(result, result.task).items():
             # Zeros, or None for names, where no episode has ended.
             empty = np.full_like(column, None if column.dtype == object else 0)
-            info[name] = np.where(done.over, column, empty)
-            info[f"_{name}"] = done.over.copy()
+            info[name] = np.where(result.over, column, empty)
+            info[f"_{name}"] = result.over.copy()
         return info
 
     @staticmethod
-    def _running(done: Step) -> Step:
+    def _running(result: Step) -> Step:
         """Return a step's outcome without ended episodes, whose places are taken by new ones."""
-        running = ~done.over
-        return done._replace(
-            outcome=done.outcome * running,
-            by_plan=done.by_plan & running,
-            illegal=done.illegal & running,
+        running = ~result.over
+        return result._replace(
+            outcome=result.outcome * running,
+            by_plan=result.by_plan & running,
+            illegal=result.illegal & running,
         )
 
     @staticmethod
-    def _infos(done: Step, task: Any) -> dict[str, Any]:
+    def _infos(result: Step, task: Any) -> dict[str, Any]:
         return {
-            "outcome": _NAMES[done.outcome],
-            "by_plan": done.by_plan,
-            "illegal_action": done.illegal,
+            "outcome": _NAMES[result.outcome],
+            "by_plan": result.by_plan,
+            "illegal_action": result.illegal,
             "task": np.array(task),
         }
 

@@ -92,14 +92,14 @@ def numbered(labels: Iterable[str]) -> str:
 
 def combined(
     pair: Sequence[str],
-    made: Sequence[str],
+    results: Sequence[str],
     otherwise: str = NOTHING,
 ) -> str:
     """Return an attempt as one text, such as ``water + earth -> mud``.
 
     Args:
         pair: labels of the two combined entities, in the order of the player.
-        made: labels of the results.
+        results: labels of the results.
         otherwise: text in place of results if there are none.
     """
     first, second = pair
@@ -107,7 +107,7 @@ def combined(
         "made",
         first=first,
         second=second,
-        made=", ".join(made) or otherwise,
+        made=", ".join(results) or otherwise,
     )
 
 
@@ -118,15 +118,15 @@ def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]
 
 def results_of(
     env: WordCraftEnv,
-    one: Entity,
-    other: Entity,
+    first: Entity,
+    second: Entity,
 ) -> tuple[str, ...]:
     """Return the labels of all results of a pair of entities.
 
     Args:
         env: environment whose setting ``ambiguity`` applies.
-        one: label or id.
-        other: label or id; the order of the two does not matter.
+        first: label or id.
+        second: label or id; the order of the two does not matter.
 
     Returns:
         Labels in alphabetical order; empty if the pair makes nothing.
@@ -134,7 +134,7 @@ def results_of(
     Raises:
         UnknownEntityError: for a label or id that the graph lacks.
     """
-    a, b = sorted(map(env.world.graph.id_of, (one, other)))
+    a, b = sorted(map(env.world.graph.id_of, (first, second)))
     return env.world.graph.labels(env.world.outcomes.get((a, b), ()))
 
 

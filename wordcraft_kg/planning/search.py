@@ -473,10 +473,12 @@ class PlanSearch:
         # Two candidates take two attempts. So with two attempts left, they can never be combined,
         # and with three, only to make the goal: most pairs need no score.
         num_partners = slots if number == 2 else None
-        to_goal = self._log_probabilities(goal, wide, model, tried, most=num_partners)
+        to_goal = self._log_probabilities(goal, wide, model, tried, num_partners=num_partners)
         sources = wide if number > 2 else table
         num_partners = slots if number == 3 else None
-        to_candidates = self._to_candidates(candidates, sources, model, tried, most=num_partners)
+        to_candidates = self._to_candidates(
+            candidates, sources, model, tried, num_partners=num_partners
+        )
         return _Plans(candidates, to_goal, to_candidates)
 
     def _to_candidates(
@@ -486,7 +488,7 @@ class PlanSearch:
         model: Tensor,
         tried: Tensor | None,
         *,
-        most: int | None,
+        num_partners: int | None,
     ) -> Tensor:
         """Return the log-probability that pairs make each candidate.
 
@@ -495,7 +497,7 @@ class PlanSearch:
             sources: shape (B, S), int64: entities of the pairs, those on the table first.
             model: shape (B,), int64.
             tried: shape (B, A, A), bool, or None.
-            most: as in :meth:`_log_probabilities`.
+            num_partners: as in :meth:`_log_probabilities`.
 
         Returns:
             shape (B, W, S, S); -inf where a candidate is missing, and for pairs without a score.
@@ -508,7 +510,7 @@ class PlanSearch:
             sources[rows],
             model[rows],
             None if tried is None else tried[rows],
-            most=most,
+            num_partners=num_partners,
             prior=INTERMEDIATE,
         )
         values = values.view(number, width, *values.shape[1:])
@@ -522,7 +524,7 @@ class PlanSearch:
         model: Tensor,
         tried: Tensor | None,
         *,
-        most: int | None = None,
+        num_partners: int | None = None,
         prior: float = 0.0,
     ) -> Tensor:
         """Return log P(goal | a, b) for all pairs of slots.
@@ -532,7 +534,8 @@ class PlanSearch:
             table: shape (B, S), int64; E for empty slots.
             model: shape (B,), int64.
             tried: shape (B, A, A), bool, for the first A slots; None if unknown.
-            most: slots from this one on are not combined with each other. None for all pairs.
+            num_partners: slots from this one on are not combined with each other. None for all
+                pairs.
             prior: log-odds added to each pair.
 
         Returns:
@@ -540,7 +543,7 @@ class PlanSearch:
         """
         slots = table.shape[1]
         # P is symmetric: each pair is scored once, and written twice.
-        first, second = _pairs(slots, slots if most is None else most, table.device)
+        first, second = _pairs(slots, slots if num_partners is None else num_partners, table.device)
         log_probs = self.curve.log_probabilities(
             self.knowledge,
             goal,
@@ -638,24 +641,25 @@ def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) ->
     return features
 
 
-def _pairs(slots: int, most: int, device: torch.device) -> tuple[Tensor, Tensor]:
+def _pairs(slots: int, num_partners: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the pairs of slots that are scored: first and second slots, the smaller one first.
 
     Args:
         slots: S.
-        most: slots from this one on are combined with those before and with themselves alone.
+        num_partners: slots from this one on are combined with those before and with themselves
+            alone.
         device: device of the result.
     """
     rows, columns = np.triu_indices(slots)
-    is_scored = (rows < most) | (rows == columns)
+    is_scored = (rows < num_partners) | (rows == columns)
     first = torch.from_numpy(rows[is_scored])
     second = torch.from_numpy(columns[is_scored])
     return first.to(device), second.to(device)
 
 
-def _num_pairs(slots: int, most: int) -> int:
+def _num_pairs(slots: int, num_partners: int) -> int:
     """Return the number of :func:`_pairs`."""
-    return most * (most + 1) // 2 + (slots - most) * (most + 1)
+    return num_partners * (num_partners + 1) // 2 + (slots - num_partners) * (num_partners + 1)
 
 
 def _after_candidates(to_goal: Tensor, to_candidates: Tensor, slots: int, number: int) -> Tensor:

@@ -296,20 +296,22 @@ class BestPlan(BestRecipe):
         return tuple(best and planned(entity, best) for entity, best in by_slot)
 
 
-def log_shares(features: Tensor, weights: Tensor, left: Tensor, is_empty: Tensor) -> Tensor:
+def log_shares(
+    features: Tensor, weights: Tensor, attempts_left: Tensor, is_empty: Tensor
+) -> Tensor:
     """Return the log-probability of each pair by weighted features, a softmax over pairs.
 
     Args:
         features: shape (B, A, A, F).
         weights: shape (:data:`MAX_ATTEMPTS`, F).
-        left: shape (B,), int64: attempts left.
+        attempts_left: shape (B,), int64: attempts left.
         is_empty: shape (B, A), bool: True for empty slots.
 
     Returns:
         shape (B, A, A), symmetric, from :data:`NO_PLAN`; -inf for empty slots.
     """
     # Row 0 is for a single attempt left.
-    row = left.clamp(1, MAX_ATTEMPTS) - 1
+    row = attempts_left.clamp(1, MAX_ATTEMPTS) - 1
     state_weights = weights[row]
     scores = (features * state_weights[:, None, None]).sum(-1)
     has_empty = is_empty[:, :, None] | is_empty[:, None]

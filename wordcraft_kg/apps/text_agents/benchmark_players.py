@@ -329,8 +329,8 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
     return f"{Path(folder).name}, {best}", player
 
 
-def _check_graph(folder: str, own: OpenedGraph, opened: OpenedGraph) -> None:
-    hashes = (own.graph.hash, own.split.hash)
+def _check_graph(folder: str, model_graph: OpenedGraph, opened: OpenedGraph) -> None:
+    hashes = (model_graph.graph.hash, model_graph.split.hash)
     expected = (opened.graph.hash, opened.split.hash)
     if hashes != expected:
         raise GraphMismatchError(

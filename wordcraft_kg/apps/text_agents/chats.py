@@ -231,10 +231,10 @@ def _said(talk: Conversation, pairs: Sequence[Pair | None], style: Style) -> lis
     return messages
 
 
-def _is_kept(game: TaskGame, kept: Kept) -> bool:
-    if kept == "all":
+def _is_kept(game: TaskGame, choice: Kept) -> bool:
+    if choice == "all":
         return None not in game.pairs
-    if kept == "made":
+    if choice == "made":
         return game.is_made and None not in game.pairs
     return game.is_made and len(game.pairs) == game.tasks.depth
 

@@ -283,6 +283,7 @@ class Conversation:
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
         reward: reward of the last action.
+        opening: first prompt to the player: rules and state at the start.
         messages: all prompts and answers in turn; of games by :meth:`attempt` as far as there is
             room, and without states in between.
         on_end: called when the game is over, and again by :meth:`end`; an OSError says that the
@@ -328,6 +329,7 @@ class Conversation:
         self._most_look_ups = look_ups
         self._in_a_row = 0
         self._room = MOST_CHARACTERS
+        self.opening = f"{self.rules}\n\n{game.state}"
         self.messages = [self.opening]
 
     @property
@@ -342,11 +344,6 @@ class Conversation:
     def offers_look_ups(self) -> int:
         """Number of look-ups in the game; 0 if none are offered."""
         return 0 if self._knowledge is None else self._most_look_ups
-
-    @property
-    def opening(self) -> str:
-        """First prompt to the player: rules and current state."""
-        return f"{self.rules}\n\n{self.game.state}"
 
     @property
     def is_over(self) -> bool:

@@ -73,7 +73,7 @@ class Game(ABC):
             return prompt_text("ended")
         return self._termination() or self._ongoing()
 
-    def combine(self, one: int, other: int) -> str:
+    def combine(self, first: int, second: int) -> str:
         """Make an attempt with two entities, by index in :attr:`labels`.
 
         Returns:
@@ -85,8 +85,8 @@ class Game(ABC):
         self._check()
         # By label, and before the attempt, which may change the numbers.
         table = self.labels
-        self.pairs.append((table[one], table[other]))
-        return self._combine(one, other)
+        self.pairs.append((table[first], table[second]))
+        return self._combine(first, second)
 
     def lose_attempt(self) -> None:
         """Use up an attempt without combining entities.
@@ -189,12 +189,12 @@ class TaskGame(Game):
             "task", goal=self.goal, table=numbered(self.labels), attempts_left=self.attempts_left
         )
 
-    def _combine(self, one: int, other: int) -> str:
+    def _combine(self, first: int, second: int) -> str:
         table = self.labels
-        pair = (table[one], table[other])
+        pair = (table[first], table[second])
         # Two actions of the environment are an attempt: select an entity, then combine it.
-        self._step(one)
-        info = self._step(other)
+        self._step(first)
+        info = self._step(second)
         self.is_made = info["outcome"] == "goal"
         self.by_plan = info["by_plan"]
         text = combined(pair, results_of(self._env, *pair))
@@ -290,9 +290,9 @@ class DiscoveryGame(Game):
             attempts_left=self.attempts_left,
         )
 
-    def _combine(self, one: int, other: int) -> str:
+    def _combine(self, first: int, second: int) -> str:
         entities = self._entities()
-        pair = (entities[one], entities[other])
+        pair = (entities[first], entities[second])
         *_, info = self._env.step([*pair])
         self.known_after.append(len(self._entities()))
         self.repeated += info["repeated"]

@@ -153,12 +153,12 @@ def _score(sample: "EvalSample") -> dict[str, Any] | None:
     return None
 
 
-def game_of_score(values: Mapping[str, Any] | None, where: str) -> GameRecord:
+def game_of_score(values: Mapping[str, Any] | None, place: str) -> GameRecord:
     """Parse a score's metadata as the record of a game.
 
     Args:
         values: the metadata; None if the score has none.
-        where: where the score is from, for errors.
+        place: where the score is from, for errors.
 
     Raises:
         ArtefactError: if the metadata is no such record.
@@ -166,4 +166,4 @@ def game_of_score(values: Mapping[str, Any] | None, where: str) -> GameRecord:
     # The messages are in the log's samples, once.
     extra = (UNFINISHED, VERDICT)
     record = {key: value for key, value in (values or {}).items() if key not in extra}
-    return as_record(record, GameRecord, where)
+    return as_record(record, GameRecord, place)

@@ -83,7 +83,7 @@ class InspectTaskError(ConfigError, PrerequisiteError):
         self.message = escape(message)
 
 
-def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
+def _with_parameters(*names: str, **further: Any) -> Callable[[_F], _F]:
     """Declare a function's parameters: fields of the evaluation settings, and others by default.
 
     Inspect finds and documents parameters by the signature, and the settings have their defaults in
@@ -91,7 +91,7 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
     """
     defaults = {field.name: field.default for field in fields(EvaluationSettings)}
     kind = Parameter.POSITIONAL_OR_KEYWORD
-    values = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}
+    values = {"graph": "everyday", **{name: defaults[name] for name in names}, **further}
     parameters = [Parameter(name, kind, default=value) for name, value in values.items()]
 
     def declared(function: _F) -> _F:
@@ -169,31 +169,35 @@ def _discovery(play: Play) -> Task:
     return _task(play, samples, rules.graph, known_items())
 
 
-def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> Play:
+def _open(
+    declared: Callable[..., Task], graph: Any, arguments: Mapping[str, Any], **task_settings: Any
+) -> Play:
     """Open the games for the parameters of an Inspect task.
 
     Args:
         declared: the task's function, for the names of its parameters.
         graph: the graph as given; Inspect may have parsed it as a number.
-        given: other parameters as given.
-        own: settings that the task itself chooses.
+        arguments: other parameters as given.
+        task_settings: settings that the task itself chooses.
     """
     parameters = [name for name in signature(declared).parameters if name != "unknown"]
-    for name in given:
+    for name in arguments:
         if name not in parameters:
             raise UnknownSettingError(
                 f"unknown parameter `{name}`: expected {', '.join(parameters)}."
                 f"{nearest(name, parameters)}"
             )
-    if track := given.get("track"):
-        if needless := sorted(given.keys() - {"track", "knowledge"}):
+    if track := arguments.get("track"):
+        if needless := sorted(arguments.keys() - {"track", "knowledge"}):
             raise ConfigError(f"`track` has its own games; omit `{needless[0]}`.")
-        return open_track(str(track)).play(given.get("knowledge", "none"))
-    given = {name: value for name, value in given.items() if name != "track"}
+        return open_track(str(track)).play(arguments.get("knowledge", "none"))
+    arguments = {name: value for name, value in arguments.items() if name != "track"}
     if not isinstance(graph, str) or not graph:
         raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
-    scorer = given.get("scorer")
-    settings = EvaluationSettings(**{**given, **own, "scorer": scorer and Path(str(scorer))})
+    scorer = arguments.get("scorer")
+    settings = EvaluationSettings(
+        **{**arguments, **task_settings, "scorer": scorer and Path(str(scorer))}
+    )
     return Play.open(graph, settings)
 
 

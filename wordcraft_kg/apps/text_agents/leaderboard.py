@@ -220,7 +220,7 @@ def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
 
 
 def _cells(
-    row: _Row, twins: set[str], rank: int, most: float, lines: Sequence[float]
+    row: _Row, twins: set[str], rank: int, scale_end: float, lines: Sequence[float]
 ) -> Iterator[str]:
     """Yield the cells of a ranked row.
 
@@ -230,7 +230,7 @@ def _cells(
         row: the submission.
         twins: names that need a mark.
         rank: its rank.
-        most: result at the right end of the bars.
+        scale_end: result at the right end of the bars.
         lines: places of the lines of reference on the bar, in percent of its width.
     """
     submission = row.submission
@@ -239,7 +239,7 @@ def _cells(
     player = _player(submission, twins)
     yield player if submission.knowledge == "none" else f"{player}, look-ups"
     # Places on the bar, in percent of its width.
-    places = [100 * end / most for end in (figures.ci_low, figures.mean, figures.ci_high)]
+    places = [100 * end / scale_end for end in (figures.ci_low, figures.mean, figures.ci_high)]
     low, at, high = (f"{place:.1f}" for place in places)
     ticks = "".join(f'<i style="--at: {line:.1f}"></i>' for line in lines)
     bar = f'<span class="bar" style="--low: {low}; --at: {at}; --high: {high}">{ticks}</span>'

@@ -85,8 +85,8 @@ class Position(BaseModel, frozen=True):
     )
 
     @classmethod
-    def of(cls, talk: Conversation, **more: Any) -> Self:
-        """Return the state of a game; ``more`` are fields of subclasses, such as ``rules``."""
+    def of(cls, talk: Conversation, **fields: Any) -> Self:
+        """Return the state of a game; ``fields`` are fields of subclasses, such as ``rules``."""
         game = talk.game
         return cls(
             game=talk.name,
@@ -95,7 +95,7 @@ class Position(BaseModel, frozen=True):
             attempts_left=game.attempts_left,
             is_over=game.is_over,
             success=game.is_made if isinstance(game, TaskGame) and game.is_over else None,
-            **more,
+            **fields,
         )
 
 

@@ -217,9 +217,9 @@ def _text(value: Any) -> str:
 class _Sessions:
     """All web sockets of a server: their number and their silence are bounded."""
 
-    def __init__(self, begin: Callable[[], CraftingSession], most: int, idle: float):
+    def __init__(self, begin: Callable[[], CraftingSession], max_sessions: int, idle: float):
         self.begin = begin
-        self.most = most
+        self.most = max_sessions
         self.idle = idle
         self.active = 0
 

@@ -57,7 +57,7 @@ REPLACEMENT = "replacement"
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
-def chosen_tasks(world: World, most: int | None) -> Ids:
+def chosen_tasks(world: World, limit: int | None) -> Ids:
     """Return the indices of the tasks to play, shape (T,), ascending.
 
     Tasks are evenly spaced, because enumerated tasks are sorted by goal: the first ones would be of
@@ -65,16 +65,16 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
 
     Args:
         world: the world.
-        most: number of tasks; None for all.
+        limit: number of tasks; None for all.
 
     Raises:
         ConfigError: for a number below 1.
     """
-    if most is not None:
-        whole("tasks", most, 1, MAX_SIZE)
+    if limit is not None:
+        whole("tasks", limit, 1, MAX_SIZE)
     number = len(world.tasks)
-    most = number if most is None else min(most, number)
-    return np.arange(most) * number // most
+    limit = number if limit is None else min(limit, number)
+    return np.arange(limit) * number // limit
 
 
 def record_of(talk: Conversation, number: int = 0) -> GameRecord:
@@ -486,17 +486,17 @@ def _write(path: Path, mode: str, line: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def _check_header(path: Path, kept: GamesHeader, own: GamesHeader) -> None:
-    if kept.player != own.player:
+def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
+    if stored.player != header.player:
         raise ConfigError(
-            f"'{path}' holds games by '{kept.player}', and the player is '{own.player}'. Choose "
-            "another `out`."
+            f"'{path}' holds games by '{stored.player}', and the player is '{header.player}'. "
+            "Choose another `out`."
         )
-    names = [field.name for field in msgspec.structs.fields(kept.settings)]
+    names = [field.name for field in msgspec.structs.fields(stored.settings)]
     # Hashes first: another graph may also differ in settings, and is what the user has to know.
     for name in sorted(names, key=_HASHES.__contains__, reverse=True):
-        before = _given(getattr(kept.settings, name))
-        value = _given(getattr(own.settings, name))
+        before = _given(getattr(stored.settings, name))
+        value = _given(getattr(header.settings, name))
         if before != value:
             kind = GraphMismatchError if name in _HASHES else ConfigError
             label = (_HASHES | _NO_OPTION).get(name, f"`{name}`")

@@ -484,7 +484,7 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     return submission, lines
 
 
-def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:
+def check_declared(name: str, text: str, longest: int = LONGEST_TEXT) -> None:
     """Check that a declared text is a line of letters, digits and common punctuation.
 
     Submissions are shown in terminals, on pages and in tables, and anyone may send one: a text must
@@ -494,12 +494,12 @@ def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:
     Args:
         name: the setting, for the message.
         text: the declared text; addresses in it begin with http or https.
-        most: largest number of characters.
+        longest: largest number of characters.
 
     Raises:
         ConfigError: for another text.
     """
-    one_line(name, text, most)
+    one_line(name, text, longest)
     if not re.match(_PATTERN, text) or _VARIATION.search(text):
         raise refuse(name, text, r"a text without < > | ` \ @ and invisible characters")
     # Decomposed, a letter with an accent is two characters, so that all accents count.
@@ -510,7 +510,7 @@ def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:
         raise refuse(name, text, "addresses with http or https only")
 
 
-def acceptable(text: str, most: int = LONGEST_TEXT) -> str:
+def acceptable(text: str, longest: int = LONGEST_TEXT) -> str:
     """Return a text that passes :func:`check_declared`.
 
     A dash is in the place of refused characters; if this is not enough, the text is "not declared".
@@ -519,9 +519,9 @@ def acceptable(text: str, most: int = LONGEST_TEXT) -> str:
     # `^[^...]+$` allows other characters than these; `[...]` finds one of them.
     pattern = _PATTERN.replace("[^", "[").replace("+$", "").removeprefix("^")
     plain = re.sub(pattern, "-", text)
-    printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:most]
+    printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:longest]
     try:
-        check_declared("text", printable, most)
+        check_declared("text", printable, longest)
     except ConfigError:
         return "not declared"
     return printable

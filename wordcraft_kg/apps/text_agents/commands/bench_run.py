@@ -221,28 +221,35 @@ class _Declared:
         }
 
 
-def _prompts(entrant: "Entrant", own: str | None) -> dict[str, Any]:
-    """Return the submission's fields about prompts; ``own`` is the hash of the user's prompts."""
+def _prompts(entrant: "Entrant", declared_hash: str | None) -> dict[str, Any]:
+    """Return the submission's fields about prompts.
+
+    Args:
+        entrant: the player.
+        declared_hash: hash of the user's own prompts; None without any.
+    """
     from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 
     prompt_hash = entrant.prompt_hash
     standard = read_manifest()[0].prompts.values()
-    if own is not None or (prompt_hash is not None and prompt_hash not in standard):
+    if declared_hash is not None or (prompt_hash is not None and prompt_hash not in standard):
         kind = "custom"
     elif prompt_hash is None:
         kind = "none"
     else:
         kind = "standard"
-    return {"prompts": kind, "prompt_hash": own or prompt_hash}
+    return {"prompts": kind, "prompt_hash": declared_hash or prompt_hash}
 
 
-def _shown(written: "Submission") -> list[str]:
+def _shown(submission: "Submission") -> list[str]:
     """Return the result as lines of text."""
     from wordcraft_kg.apps.text_agents.submission import answers_text, metrics_text
 
-    games = counted(written.figures.games, "game")
-    result = f"{written.track}  {written.player}  {metrics_text(written.figures)} over {games}"
-    if written.prompts == "none":
+    games = counted(submission.figures.games, "game")
+    result = (
+        f"{submission.track}  {submission.player}  {metrics_text(submission.figures)} over {games}"
+    )
+    if submission.prompts == "none":
         return [result]
-    lost = counted(written.lost_attempts, "attempt")
-    return [result, f"answers read  {answers_text(written)}, {lost} lost"]
+    lost = counted(submission.lost_attempts, "attempt")
+    return [result, f"answers read  {answers_text(submission)}, {lost} lost"]

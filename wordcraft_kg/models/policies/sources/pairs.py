@@ -358,10 +358,12 @@ def _without_each_fold(
     return constants
 
 
-def _stacked(whole: dict[str, Tensor], without_folds: list[dict[str, Tensor]]) -> dict[str, Tensor]:
+def _stacked(
+    main_constants: dict[str, Tensor], without_folds: list[dict[str, Tensor]]
+) -> dict[str, Tensor]:
     """Stack buffers along a first axis: the whole model's, the folds', and zeros for no model."""
     stacked = {}
-    for name, tensor in whole.items():
+    for name, tensor in main_constants.items():
         fold_constants = [constants[name] for constants in without_folds]
         stacked[name] = torch.stack([tensor, *fold_constants, torch.zeros_like(tensor)])
     return stacked

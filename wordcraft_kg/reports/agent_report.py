@@ -5,13 +5,13 @@ Charts are curves of success, statistics and mixing weights, and bars of score s
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 from markupsafe import Markup
 
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.agents.players import advice_on_words
-from wordcraft_kg.base.wording import for_html
 from wordcraft_kg.evaluation.agent_metrics import (
     NEVER,
     CurvePoint,
@@ -25,6 +25,7 @@ from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
 from wordcraft_kg.evaluation.slices import MADE, NOT_MADE
 from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
 from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.charts.chart import element, titled
 from wordcraft_kg.reports.pages import Report
 
 METRICS: dict[TrainingMetric, str] = {
@@ -152,8 +153,7 @@ def contribution_bar(
     # The next term of each sign begins where the last one ended, at first in the middle.
     right = half
     last_left = half
-    box = f"0 0 {2 * half:g} {height}"
-    parts = [f'<svg class="bar" viewBox="{box}" aria-hidden="true">']
+    terms = []
     for name, value in contributions.items():
         # A scale of 0 means that all terms are 0.
         share = min(abs(value) / scale, 1) if scale else 0.0
@@ -164,15 +164,20 @@ def contribution_bar(
         else:
             last_left -= width
             left = last_left
-        place = f'x="{left:.1f}" y="1"'
-        size = f'width="{width:.1f}" height="{height - 2}"'
-        style = f"series-{colours[name]}"
-        title = f"{for_html(name)}: {value:.2f}"
-        parts.append(f'<rect {place} {size} class="{style}"><title>{title}</title></rect>')
+        term = element(
+            "rect",
+            titled(f"{name}: {value:.2f}"),
+            x=f"{left:.1f}",
+            y=1,
+            width=f"{width:.1f}",
+            height=height - 2,
+            class_=f"series-{colours[name]}",
+        )
+        terms.append(term)
     # The middle, drawn last and so above the terms.
-    parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/>')
-    parts.append("</svg>")
-    return Markup("".join(parts))
+    middle = element("line", x1=f"{half:g}", x2=f"{half:g}", y1=0, y2=height, class_="grid")
+    box = f"0 0 {2 * half:g} {height}"
+    return element("svg", *terms, middle, class_="bar", viewBox=box, aria_hidden="true")
 
 
 def column_labels(step: ExplainedStep) -> list[Label]:
@@ -285,17 +290,12 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, charts.Chart]:
     pictures: dict[Slice, charts.Chart] = {}
     for key, (_, axis) in _SLICES.items():
         groups: dict[str, dict[str, charts.Estimate]] = {}
-        slice_names: set[str] = set()
         for agent in view.agents:
-            rows: dict[str, charts.Estimate] = {}
-            for row in agent.slices.get(key, ()):
-                low, high = row.ci
-                rows[row.slice] = (row.success, low, high)
-            groups[agent.name] = rows
-            slice_names.update(rows)
-        if not slice_names:
+            slices = agent.slices.get(key, ())
+            groups[agent.name] = {row.slice: (row.success, *row.ci) for row in slices}
+        labels = sorted({*chain.from_iterable(groups.values())}, key=_place)
+        if not labels:
             continue
-        labels = sorted(slice_names, key=_place)
         cells = {}
         for name, rows in groups.items():
             # An agent has None for a group in which it played no task.

@@ -54,7 +54,7 @@ def spoilt_folds(folded, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("kept", [0, 1])
 def test_recipes_of_a_fold_without_a_model_are_refused(spoilt_folds, kept):
-    with pytest.raises(ArtefactError, match=f"other folds than the {kept}"):
+    with pytest.raises(ArtefactError, match="names other folds"):
         load_scorer(spoilt_folds(record=lambda values: values.update(folds=values["folds"][:kept])))
 
 

@@ -17,6 +17,7 @@ from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
 from wordcraft_kg.models.knowledge.books import open_other_book
+from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import config, encoder_fitting, fitting, training
@@ -27,7 +28,7 @@ from wordcraft_kg.models.recipes.config import (
     RecipeScorerConfig,
 )
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
-from wordcraft_kg.models.recipes.fitting import Words, encoders_of, fit_recipe_scorers
+from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
 from wordcraft_kg.models.scorers import config as limits

@@ -15,11 +15,12 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
+from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers import config

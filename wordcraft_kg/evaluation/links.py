@@ -303,10 +303,10 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     )
     if links.kg != "none":  # an untrained model has no coverage
         # The full graph covers all its entities by definition.
-        entities = np.flatnonzero(~graph.is_half_product)
+        needed = np.flatnonzero(~graph.is_half_product)
         if links.is_full:
-            entities = entities[:0]
-        uncovered = np.setdiff1d(entities, links.train_sample.recipes)
+            needed = needed[:0]
+        uncovered = np.setdiff1d(needed, links.train_sample.recipes)
         detail = "all do"
         if len(uncovered):
             listed = ", ".join(map(quoted, graph.labels(uncovered[:6])))

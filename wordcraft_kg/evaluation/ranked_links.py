@@ -108,14 +108,12 @@ class RankedLinks:
 
         Beside an untrained scorer, baselines know the train recipes.
         """
-        sample = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
-        scorers: dict[str, TripleScorer] = {
-            "frequency": FrequencyScorer(self.graph, sample.triples)
-        }
+        known = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
+        scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
         # These two need the scores of all pairs.
         if self.has_table:
-            scorers["votes"] = VoteScorer(self.graph, sample.recipes)
-            scorers["neighbours"] = NeighbourScorer(self.graph, sample.triples)
+            scorers["votes"] = VoteScorer(self.graph, known.recipes)
+            scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
         return {
             name: rank_triples(scorer, self.queries, self.graph.triples)
             for name, scorer in scorers.items()

@@ -181,8 +181,8 @@ def rank_links(
 def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
     rule = f"a meaningful metric needs at least {MIN_TRIPLES}."
     if kg == "full":
-        more = "Use a recipe book with more recipes."
-        return f"only {count} triples in the whole graph; {rule} {more}"
+        advice = "Use a recipe book with more recipes."
+        return f"only {count} triples in the whole graph; {rule} {advice}"
     # A smaller ratio helps only if the ratio is not small yet.
     ratio = "or use a recipe book with more recipes"
     if opened.split.config.train_ratio > 0.7:
@@ -317,9 +317,9 @@ def compare(
     whole("seed", seed, 0)
     for contender in contenders:
         _check_alike(contenders[0].runs[0], contender)
-    opened = contenders[0].runs[0].opened
-    graph = opened.graph
-    split = opened.split
+    shared = contenders[0].runs[0].opened
+    graph = shared.graph
+    split = shared.split
     everything = split.held_out("test")
     # Each triple gives two queries, one with an open tail and one with an open head.
     queries = ranking.sampled(everything, MAX_QUERIES // 2, seed)
@@ -401,15 +401,15 @@ def _from_zero(ends: Bounds) -> Bounds:
 
 def _check_alike(reference: Model, contender: Contender) -> None:
     for run in contender.runs:
-        for input_name, left, right in (
+        for input_name, reference_hash, run_hash in (
             ("graphs", reference.opened.graph.hash, run.opened.graph.hash),
             ("splits", reference.opened.split.hash, run.opened.split.hash),
         ):
-            if left != right:
+            if reference_hash != run_hash:
                 raise GraphMismatchError(
                     f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different "
-                    f"{input_name} ({left[:12]}, {right[:12]}); their metrics cannot be compared. "
-                    "Train all on the same graph."
+                    f"{input_name} ({reference_hash[:12]}, {run_hash[:12]}); their metrics cannot be "
+                    "compared. Train all on the same graph."
                 )
         if run.comparable_settings != contender.runs[0].comparable_settings:
             raise ConfigError(

@@ -408,8 +408,8 @@ def _check_alike(reference: Model, contender: Contender) -> None:
             if reference_hash != run_hash:
                 raise GraphMismatchError(
                     f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different "
-                    f"{input_name} ({reference_hash[:12]}, {run_hash[:12]}); their metrics cannot be "
-                    "compared. Train all on the same graph."
+                    f"{input_name} ({reference_hash[:12]}, {run_hash[:12]}); their metrics cannot "
+                    "be compared. Train all on the same graph."
                 )
         if run.comparable_settings != contender.runs[0].comparable_settings:
             raise ConfigError(

@@ -45,7 +45,7 @@ from wordcraft_kg.cli.failures import Failure, Manual, failure_of
 
 CORE = {
     "Recipe books and graphs": {
-        "build-graph": "graphs",
+        "build-graph": "build_graph",
         "describe": "graphs",
         "check-book": "books",
         "books": "books",

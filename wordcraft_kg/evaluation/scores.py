@@ -610,12 +610,12 @@ class RecipeScoring(Scoring):
     def known(self, rows: Ids) -> list[Known | None]:  # noqa: D102
         if self.model.split is None:
             return [None] * len(rows)
-        known: list[Known | None] = ["new"] * len(rows)
+        parts: list[Known | None] = ["new"] * len(rows)
         keys = self._keys(rows)
         for part, recipes in self.parts.items():
             for place in np.flatnonzero(are_among(keys, recipes)):
-                known[place] = part
-        return known
+                parts[place] = part
+        return parts
 
     def facts(self, rows: Ids) -> list[dict[str, Any]]:  # noqa: D102
         in_sample = are_among(self._keys(rows), self.seen).tolist()
@@ -670,9 +670,18 @@ class RecipeScoring(Scoring):
         )
 
     def view_open(self, query: Query, top: int, *, new_only: bool = False) -> OpenRecipe:
-        """List the best entities for the open slot in a recipe, see :meth:`Scoring.view_open`.
+        """List the best entities for the open slot in a recipe.
 
-        Results of a pair have probabilities if the scorer is calibrated.
+        Args:
+            query: a recipe with an open slot.
+            top: most entities to list.
+            new_only: omit known recipes.
+
+        Returns:
+            The completed recipes; results of a pair have probabilities if the scorer is calibrated.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
         """
         rows, scores = self.best(query, top, new_only=new_only)
         best = list(self.recipes(rows, scores))

@@ -159,15 +159,15 @@ def contribution_bar(
         share = min(abs(value) / scale, 1) if scale else 0.0
         width = share * half
         if value >= 0:
-            left = right
+            start = right
             right += width
         else:
             last_left -= width
-            left = last_left
+            start = last_left
         term = element(
             "rect",
             titled(f"{name}: {value:.2f}"),
-            x=f"{left:.1f}",
+            x=f"{start:.1f}",
             y=1,
             width=f"{width:.1f}",
             height=height - 2,

@@ -88,10 +88,10 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     _settle(columns)
     widths = _widths(things, first, num_layers)
     lefts = []
-    left = MARGIN
+    x = MARGIN
     for width in widths:
-        lefts.append(left)
-        left += width + _BETWEEN
+        lefts.append(x)
+        x += width + _BETWEEN
     places = list(chain.from_iterable(columns))
     heights = [place.y for place in places] or [0.0]
     top = min(heights) - _BOX / 2 - MARGIN
@@ -104,17 +104,17 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     height = round(bottom) + 18  # a line for the layers' numbers
     parts = []
     columns_of_page = zip(lefts, widths, strict=True)
-    for number, (left, wide) in enumerate(columns_of_page, start=first):
-        middle = left + wide / 2
+    for number, (x, wide) in enumerate(columns_of_page, start=first):
+        middle = x + wide / 2
         parts.append(_small(f"layer {number}", middle, height - 6))
     for title, route in arrows:
         curve = _curve(route, lefts, widths)
         parts.append(element("path", titled(title), d=curve, class_="arrow"))
     for thing in things:
         place = place_of[thing.label]
-        left = lefts[place.column]
+        x = lefts[place.column]
         thing_width = widths[place.column]
-        parts += _box(thing, given, left, thing_width, int(place.y))
+        parts += _box(thing, given, x, thing_width, int(place.y))
     return element(
         "svg",
         *parts,
@@ -227,16 +227,16 @@ def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
     right = lefts[start.column] + widths[start.column]
     path = [f"M{right} {y}"]
     for place in stops:
-        left = lefts[place.column]
+        x = lefts[place.column]
         end = int(place.y)
         # Both control points lie half-way, at the height of their end: an S without overshoot.
-        half = left - _BETWEEN / 2
+        half = x - _BETWEEN / 2
         leaving = f"{half:g} {y}"
         arriving = f"{half:g} {end}"
-        path.append(f"C{leaving} {arriving} {left} {end}")
+        path.append(f"C{leaving} {arriving} {x} {end}")
         y = end
         if place is not route[-1]:
-            right = left + widths[place.column]
+            right = x + widths[place.column]
             path.append(f"H{right}")
     return "".join(path) + "l-6-3m6 3l-6 3"
 

@@ -14,9 +14,9 @@ from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 TEXTS = [
     (
         lambda: wk.open_book("half.csv"),
-        "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient; a recipe needs two. "
-        "Write it twice, or build the graph with `single_ingredient` self, which reads flour + "
-        "flour, or the name of what it is combined with.",
+        "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient, in a book of pairs. "
+        "Write it twice, or build the graph with `single_ingredient` self (flour + flour), alone, "
+        "or the name of what it is combined with.",
     ),
     (
         lambda: wk.SplitConfig("by-goals"),

@@ -131,7 +131,7 @@ def stacked(ids: Ids, lengths: Sequence[int], padding: int) -> Ids:
     Returns:
         Shape (len(lengths), columns), with three columns at least.
     """
-    if all(length == 3 for length in lengths):
+    if lengths.count(3) == len(lengths):
         return ids.reshape(-1, 3)
     num_ids = np.array(lengths, dtype=np.int64)
     rows = np.arange(len(num_ids))

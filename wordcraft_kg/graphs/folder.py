@@ -64,7 +64,7 @@ class _GraphFile(msgspec.Struct):
     format: Literal["wordcraft-kg recipe book 1"]
     base: list[str]
     entities: list[str]
-    recipes: list[list[str]]
+    recipes: list[tuple[str, ...]]
 
 
 @dataclass(frozen=True)

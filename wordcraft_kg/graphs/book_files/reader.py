@@ -398,8 +398,8 @@ class BookRows:
         if self.options.case == "fold":
             ingredients = [label.lower() for label in ingredients]
             result = result.lower()
-        is_chain = self.options.ingredients == "chain"
-        make = self._chained if is_chain and len(ingredients) > 2 else self._set
+        is_chain = len(ingredients) > 2 and self.options.ingredients == "chain"
+        make = self._chained if is_chain else self._set
         recipes = make(place, ingredients, result)
         if isinstance(recipes, list) and not is_step(recipes[-1]):
             message = (
@@ -423,10 +423,10 @@ class BookRows:
         self, place: Place, ingredients: Sequence[str], result: str
     ) -> list[Recipe] | Fault | LeftOut:
         """Return the recipe of a row's ingredients, each as often as it is there."""
+        if 1 < len(ingredients) <= MOST_INGREDIENTS:
+            return [Recipe(ingredients, result)]
         if len(ingredients) > MOST_INGREDIENTS:
             return LeftOut(place, _TOO_MANY)
-        if len(ingredients) > 1:
-            return [Recipe(ingredients, result)]
         (one,) = ingredients
         if _TOTAL.fullmatch(one):
             message = f"'{one}' alone is rather a total than an ingredient; remove it."

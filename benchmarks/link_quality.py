@@ -3,9 +3,9 @@
     python benchmarks/link_quality.py settings little-alchemy-2     # sweep, on validation parts of separate splits
     python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for the neighbour baseline
     python benchmarks/link_quality.py votes little-alchemy-2        # and for the vote count
-    python benchmarks/link_quality.py test little-alchemy-2 --json link-quality.json       # ComplEx
-    python benchmarks/link_quality.py untrained little-alchemy-2 --json link-quality.json
-    python benchmarks/link_quality.py results little-alchemy-2 --json link-quality.json    # of pairs, by votes
+    python benchmarks/link_quality.py test little-alchemy-2 --json docs/link-quality.json       # ComplEx
+    python benchmarks/link_quality.py untrained little-alchemy-2 --json docs/link-quality.json
+    python benchmarks/link_quality.py results little-alchemy-2 --json docs/link-quality.json    # of pairs, by votes
 
 ``test`` trains ComplEx with its defaults and ranks unseen triples of the test parts of splits 0, 1 and 2. ``untrained``
 ranks the same queries by the scorers without training, and plays the test tasks by votes, by all

@@ -286,7 +286,14 @@ def _fault(path: Path, line: int, problem: str) -> KnowledgeFileError:
 
 
 class Triple(NamedTuple):
-    """An edge, with names in UTF-8 for the memory."""
+    """An edge, with names in UTF-8 for the memory.
+
+    Attributes:
+        head: name of a node.
+        relation: name of a relation.
+        tail: name of a node.
+        weight: positive weight.
+    """
 
     head: bytes
     relation: bytes
@@ -295,7 +302,12 @@ class Triple(NamedTuple):
 
 
 class Name(NamedTuple):
-    """A name of a node, such as its label in RDF."""
+    """A name of a node, such as its label in RDF.
+
+    Attributes:
+        node: the node.
+        text: its name.
+    """
 
     node: str
     text: str

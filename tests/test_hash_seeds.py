@@ -60,13 +60,11 @@ def episodes():
 
 def discovery():
     from wordcraft_kg.agents.discovery import DISCOVERERS, make_discoverers, play_runs
-    from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 
     graph = open_graph("kitchen").graph
     players = make_discoverers(
         [name for name in DISCOVERERS if name != "recipe-learner"],
         graph,
-        SymbolicScorer(graph, graph.triples),
         book=open_graph("everyday").graph,
     )
     print(play_runs(graph, players, 20, 3).frame().to_csv())

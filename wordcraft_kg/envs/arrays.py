@@ -166,7 +166,7 @@ class Pairs:
             arrays: array operations by NumPy or torch.
             keeps_last: whether a pair makes its last result only.
         """
-        self.xp = arrays.xp
+        self._arrays = arrays
         self.size = graph.num_entities + 1
         self.no_pair = graph.num_pairs
         rows = np.flatnonzero(usable)
@@ -199,8 +199,9 @@ class Pairs:
         """Return pair numbers, for ids of equal shapes, in any order."""
         if self.is_dense:
             return self._table.take(first * self.size + second)
-        lower = self.xp.minimum(first, second)
-        higher = self.xp.maximum(first, second)
+        lower = self._arrays.xp.minimum(first, second)
+        higher = self._arrays.xp.maximum(first, second)
         keys = lower * self.size + higher
-        places = self.xp.searchsorted(self._keys, keys)
-        return self.xp.where(self._keys[places] == keys, self._numbers[places], self.no_pair)
+        places = self._arrays.xp.searchsorted(self._keys, keys)
+        has_result = self._keys[places] == keys
+        return self._arrays.xp.where(has_result, self._numbers[places], self.no_pair)

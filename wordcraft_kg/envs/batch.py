@@ -253,7 +253,11 @@ class BatchEngine:
         self.num_slots = world.num_slots
         self.arrays = arrays_of(device)
         keeps_last = self.config.ambiguity == "last"
-        self.pairs = Pairs(world.graph, world.usable, self.arrays, keeps_last=keeps_last)
+        # Shared, because a loop over single environments has an engine for each.
+        self.pairs = world.shared(
+            ("pairs", keeps_last, device),
+            lambda: Pairs(world.graph, world.usable, self.arrays, keeps_last=keeps_last),
+        )
         self._draws = Draws(world, self.arrays, whole("repeat", repeat, 0))
         array = self.arrays.array
         self._goals = array(world.tasks.goals)

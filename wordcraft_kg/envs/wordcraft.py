@@ -160,6 +160,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         )
         self.engine = BatchEngine(self.world, 1, reward_dtype="float64")
         self._nothing = self.world.nothing
+        # The engine takes an array of actions, here of length 1.
+        self._actions = np.arange(self.num_slots)[:, None]
         # Plain lists, because single look-ups in arrays are slow.
         # Half-products have no weight: counted as taken, they do not keep a draw waiting for them.
         self._never = np.flatnonzero(self.world.distractor_weights == 0).tolist()
@@ -232,7 +234,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
                 "call reset() before step()." if is_new else "the episode is over; call reset()."
             )
         slot = self._checked_action(action)
-        self._batch, result = self.engine.step_env(self._batch, np.array([slot]))
+        self._batch, result = self.engine.step_env(self._batch, self._actions[slot])
         self._outcome = OUTCOMES[result.outcome[0]]
         self._state = None
         return (

@@ -205,6 +205,20 @@ class World:
         """
         return World.open(self, self.config.variant(**changes))
 
+    def shared(self, name: Hashable, make: Callable[[], _T]) -> _T:
+        """Return a value that all engines of this world and of its variants share.
+
+        Args:
+            name: a name that says everything that the value depends on, except the recipes that
+                make something.
+            make: makes the value, once.
+        """
+        key = (name, self.has_train_recipes_only)
+        if key not in self._derived:
+            self._derived[key] = make()
+        value: _T = self._derived[key]
+        return value
+
     def __deepcopy__(self, memo: dict[int, Any]) -> "World":
         # Gymnasium copies the arguments of an environment whenever its spec is read; immutable, a
         # world may be shared, and a copy of a large graph would be slow.

@@ -44,10 +44,10 @@ from wordcraft_kg.apps.text_agents.commands.bench_leaderboard import bench_leade
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
 from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
+from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import (
     SCHEMA,
-    Played,
     acceptable,
     verify,
 )
@@ -562,7 +562,9 @@ def test_a_forced_run_that_is_refused_at_the_end_changes_nothing(submitted, copi
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
 
     def enter(*_):
-        return "random", Entrant("me", [Played([("no such item", "no such item")])] * 100)
+        return "random", Entrant(
+            "me", [GameRecord(pairs=(("no such item", "no such item"),))] * 100
+        )
 
     monkeypatch.setattr(benchmark_players, "enter", enter)
     with pytest.raises(EpisodeError, match="which is not on the table"):

@@ -25,7 +25,7 @@ from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
 from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import read_games
 from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
-from wordcraft_kg.apps.text_agents.submission import Played, replay
+from wordcraft_kg.apps.text_agents.submission import replay
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
 from wordcraft_kg.base.errors import ConfigError
 
@@ -361,7 +361,7 @@ def test_games_of_a_track_become_a_submission_that_verifies(tmp_path, run):
     lines = (out / "games.jsonl").read_text().splitlines()
     assert json.loads(lines[3])["ended"] is True
     for number, game in enumerate(read_games(path)[1]):
-        line = replay(play, number, Played(game.pairs, game.look_ups, game.invalid_actions))
+        line = replay(play, number, game)
         assert line.pairs == game.pairs
 
 

@@ -26,7 +26,6 @@ from wordcraft_kg.apps.text_agents.records import (
 from wordcraft_kg.apps.text_agents.results import play_program, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import (
-    Played,
     Submission,
     read_submission_file,
     replay,
@@ -110,7 +109,7 @@ class Entrant:
     """
 
     name: str
-    games: Sequence[Played]
+    games: Sequence[GameRecord]
     training_data: str = "not declared"
     licence: str = "not declared"
     prompt_hash: str | None = None
@@ -137,7 +136,7 @@ class Kind:
         return f"{name}:{self.argument}" if self.argument else name
 
 
-def decisions(track: Track, player: "Player") -> list[Played]:
+def decisions(track: Track, player: "Player") -> list[GameRecord]:
     """Return the decisions of a scripted player or policy in all tasks of a track.
 
     Raises:
@@ -147,7 +146,7 @@ def decisions(track: Track, player: "Player") -> list[Played]:
     # The generator of agent evaluation: a player has the same chance there and here.
     rng = np.random.default_rng([EVALUATION_SEED, 0])
     pairs = decided_pairs(track.world, range(len(track)), tables, player, rng)
-    return [Played(game_pairs) for game_pairs in pairs]
+    return [GameRecord(pairs=tuple(game_pairs)) for game_pairs in pairs]
 
 
 def decided_pairs(
@@ -186,7 +185,7 @@ def decided_pairs(
     return pairs
 
 
-def discoveries(track: Track, player: Discoverer) -> list[Played]:
+def discoveries(track: Track, player: Discoverer) -> list[GameRecord]:
     """Return the decisions of a player in all open-ended games of a track."""
     graph = track.opened.graph
     games = []
@@ -200,7 +199,7 @@ def discoveries(track: Track, player: Discoverer) -> list[Played]:
             new, _ = world.combine(first, second)
             player.observe((first, second), new)
             pairs.append((graph.entities[first], graph.entities[second]))
-        games.append(Played(pairs))
+        games.append(GameRecord(pairs=tuple(pairs)))
     return games
 
 
@@ -469,8 +468,7 @@ def _recorded(
             f"game {min(missing)}."
         )
     records = [played[first[number]] for number in range(len(track))]
-    games = [Played(game.pairs, game.look_ups, game.invalid_actions) for game in records]
-    return Entrant(name, games, prompt_hash=settings.prompt_hash)
+    return Entrant(name, records, prompt_hash=settings.prompt_hash)
 
 
 KINDS: Registry[Kind] = Registry(

@@ -348,8 +348,10 @@ def _game(score: SampleScore) -> GameRecord:
 
 def _counts(scores: list[SampleScore]) -> dict[str, int]:
     values = [score.score.metadata or {} for score in scores]
-    names = (*COUNTS, UNFINISHED)
-    return {f"{name}_in_run": sum(game.get(name, 0) for game in values) for name in names}
+    counts: dict[str, int] = {}
+    for name in (*COUNTS, UNFINISHED):
+        counts[f"{name}_in_run"] = sum(game.get(name, 0) for game in values)
+    return counts
 
 
 @scorer(metrics=[crafting_figures()])

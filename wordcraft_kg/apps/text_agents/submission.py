@@ -16,7 +16,6 @@ import os
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal
@@ -27,7 +26,7 @@ import numpy as np
 from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import Pair, TaskGame
-from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GameRecord
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base.artefacts import (
@@ -105,21 +104,6 @@ _VARIATION = re.compile("[\u180b-\u180d\u180f\U000e0100-\U000e01ef]")
 """Selectors of variants, which show nothing; the pattern of the schema has the others."""
 _STACKED = re.compile(r"[\u0300-\u036f\u0483-\u0489\u1ab0-\u1aff\u1dc0-\u1dff\u20d0-\u20ff]{3}")
 """Three accents in a row: they cover the lines above and below."""
-
-
-@dataclass(frozen=True)
-class Played:
-    """A player's decisions in a game: all that a replay needs.
-
-    Attributes:
-        pairs: labels of the combined pairs in turn; None for an attempt lost by invalid answers.
-        look_ups: number of entities that were looked up.
-        invalid_actions: number of invalid answers.
-    """
-
-    pairs: Sequence[Pair | None]
-    look_ups: int = 0
-    invalid_actions: int = 0
 
 
 class GameLine(Record, frozen=True, kw_only=True, omit_defaults=True):
@@ -235,13 +219,14 @@ def submission_schema() -> dict[str, Any]:
     )
 
 
-def replay(play: Play, number: int, played: Played) -> GameLine:
+def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
     """Play a game again by the rules.
 
     Args:
         play: the games of the track.
         number: number of the game in the track, from 0.
-        played: the player's decisions.
+        played: a game, of which only the player's decisions count: pairs, look-ups, and the number
+            of invalid answers.
 
     Returns:
         The game's line, with the results that the rules give.
@@ -291,7 +276,7 @@ def game_of_track(play: Play, number: int) -> tuple[int, int]:
     return (0, number) if play.settings.is_open_ended else (number, 0)
 
 
-def _check_counts(play: Play, played: Played) -> None:
+def _check_counts(play: Play, played: GameRecord | GameLine) -> None:
     """Raise an EpisodeError for counts that the decisions make impossible.
 
     The messages are not part of a submission, so only bounds can be checked.
@@ -377,7 +362,7 @@ def _rounded(value: float | np.floating) -> float:
 def write_submission(
     folder: Path,
     track: Track,
-    games: Sequence[Played],
+    games: Sequence[GameRecord],
     knowledge: LookUps,
     about: Mapping[str, Any],
 ) -> Submission:
@@ -641,7 +626,7 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
                 f"{place}: game {line.number}; expected game {number}. Play the track again."
             )
         try:
-            expected = replay(play, number, Played(line.pairs, line.look_ups, line.invalid_actions))
+            expected = replay(play, number, line)
         except EpisodeError as error:
             raise ArtefactError(f"{place}: {error}. Play the track again.") from None
         expected_line = as_lines([expected])[0]

@@ -25,7 +25,7 @@ def test_the_generated_files_are_those_of_the_book(monkeypatch):
     assert MAKER["main"]() == 0
     kinds = open_book("everyday").kinds
     recipes = {
-        Recipe(row["ingredient_a"], row["ingredient_b"], row["result"]): row
+        Recipe.of(row["ingredient_a"], row["ingredient_b"], row["result"]): row
         for row in rows_of("recipes.csv")
     }
     assert {recipe: row["kind"] for recipe, row in recipes.items()} == kinds

@@ -29,7 +29,7 @@ from wordcraft_kg.graphs.book_files import recipe_table
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.library import cache_folder, data_folder, fetch_file
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -318,7 +318,8 @@ def main() -> None:
         store(by_name, given.json)
     if given.recipes is not None:
         with staged_file(given.recipes) as file:
-            write_atomically(file, recipe_table(judged_recipes(judgements, graph)))
+            judged = RecipeBook("judged", judged_recipes(judgements, graph))
+            write_atomically(file, recipe_table(judged))
     results = _results(judgements, graph)
     num_recipes = sum(bool(made) for made in results.values())
     questions = with_right_option(judgements, graph)

@@ -27,6 +27,7 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.bottlenecks import bottlenecks
+from wordcraft_kg.graphs.export import export_graph, to_networkx
 from wordcraft_kg.graphs.folder import check_derived_files
 from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -330,3 +331,34 @@ def test_a_graph_of_pairs_has_the_same_array_as_recipes_and_as_sets(kitchen):
         ]
     )
     assert RecipeGraph(kitchen.entities, wide, kitchen.base_ids) == kitchen
+
+
+def test_quantities_are_kept_in_the_order_of_the_ingredients_and_exported(tmp_path):
+    path = tmp_path / "book.csv"
+    path.write_text(
+        "ingredient_a,ingredient_b,ingredient_c,result,kind,quantities\n"
+        "water,flour,salt,dough,mixing,300 500 10\n"
+        "dough,oven,,bread,baking,\n"
+        "bread,bread,,crumbs,,0.5 2\n"
+    )
+    book = read_book(path)
+    expected = {
+        Recipe.of("water", "flour", "salt", "dough"): "500 10 300",
+        Recipe.of("bread", "bread", "crumbs"): "0.5 2",
+    }
+    assert (book.quantities, len(book.kinds)) == (expected, 2)
+    graph = RecipeGraph.from_book(book)
+    assert graph.hash == RecipeGraph.from_book(replace(book, quantities={})).hash
+    split = make_split(graph, SplitConfig("none"))
+    write_graph_folder(tmp_path / "graph", book, split)
+    opened = open_graph(tmp_path / "graph")
+    check_derived_files(tmp_path / "graph", opened)
+    assert (opened.graph.quantities, opened.graph.kinds) == (graph.quantities, graph.kinds)
+    for format in ("csv", "json", "hif"):
+        export_graph(opened, format, tmp_path / f"again.{format}")
+        again = read_book(tmp_path / f"again.{format}")
+        assert (again.quantities, again.kinds) == (expected, book.kinds)
+    assert "500 10 300" in str(list(to_networkx(graph).nodes(data="quantities")))
+    path.write_text("ingredient_a,ingredient_b,result,quantities\nwater,flour,dough,3\n")
+    with pytest.raises(RecipeFileError, match="quantities '3' of 2 ingredients; expected a number"):
+        read_book(path)

@@ -318,11 +318,10 @@ def _read_rows(
             if label not in known:
                 message = unknown_base(label, known)
                 findings.append(_problem("base", message, _numbers([place])))
-    kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     faulty = [fault.place for fault in chain(*faults.values()) if fault.kind != "directive"]
     if faulty:
         rows.left_out[FAULTY] = faulty
-    return lines_of, replace(book, base=base, kinds=kinds)
+    return lines_of, rows.with_facts(replace(book, base=base))
 
 
 def _of_left_out(rows: BookRows) -> Iterator[Finding]:

@@ -4,8 +4,7 @@ Add a format as an :class:`Exporter` in :data:`EXPORTERS`.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from itertools import compress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 from urllib.parse import quote
@@ -23,7 +22,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.hif import hif_lines
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, Recipe, RecipeBook
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 
 if TYPE_CHECKING:
@@ -90,10 +89,7 @@ def export_graph(
     graph = opened.graph
     if part != "full":
         # The train recipes, or all others. All entities stay, so that ids mean the same.
-        kept = opened.split.is_in("train") == (part == "partial")
-        kinds = None if graph.kinds is None else tuple(compress(graph.kinds, kept))
-        graph = RecipeGraph(graph.entities, graph.sets[kept], graph.base_ids, graph.name)
-        graph.kinds = kinds
+        graph = graph.part(opened.split.is_in("train") == (part == "partial"))
     # Some formats are built in memory as a whole: refused before the machine runs out of it.
     needed = graph.num_recipes * exporter.recipe_bytes
     if needed > MOST_BYTES:
@@ -110,18 +106,9 @@ def export_graph(
 
 def _book(ending: str) -> Callable[[RecipeGraph, Ids, Path], object]:
     def write(graph: RecipeGraph, triples: Ids, path: Path) -> None:
-        recipes = graph.recipe_labels()
-        book = RecipeBook.of(
-            graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True
-        )
-        kinds: dict[Recipe, str] = {}
-        if graph.kinds is not None:
-            for recipe, kind in zip(recipes, graph.kinds, strict=True):
-                if kind:
-                    kinds[recipe] = kind
         # The ending chooses the format, and a staged file has none.
         staged = path.with_name("book" + ending)
-        write_book(replace(book, kinds=kinds), staged)
+        write_book(graph.to_book(), staged)
         staged.rename(path)
 
     return write
@@ -200,7 +187,8 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
         prefix = "_" + prefix
     for index, recipe in enumerate(graph.recipe_labels()):
         node = f"{prefix}{index}"
-        view.add_node(node, kind="recipe")
+        quantities = graph.quantities[index] if graph.quantities else ""
+        view.add_node(node, kind="recipe", **({"quantities": quantities} if quantities else {}))
         for name, ingredient in zip(own_header(MOST_INGREDIENTS), recipe.ingredients, strict=False):
             view.add_edge(ingredient, node, name, role="ingredient")
         view.add_edge(node, recipe.result, "result", role="result")

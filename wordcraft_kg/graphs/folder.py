@@ -136,7 +136,7 @@ def _derived_files(split: Split, book: RecipeBook) -> dict[str, Iterable[str]]:
     frame = entities_frame(graph)
     frame.insert(0, "id", range(len(frame)))
     files: dict[str, Iterable[str]] = {
-        "recipes.csv": recipe_table(book.recipes, kinds=book.kinds),
+        "recipes.csv": recipe_table(book),
         "entities.tsv": [frame.to_csv(sep="\t", index=False, lineterminator="\n")],
     }
     parts = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}
@@ -230,7 +230,7 @@ def write_graph_folder(
             source["reading"] = as_values(book.reading)
         # Labels of the graph's recipes, in id order, so that equal graphs give equal files.
         recipes = RecipeRows(graph.entities, graph.sets)
-        of_graph = RecipeBook(graph.name, recipes, graph.base, book.idle, kinds=book.kinds)
+        of_graph = replace(book, name=graph.name, recipes=recipes, base=graph.base)
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
         (folder / "triples").mkdir()
@@ -345,7 +345,7 @@ def _usual_graph(recorded: Any) -> RecipeGraph | None:
         return None
     has_faults = any(label_fault(label) is not None for label in book.entities)
     has_halves = any(map(is_half_product, book.entities))
-    if has_faults or has_halves or "kinds" in recorded:
+    if has_faults or has_halves or not {"kinds", "quantities"}.isdisjoint(recorded):
         return None
     id_of = {label: entity for entity, label in enumerate(book.entities)}
     labels = chain.from_iterable(book.recipes)

@@ -24,6 +24,8 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import check_label, shown
 
 _DIRECTIONS = ("tail", "head")
+_FACTS = ("kind", "quantities")
+"""Attributes of edges."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class HifRecipes:
         rows: for each result of each edge the labels of the ingredients, repeated by weight, and
             then the result.
         kinds: the kind of each row; empty texts without kinds.
+        quantities: the quantities of each row; empty texts without quantities.
         dropped_counts: number of results with a weight other than 1, a count that is left out.
     """
 
@@ -45,6 +48,7 @@ class HifRecipes:
     listed: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     kinds: tuple[str, ...]
+    quantities: tuple[str, ...]
     dropped_counts: int
 
 
@@ -79,12 +83,14 @@ def _described_nodes(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
 
 
 def _described_edges(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
-    """Yield an edge for each recipe, with its kind if the graph has kinds."""
-    kinds = graph.kinds or [""] * graph.num_recipes
-    for edge, kind in enumerate(kinds):
+    """Yield an edge for each recipe, with its kind and quantities if the graph has them."""
+    nothing = [""] * graph.num_recipes
+    facts_of_edges = zip(graph.kinds or nothing, graph.quantities or nothing, strict=True)
+    for edge, facts in enumerate(facts_of_edges):
         described: dict[str, Any] = {"edge": edge}
-        if kind:
-            described["attrs"] = {"kind": kind}
+        attributes = {name: fact for name, fact in zip(_FACTS, facts, strict=True) if fact}
+        if attributes:
+            described["attrs"] = attributes
         yield described
 
 
@@ -132,18 +138,20 @@ def recipes_of_hif(document: Mapping[str, Any], where: str = "HIF") -> HifRecipe
     for node, place in _objects(document, "nodes", where):
         label = nodes.label(node, place)
         marks[label] = _object(node, "attrs", place).get("base")
-    kinds: dict[str | int, str] = {}
+    facts: dict[str, dict[str | int, str]] = {name: {} for name in _FACTS}
     for described, place in _objects(document, "edges", where):
-        kind = _object(described, "attrs", place).get("kind")
-        if kind:
-            kinds[_identifier(described, "edge", place)] = check_label(kind, f"{place}: kind")
+        for name_of_fact, known in facts.items():
+            fact = _object(described, "attrs", place).get(name_of_fact)
+            if fact:
+                edge_name = _identifier(described, "edge", place)
+                known[edge_name] = check_label(fact, f"{place}: {name_of_fact}")
     rows = []
-    kind_of_row = []
+    facts_of_rows: list[list[str]] = []
     edges = _edges(document, nodes, where)
     for name, edge in edges.items():
         for result in edge.heads:
             rows.append((*edge.tail.elements(), result))
-            kind_of_row.append(kinds.get(name, ""))
+            facts_of_rows.append([known.get(name, "") for known in facts.values()])
     base = None
     # A file in which nothing is marked says nothing of the base, rather than that it is empty.
     if any(isinstance(mark, bool) for mark in marks.values()):
@@ -154,7 +162,8 @@ def recipes_of_hif(document: Mapping[str, Any], where: str = "HIF") -> HifRecipe
         base=base,
         listed=tuple(nodes.labels),
         rows=tuple(rows),
-        kinds=tuple(kind_of_row),
+        kinds=tuple(kind for kind, _ in facts_of_rows),
+        quantities=tuple(numbers for _, numbers in facts_of_rows),
         dropped_counts=sum(edge.dropped_counts for edge in edges.values()),
     )
 

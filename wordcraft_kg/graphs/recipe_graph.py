@@ -14,7 +14,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,8 @@ class RecipeGraph:
             recipe; not part of the content.
         kinds: each recipe's kind of reasoning, empty if unknown; None for a book without kinds;
             not part of the content.
+        quantities: each recipe's quantities, empty if unknown; None for a book without; not part of
+            the content.
         reading: how the book's file was read; None without a file; not part of the content.
 
     Example:
@@ -98,6 +100,7 @@ class RecipeGraph:
         self.name = name
         self.base_is_inferred = False
         self.kinds: tuple[str, ...] | None = None
+        self.quantities: tuple[str, ...] | None = None
         self.reading: Reading | None = None
         self.entities = tuple(entities)
         if any(left >= right for left, right in pairwise(self.entities)):
@@ -158,7 +161,35 @@ class RecipeGraph:
         graph.reading = book.reading
         if book.kinds:
             graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in graph.recipe_labels())
+        if book.quantities:
+            numbers_of = book.quantities
+            graph.quantities = tuple(numbers_of.get(recipe, "") for recipe in graph.recipe_labels())
         return graph
+
+    def part(self, is_chosen: NDArray[np.bool_]) -> "RecipeGraph":
+        """Return the graph of some recipes, with all entities, the same base and name.
+
+        Args:
+            is_chosen: shape (num_recipes,).
+        """
+        graph = RecipeGraph(self.entities, self.sets[is_chosen], self.base_ids, self.name)
+        graph.kinds = self.kinds and tuple(compress(self.kinds, is_chosen))
+        graph.quantities = self.quantities and tuple(compress(self.quantities, is_chosen))
+        return graph
+
+    def to_book(self) -> RecipeBook:
+        """Return the recipe book of the graph, which lists all entities."""
+        rows = RecipeRows(self.entities, self.sets)
+        nothing = [""] * self.num_recipes
+        idle = sorted(set(self.entities).difference(rows.mentioned))
+        return RecipeBook(
+            self.name,
+            rows,
+            self.base,
+            tuple(idle),
+            kinds=_told(rows, self.kinds or nothing),
+            quantities=_told(rows, self.quantities or nothing),
+        )
 
     @classmethod
     def from_recipes(
@@ -493,6 +524,11 @@ def outcomes_of(recipes: Ids) -> dict[tuple[int, int], tuple[int, ...]]:
     for a, b, result in recipes.tolist():
         results_of.setdefault((a, b), []).append(result)
     return {pair: tuple(results) for pair, results in results_of.items()}
+
+
+def _told(recipes: Iterable[Recipe], texts: Iterable[str]) -> dict[Recipe, str]:
+    """Return the texts of recipes that have one."""
+    return {recipe: text for recipe, text in zip(recipes, texts, strict=True) if text}
 
 
 def _member(index: tuple[Ids, Ids], key: int) -> Ids:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from itertools import chain, compress
+from itertools import chain
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
@@ -302,11 +302,7 @@ class Split:
         Shape (number of train recipes,).
         """
         is_train = self.is_in("train")
-        entities = self.graph.entities
-        graph = RecipeGraph(entities, self.graph.sets[is_train], self.graph.base_ids)
-        if self.graph.kinds is not None:
-            graph.kinds = tuple(compress(self.graph.kinds, is_train))
-        return frozen(groups_of(graph, self.config.kind))
+        return frozen(groups_of(self.graph.part(is_train), self.config.kind))
 
     @property
     def unit(self) -> str:

@@ -233,7 +233,7 @@ def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
     elif not parts or not made:
         yield LeftOut(raw.place, WITHOUT)
     else:
-        yield from (Row(raw.place, parts, result, raw.kind) for result in made)
+        yield from (Row(raw.place, parts, result, raw.kind, raw.quantities) for result in made)
 
 
 # --- the label of a text -------------------------------------------------------------------------
@@ -365,7 +365,7 @@ class FileLabels:
         labels = list(map(self.label_of.__getitem__, row.ingredients))
         if len(labels) == 1 and self.pieces.get(row.ingredients[0], 1) > 1:
             labels *= 2
-        return Row(row.place, labels, self.label_of[row.result], row.kind)
+        return Row(row.place, labels, self.label_of[row.result], row.kind, row.quantities)
 
 
 def read_labels(

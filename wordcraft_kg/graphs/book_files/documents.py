@@ -60,6 +60,7 @@ from wordcraft_kg.graphs.book_files.words import (
     LOOPS,
     NAME,
     ORDINAL,
+    QUANTITIES,
     RESULT,
     VALUES,
     Path,
@@ -169,7 +170,7 @@ def read_document(
     if columns is not None:
         best = read(_given(document, columns, texts), is_given=True)
     elif source.is_exact:
-        names_of_columns = [name for name in document.value[0] if name != KIND]
+        names_of_columns = [name for name in document.value[0] if name not in (KIND, QUANTITIES)]
         *parts, made = ((EACH, f".{name}") for name in names_of_columns)
         way = Way(tuple(parts), (made,))
         if source.numbered is not None:
@@ -700,10 +701,10 @@ def _candidate(
 ) -> ReadingCandidate:
     """Return the recipes of a way to read a document."""
     used = {*way.parts, *way.results}
-    kind = (*way.parts[0][:-1], f".{KIND}")
-    kinds = [kind] if kind in texts and kind not in used else []
-    others = [path for path in texts if path not in {*used, *kinds} and path[-1:] != (KEY,)]
-    raws = list(_raws(document, way, kinds))
+    facts = [(*way.parts[0][:-1], f".{name}") for name in (KIND, QUANTITIES)]
+    facts = [path for path in facts if path in texts and path not in used]
+    others = [path for path in texts if path not in {*used, *facts} and path[-1:] != (KEY,)]
+    raws = list(_raws(document, way, facts))
     is_sole = len(way.parts) == 1
     has_several = any(len(raw.parts) != 1 for raw in raws)
     in_lists = is_sole and way.parts[0][-1] in LOOPS and has_several
@@ -763,18 +764,20 @@ def _candidate(
     )
 
 
-def _raws(document: Document, way: Way, kinds: Sequence[Path]) -> Iterator[Raw]:
-    """Yield the rows at the paths of a way."""
+def _raws(document: Document, way: Way, facts: Sequence[Path]) -> Iterator[Raw]:
+    """Yield the rows at the paths of a way, those of records with kinds and quantities."""
     paths = (*way.parts, *way.results)
     if all(len(path) == 2 and path[0] == EACH and path[1].startswith(".") for path in paths):
         # Flat records, many times faster.
-        parts, made, kind = ([p[-1][1:] for p in each] for each in (way.parts, way.results, kinds))
+        parts, made, told = ([p[-1][1:] for p in each] for each in (way.parts, way.results, facts))
         places: Iterable[Place] = document.places or map("[{}]".format, count())
         for place, row in zip(places, document.value, strict=False):
             if isinstance(row, dict):
-                kind_of_row = str(row.get(kind[0]) or "") if kind else ""
                 cells = [row[name] for name in parts if name in row]
-                yield Raw(place, cells, [row[name] for name in made if name in row], kind_of_row)
+                results = [row[name] for name in made if name in row]
+                yield Raw(
+                    place, cells, results, **{name: str(row.get(name) or "") for name in told}
+                )
         return
     # Each of several places, such as [0] and [1], is filled.
     steps = set(chain.from_iterable(way.parts if len(way.parts) > 1 else ()))
@@ -789,4 +792,4 @@ def _exact_rows(raw: Raw) -> list[Entry]:
     parts = [part for part in raw.parts if part]
     if not parts or not raw.results[0]:
         return [LeftOut(raw.place, WITHOUT)]
-    return [Row(raw.place, parts, raw.results[0], raw.kind)]
+    return [Row(raw.place, parts, raw.results[0], raw.kind, raw.quantities)]

@@ -19,7 +19,8 @@ from msgspec.structs import replace
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest, one_of
-from wordcraft_kg.graphs.book_files.cells import odd_label
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.book_files.cells import is_number, odd_label
 from wordcraft_kg.graphs.book_files.documents import Document, as_records, read_document
 from wordcraft_kg.graphs.book_files.files import (
     Content,
@@ -197,12 +198,8 @@ def read_book(
             if isinstance(line, int) and label not in entities:
                 raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
         declared = tuple(sorted(rows.base))
-    kinds = {}
-    if rows.kinds:
-        # Recipes that the book left out have no kind in it.
-        kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     logging.getLogger(__name__).info("%s: %s", path, reading.line())
-    return replace_field(book, base=declared, kinds=kinds, reading=reading)
+    return rows.with_facts(replace_field(book, base=declared, reading=reading))
 
 
 def _without_faults(path: Path, rows: "BookRows") -> Iterator[Recipe]:
@@ -298,7 +295,8 @@ class BookRows:
         source: its rows.
         options: what the user says about the file.
         decoded: its text; empty for a data pack.
-        kinds: kind of reasoning by recipe; complete after the iteration.
+        kinds, quantities: kind of reasoning, and quantities, by recipe; complete after the
+            iteration.
         rows: rows that were recipes.
         left_out: places of other entries by reason.
         arities: number of rows by number of ingredients.
@@ -324,6 +322,7 @@ class BookRows:
         self.options = options
         self.decoded = decoded
         self.kinds: dict[Recipe, str] = {}
+        self.quantities: dict[Recipe, str] = {}
         self.rows = 0
         self.left_out: defaultdict[str, list[Place]] = defaultdict(list)
         self.arities: Counter[int] = Counter()
@@ -393,7 +392,7 @@ class BookRows:
 
     def _recipes(self, row: Row) -> list[Recipe] | Fault | LeftOut:
         """Return a row's recipes or its fault, or why it is left out."""
-        place, ingredients, result, kind = row
+        place, ingredients, result, kind, quantities = row
         self.arities[len(ingredients)] += 1
         if self.options.case == "fold":
             ingredients = [label.lower() for label in ingredients]
@@ -412,6 +411,15 @@ class BookRows:
             if known != kind:
                 message = f"{recipes[-1]} has the kind '{kind}' here, and '{known}' above."
                 return fault_at(place, "row", message)
+        if quantities and isinstance(recipes, list):
+            numbers = quantities.split()
+            if len(numbers) != len(ingredients) or not all(map(is_number, numbers)):
+                number = counted(len(ingredients), "ingredient")
+                message = f"the quantities '{quantities[:80]}' of {number}; expected a number each."
+                return fault_at(place, "row", message, "quantities")
+            # In the order of the recipe's ingredients; of a recipe that is repeated, the first.
+            in_order = [number for _, number in sorted(zip(ingredients, numbers, strict=True))]
+            self.quantities.setdefault(recipes[-1], " ".join(in_order))
         return recipes
 
     @cached_property
@@ -476,6 +484,18 @@ class BookRows:
         new = [half for half in halves if half not in self._halves]
         self._halves.update(new)
         return [*new, last]
+
+    def with_facts(self, book: RecipeBook) -> RecipeBook:
+        """Return a book with the kinds and quantities of those rows that became its recipes."""
+        told = self.kinds.keys() | self.quantities.keys()
+        recipes = [recipe for recipe in book.recipes if recipe in told] if told else []
+        return replace_field(
+            book,
+            kinds={recipe: self.kinds[recipe] for recipe in recipes if recipe in self.kinds},
+            quantities={
+                recipe: self.quantities[recipe] for recipe in recipes if recipe in self.quantities
+            },
+        )
 
     def reading(self, merged: int, self_results: int, labels: Collection[str]) -> Reading:
         """Return the record of how the file was read, after the iteration.

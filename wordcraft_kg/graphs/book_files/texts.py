@@ -45,6 +45,7 @@ from wordcraft_kg.graphs.book_files.rows import (
 from wordcraft_kg.graphs.book_files.words import (
     EACH,
     KIND,
+    QUANTITIES,
     is_documented,
     is_name,
     is_plain,
@@ -74,9 +75,9 @@ DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "pipes"}
 """Column delimiters that are tried, with their names."""
 _SPELT = {"comma": ",", "semicolon": ";", "tab": "\t", "\\t": "\t", "pipe": "|", "space": " "}
 _OWN = {
-    (*own_header(number), *kind)
+    (*own_header(number), *facts)
     for number in range(2, MOST_INGREDIENTS + 1)
-    for kind in ((), (KIND,))
+    for facts in ((), (KIND,), (QUANTITIES,), (KIND, QUANTITIES))
 }
 _SAMPLE_ROWS = 200
 _EVEN = 0.9  # share of rows with the most frequent number of cells

@@ -46,6 +46,8 @@ _JOINED = (
 
 KIND = "kind"
 """Name of the optional column with the kind of reasoning behind a recipe."""
+QUANTITIES = "quantities"
+"""Name of the optional column with a number for each ingredient, in the order of the row."""
 RESULT = words_of(
     "result results resulting product products output outputs out outcome outcomes makes made make "
     "creates create created creation crafted yield yields child offspring target gives give "

@@ -10,7 +10,7 @@ from wordcraft_kg.base.artefacts import output_target, write_atomically
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.texts import own_header
-from wordcraft_kg.graphs.book_files.words import KIND
+from wordcraft_kg.graphs.book_files.words import KIND, QUANTITIES
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 from wordcraft_kg.graphs.row_text import json_recipes, row_text
 
@@ -35,7 +35,7 @@ def write_book(book: RecipeBook, path: Path) -> None:
         write_atomically(target, book_json(book))
     elif ending in (".csv", ".tsv"):
         delimiter = "," if ending == ".csv" else "\t"
-        lines = recipe_table(book.recipes, delimiter, book.kinds)
+        lines = recipe_table(book, delimiter)
         write_atomically(target, chain(_directives(book), lines))
     else:
         raise RecipeFileError(
@@ -64,11 +64,11 @@ def write_rows(
     """
     delimiter = "," if path.suffix.lower() == ".csv" else "\t"
     header = own_header(max(map(len, book.recipes)) - 1)
-    names = (*header, KIND) if book.kinds else header
-    lines = [csv_line((*names, *columns), delimiter)]
+    facts = _facts(book)
+    lines = [csv_line((*header, *facts, *columns), delimiter)]
     for labels, cells in rows:
-        kind = (book.kinds.get(Recipe.of(*labels), ""),) if book.kinds else ()
-        lines.append(csv_line((*_in_columns(labels, header), *kind, *cells), delimiter))
+        told = (each.get(Recipe.of(*labels), "") for each in facts.values())
+        lines.append(csv_line((*_in_columns(labels, header), *told, *cells), delimiter))
     write_atomically(output_target(path), chain(_directives(book), lines))
 
 
@@ -87,23 +87,28 @@ def _directives(book: RecipeBook) -> Iterator[str]:
         yield f"# entities: {csv_line(book.idle, ',')}"
 
 
-def recipe_table(
-    recipes: Iterable[Recipe], delimiter: str = ",", kinds: Mapping[Recipe, str] | None = None
-) -> Iterator[str]:
-    """Yield table lines: a header, then ingredients and result, with kinds if any.
+def _facts(book: RecipeBook) -> dict[str, Mapping[Recipe, str]]:
+    """Return what a book tells of its recipes beside ingredients and result, by column."""
+    facts = {KIND: book.kinds, QUANTITIES: book.quantities}
+    return {name: each for name, each in facts.items() if each}
+
+
+def recipe_table(book: RecipeBook, delimiter: str = ",") -> Iterator[str]:
+    """Yield table lines: a header, then ingredients and result, with kinds and quantities if any.
 
     Args:
-        recipes: the recipes, in the order of the lines.
+        book: the book, whose recipes are in the order of the lines.
         delimiter: one character between cells.
-        kinds: kind of reasoning by recipe; None or empty for a table without this column.
     """
-    rows = RecipeRows.of(recipes)
+    rows = RecipeRows.of(book.recipes)
     num_ingredients = rows.ids.shape[1] - 1
     header = own_header(num_ingredients)
-    yield delimiter.join((*header, KIND) if kinds else header) + "\n"
-    if kinds:
+    facts = _facts(book)
+    yield delimiter.join((*header, *facts)) + "\n"
+    if facts:
         for recipe in rows:
-            yield csv_line((*_in_columns(recipe, header), kinds.get(recipe, "")), delimiter)
+            told = (each.get(recipe, "") for each in facts.values())
+            yield csv_line((*_in_columns(recipe, header), *told), delimiter)
         return
     # A label is looked at once, not in each of its recipes; the padding is a blank cell.
     texts = [*(_cell(label, delimiter) for label in rows.labels), ""]
@@ -127,8 +132,9 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     yield "{\n"
     yield f'"format": {dump(_JSON_FORMAT)},\n'
     yield f'"name": {dump(book.name)},\n'
-    if book.kinds:
-        extra["kinds"] = [book.kinds.get(recipe, "") for recipe in book.recipes]
+    for name, each in (("kinds", book.kinds), (QUANTITIES, book.quantities)):
+        if each:
+            extra[name] = [each.get(recipe, "") for recipe in book.recipes]
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n'

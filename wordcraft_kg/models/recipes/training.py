@@ -296,6 +296,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             ArtefactError: if a folder of outside knowledge, vectors or a graph is damaged.
         """
         super().__init__(config, opened)
+        # Sets of other sizes are refused before words are looked up.
+        _ = opened.graph.recipes
         settings = config.settings
         sources = (settings.with_, opened, settings.features)
         # Outside knowledge is tables of all pairs: said before files are read and folds drawn.

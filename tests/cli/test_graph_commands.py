@@ -274,7 +274,7 @@ BAD_OPTIONS = {
     "endless base file": ("kitchen --base-file /dev/zero", "--base-file '/dev/zero': No such file"),
     "no config": ("kitchen --config {home}/nowhere.toml", "nowhere.toml: no such file"),
     "endless config": ("kitchen --config /dev/zero", "--config /dev/zero: no such file"),
-    "misspelt split": ("kitchen --split by-gaol", '"by-goal"'),
+    "misspelt split": ("kitchen --split by-gaol", "Did you mean 'by-goal'?"),
 }
 NOT_BUILT = {
     **{

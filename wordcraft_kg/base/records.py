@@ -73,7 +73,7 @@ def parse_record(
             and the field.
     """
     try:
-        return msgspec.json.decode(data, type=kind)
+        return msgspec.json.decode(data, type=kind, dec_hook=_tuple_of_texts)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         if is_verified:
             raise ArtefactError(
@@ -130,9 +130,21 @@ def as_record(
         ArtefactError: if the values do not fit ``kind``; the message names ``path`` and the field.
     """
     try:
-        return msgspec.convert(values, kind)
+        return msgspec.convert(values, kind, dec_hook=_tuple_of_texts)
     except msgspec.ValidationError as error:
         raise _damaged(path, error) from None
+
+
+def _tuple_of_texts(kind: type, value: Any) -> Any:
+    """Return a value of a subclass of tuples of texts, such as a recipe, for its JSON array.
+
+    Raises:
+        ValueError: for any other value, which msgspec reports with its place.
+    """
+    is_array = isinstance(value, list) and all(isinstance(text, str) for text in value)
+    if not (is_array and issubclass(kind, tuple)):
+        raise ValueError(f"Expected an array of texts, got {type(value).__name__}")
+    return tuple.__new__(kind, value)
 
 
 def _damaged(path: Path | str, error: Exception) -> ArtefactError:
@@ -176,7 +188,7 @@ def checked_values(record: Record) -> Any:
         TypeError: if a value has no JSON form, such as a NumPy number.
     """
     values = as_values(record)
-    msgspec.convert(values, type(record))
+    msgspec.convert(values, type(record), dec_hook=_tuple_of_texts)
     return values
 
 

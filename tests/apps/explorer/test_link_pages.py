@@ -249,8 +249,7 @@ def test_what_speaks_for_a_prediction_is_named_beside_it(explored):
             like = (head, witness.head) if witness.tail == tail else (tail, witness.tail)
             recipe = witness.recipes[0]
             shown = (
-                f"{like[0]} is like {like[1]}: {recipe.ingredient_a} + {recipe.ingredient_b} → "
-                f"{recipe.result}"
+                f"{like[0]} is like {like[1]}: {' + '.join(recipe.ingredients)} → {recipe.result}"
             )
             assert shown in text
             named += 1

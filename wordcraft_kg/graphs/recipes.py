@@ -59,7 +59,7 @@ class Recipe(tuple[str, ...]):
         labels = (*sorted(ingredients), result)
         if len(labels) < 2:
             raise TypeError(f"{result!r} has no ingredient; a recipe needs one.")
-        return super().__new__(cls, labels)
+        return tuple.__new__(cls, labels)
 
     @classmethod
     def of(cls, *labels: str) -> "Recipe":

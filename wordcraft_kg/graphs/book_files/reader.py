@@ -397,10 +397,14 @@ class BookRows:
         if self.options.case == "fold":
             ingredients = [label.lower() for label in ingredients]
             result = result.lower()
-        is_chain = len(ingredients) > 2 and self.options.ingredients == "chain"
-        make = self._chained if is_chain else self._set
-        recipes = make(place, ingredients, result)
-        if isinstance(recipes, list) and not is_step(recipes[-1]):
+        recipes: list[Recipe] | Fault | LeftOut
+        if len(ingredients) == 2:
+            recipes = [Recipe(ingredients, result)]
+        elif len(ingredients) > 2 and self.options.ingredients == "chain":
+            recipes = self._chained(place, ingredients, result)
+        else:
+            recipes = self._set(place, ingredients, result)
+        if result.endswith(HALF) and isinstance(recipes, list) and not is_step(recipes[-1]):
             message = (
                 f"the label {result[:80]!r} ends like a half-product, in{HALF!r}, and is not that "
                 f"of {' and '.join(map(repr, ingredients))[:160]}; rename it."

@@ -333,6 +333,7 @@ WORDNET = (
 OTHERS = "needs games of a language model in Inspect; tests/apps/text_agents has logs"
 RAY = "needs the nodes of a Ray cluster; tests/studies starts one on this machine"
 NOT_RUN = {
+    "build-graph reactions.json": "needs a published split; tests/cli/test_sets_commands.py has one",
     "books --fetch": NETWORK,
     "hub pull": NETWORK,
     "hub push models/mine": NETWORK,

@@ -167,11 +167,11 @@ def different_ingredients(recipes: Ids, padding: int) -> tuple[Ids, Ids]:
     Returns:
         Two arrays of one length, by column and then by row.
     """
-    first, *others = recipes[:, :-1].T
+    first, *later_columns = recipes[:, :-1].T
     rows = [np.arange(len(recipes))]
     entities = [first]
     before = first
-    for column in others:
+    for column in later_columns:
         # Equal ingredients are neighbours, as they are sorted.
         is_new = (column != before) & (column != padding)
         rows.append(rows[0][is_new])

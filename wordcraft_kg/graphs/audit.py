@@ -358,8 +358,8 @@ def audit(
         split: a split of it.
         book: the source of the graph, for the counts of omitted rows; None without a book.
     """
-    whole = ~graph.is_half_product
-    alike = alike_labels(graph.labels(np.flatnonzero(whole)))
+    is_entity = ~graph.is_half_product
+    alike = alike_labels(graph.labels(np.flatnonzero(is_entity)))
     # Relation ids are 0 and 1, also where a book has no triple of one.
     relation = graph.triples[:, 1]
     combines_with, component_of = np.bincount(relation, minlength=len(RELATIONS)).tolist()
@@ -367,7 +367,7 @@ def audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
         merged_duplicates=None if book is None else book.merged_duplicates,
         reading=graph.reading,
-        entities=int(np.sum(whole)),
+        entities=int(np.sum(is_entity)),
         half_products=graph.num_half_products,
         recipes=int(np.sum(~graph.makes_half_product)),
         pairs=int(np.sum(graph.num_results > 0)),
@@ -388,12 +388,12 @@ def audit(
 def split_summary(split: Split) -> SplitSummary:
     """Return a split's settings, and recipe and triple counts by part."""
     # A step of a chain is no recipe of the book.
-    kept = ~split.graph.makes_half_product
-    train, valid, test = np.bincount(split.parts[kept], minlength=3).tolist()
+    is_book_recipe = ~split.graph.makes_half_product
+    train, valid, test = np.bincount(split.parts[is_book_recipe], minlength=3).tolist()
     # Triples of test recipes that train or validation recipes give, too, are not evaluated.
     evaluated = split.held_out("test")
-    of_test = split.triples_of("test")
-    goals = distinct(split.graph.sets[split.is_in("test") & kept, -1])
+    test_triples = split.triples_of("test")
+    goals = distinct(split.graph.sets[split.is_in("test") & is_book_recipe, -1])
     is_train_goal = np.isin(goals, split.sets("train")[:, -1])
     return SplitSummary(
         **asdict(split.config),
@@ -404,7 +404,7 @@ def split_summary(split: Split) -> SplitSummary:
         partial_triples=len(split.partial),
         unseen_triples=len(split.unseen),
         evaluated_triples=len(evaluated),
-        leaked_triples=int(np.sum(split.is_fact(of_test))) - len(evaluated),
+        leaked_triples=int(np.sum(split.is_fact(test_triples))) - len(evaluated),
         covered=not len(split.uncovered),
         uncovered=len(split.uncovered),
         uncovered_entities=split.graph.labels(split.uncovered[:SHOWN]),
@@ -485,9 +485,9 @@ def leakage(split: Split) -> dict[Relation, Leakage]:
     has_mirror = is_in(mirrors, split.partial, split.graph.num_entities)
     tables: dict[Relation, Leakage] = {}
     for relation, name in enumerate(RELATIONS):
-        of_test = split.triples_of("test")
+        test_triples = split.triples_of("test")
         # Half-products of chains are no facts of the game.
-        from_test = _count(of_test[split.is_fact(of_test)], relation)
+        from_test = _count(test_triples[split.is_fact(test_triples)], relation)
         num_evaluated = _count(evaluated, relation)
         tables[name] = Leakage(
             train=_count(split.partial, relation),
@@ -514,9 +514,9 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
         # Recipes are sorted by pair, so those of a pair follow each other.
         start, stop = graph.pair_starts[pair : pair + 2]
         ingredients = graph.sets[start, : graph.sizes[start]]
-        made = graph.sets[start:stop, -1]
-        whole = made[~graph.is_half_product[made]]
-        examples.append(AmbiguousPair(graph.labels(ingredients), graph.labels(whole)))
+        result_ids = graph.sets[start:stop, -1]
+        entity_ids = result_ids[~graph.is_half_product[result_ids]]
+        examples.append(AmbiguousPair(graph.labels(ingredients), graph.labels(entity_ids)))
     numbers, pairs = np.unique(num_results[num_results > 0], return_counts=True)
     # Keys of JSON are texts.
     pairs_by_number = dict(zip(map(str, numbers), pairs.tolist(), strict=True))
@@ -529,15 +529,15 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
 
 def reachability(graph: RecipeGraph) -> Reachability:
     """Count the entities that can be made from the base, by rounds."""
-    whole = ~graph.is_half_product
+    is_entity = ~graph.is_half_product
     layer = layers(graph)
-    unreachable = np.flatnonzero((layer < 0) & whole)
-    layer = layer[whole]
-    known = rounds(layer)  # round 0 is the base and no round of play
+    unreachable = np.flatnonzero((layer < 0) & is_entity)
+    layer = layer[is_entity]
+    known_counts = rounds(layer)  # round 0 is the base and no round of play
     return Reachability(
         reachable=int(np.sum(layer >= 0)),
-        rounds=max(len(known) - 1, 0),
-        known_after_round=tuple(known),
+        rounds=max(len(known_counts) - 1, 0),
+        known_after_round=tuple(known_counts),
         unreachable=len(unreachable),
         unreachable_entities=graph.labels(unreachable[:SHOWN]),
     )
@@ -545,16 +545,16 @@ def reachability(graph: RecipeGraph) -> Reachability:
 
 def degrees(graph: RecipeGraph) -> Degrees:
     """Count how often entities are made and used; half-products of chains do not count."""
-    whole = ~graph.is_half_product
+    is_entity = ~graph.is_half_product
     # Arrays keep an entry for each entity, so that a place stays an id; half-products count 0.
-    uses = np.where(whole, graph.use_counts, 0)
-    recipes = np.where(whole, graph.recipe_counts, 0)
+    uses = np.where(is_entity, graph.use_counts, 0)
+    recipes = np.where(is_entity, graph.recipe_counts, 0)
     craftable = recipes[recipes > 0]
 
     def top(counts: Ids) -> tuple[tuple[str, int], ...]:
         # Stable, so that ties are in alphabetical order.
         order = np.argsort(-counts, kind="stable")
-        first = order[whole[order]][:_TOP]
+        first = order[is_entity[order]][:_TOP]
         pairs = []
         for entity in first.tolist():
             pairs.append((graph.entities[entity], int(counts[entity])))
@@ -570,7 +570,7 @@ def degrees(graph: RecipeGraph) -> Degrees:
         craftable=len(craftable),
         recipes_per_craftable=Spread(mean=mean, median=median, max=int(craftable.max(initial=0))),
         terminal=int(np.sum((uses == 0) & (recipes > 0))),
-        idle=int(np.sum((uses == 0) & (recipes == 0) & whole)),
+        idle=int(np.sum((uses == 0) & (recipes == 0) & is_entity)),
         self_pairs=graph.num_self_pairs,
         most_used=top(uses),
         most_recipes=top(recipes),
@@ -580,11 +580,13 @@ def degrees(graph: RecipeGraph) -> Degrees:
 def view_build(audit: Audit, folder: Path) -> BuiltGraph:
     """Return a new graph's main counts from its audit."""
     # Most fields stand in the audit under the same names.
-    same = {
+    shared_fields = {
         name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)
     }
     reached = audit.reachability
-    return BuiltGraph(**same, reachable=reached.reachable, rounds=reached.rounds, out=str(folder))
+    return BuiltGraph(
+        **shared_fields, reachable=reached.reachable, rounds=reached.rounds, out=str(folder)
+    )
 
 
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:

@@ -198,11 +198,11 @@ def check_book(
             finding instead, but not a folder.
         ConfigError: for an option outside its values, or `columns` that the file does not have.
     """
-    chosen = BookOptions(**options)
+    book_options = BookOptions(**options)
     if not path.is_dir():
         read_bytes(path)  # raises for a missing or unreadable file
     try:
-        rows = open_rows(path, chosen)
+        rows = open_rows(path, book_options)
     except RecipeFileError as error:
         if path.is_dir():
             raise
@@ -217,12 +217,12 @@ def check_book(
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))
         return BookCheck(_sorted(findings), None, None, None, reading)
-    wanted = book.base if base is None else tuple(base)
+    base_labels = book.base if base is None else tuple(base)
     # The check goes on without unknown base entities, so that it finds everything else too.
     known_base = None
-    if wanted is not None:
-        known_base = set(wanted).intersection(book.entities)
-        unknown = sorted(set(wanted).difference(known_base))
+    if base_labels is not None:
+        known_base = set(base_labels).intersection(book.entities)
+        unknown = sorted(set(base_labels).difference(known_base))
         if unknown:
             hint = nearest(unknown[0], book.entities)
             message = f"base entities that are not in {book.name}: {listed(unknown)}{hint}"
@@ -232,15 +232,15 @@ def check_book(
     findings += _inferred_base(graph)
     findings += _characters(graph, line_of)
     findings += _spellings(graph, line_of)
-    findings += _idle(graph, wanted)
+    findings += _idle(graph, base_labels)
     findings += _inside(graph)
     findings += _unreachable(graph, line_of, lines_of)
     findings += _plurals(graph, line_of)
     findings += _lonely(graph, line_of)
     twins = list(alike_by_a_letter(graph.entities))
     findings += [_note("twin", twin_message(pair), _at(pair, line_of)) for pair in twins]
-    findings += _short_names(graph, wanted, line_of)
-    mended = replace(book, base=None if wanted is None else graph.base, reading=reading)
+    findings += _short_names(graph, base_labels, line_of)
+    mended = replace(book, base=None if base_labels is None else graph.base, reading=reading)
     return BookCheck(
         findings=_sorted(findings),
         figures=_statistics(graph),
@@ -298,10 +298,10 @@ def _read_rows(
         lines_of.setdefault(recipes[-1], []).append(place)
         halves |= dict.fromkeys(recipes[:-1])
     for (kind, _), alike in faults.items():
-        first, *others = alike
+        first, *further_faults = alike
         message = first.message
-        if others:
-            message = f"{message} ({len(others):,} more like this)"
+        if further_faults:
+            message = f"{message} ({len(further_faults):,} more like this)"
         lines = _numbers(fault.place for fault in alike)
         findings.append(_problem(kind, message, lines))
     findings += _repeated(lines_of)
@@ -310,13 +310,13 @@ def _read_rows(
         # As often as in the file: the book counts repetitions.
         every += [recipe] * len(places)
     book = RecipeBook.of(name, [*every, *halves], listed=rows.listed)
-    known = set(book.entities)
+    known_labels = set(book.entities)
     base = None
     if rows.base is not None:
-        base = tuple(sorted(known & rows.base.keys()))
+        base = tuple(sorted(known_labels & rows.base.keys()))
         for label, place in rows.base.items():
-            if label not in known:
-                message = unknown_base(label, known)
+            if label not in known_labels:
+                message = unknown_base(label, known_labels)
                 findings.append(_problem("base", message, _numbers([place])))
     faulty = [fault.place for fault in chain(*faults.values()) if fault.kind != "directive"]
     if faulty:
@@ -377,14 +377,14 @@ def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
         places = lines_of[recipe]
         message = f"{recipe} is listed {len(places):,} times"
         # Places in JSON have no line number, so the message names them.
-        where = [place for place in places[:LISTED] if isinstance(place, str)]
-        if where:
-            message = f"{message}: {', '.join(where)}"
+        json_places = [place for place in places[:LISTED] if isinstance(place, str)]
+        if json_places:
+            message = f"{message}: {', '.join(json_places)}"
         yield _problem("duplicate", message, _numbers(places))
-    rest = twice[MAX_DUPLICATES:]
-    if rest:
-        message = f"{len(rest):,} more recipes are listed more than once"
-        yield _problem("duplicate", message, _lines_of(lines_of, rest))
+    unlisted_recipes = twice[MAX_DUPLICATES:]
+    if unlisted_recipes:
+        message = f"{len(unlisted_recipes):,} more recipes are listed more than once"
+        yield _problem("duplicate", message, _lines_of(lines_of, unlisted_recipes))
 
 
 def _lines_of(lines_of: Mapping[Any, Sequence[Place]], keys: Iterable[Any]) -> list[int]:
@@ -458,9 +458,9 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
         unused = graph.labels(graph.base_ids[is_unused])
     if unused:
         yield _problem("base", f"base entities that no recipe uses: {listed(unused)}")
-    others = [label for label in idle if label not in unused]
-    if others:
-        yield _note("idle", f"listed, but in no recipe: {listed(others)}")
+    idle_labels = [label for label in idle if label not in unused]
+    if idle_labels:
+        yield _note("idle", f"listed, but in no recipe: {listed(idle_labels)}")
 
 
 def _inside(graph: RecipeGraph) -> Iterator[Finding]:
@@ -508,7 +508,9 @@ def _unreachable(
     needs.add_nodes_from(sorted(outside))
     for *ingredients, result in graph.sets.tolist():
         if result in outside:
-            needs.add_edges_from((one, result) for one in ingredients if one in outside)
+            needs.add_edges_from(
+                (ingredient, result) for ingredient in ingredients if ingredient in outside
+            )
     # Entities that need one another are one finding, not one each.
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         # Half-products are no entities of the file. Each needs an ingredient outside that is one.
@@ -556,22 +558,22 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
 
 def twin_message(pair: tuple[str, str]) -> str:
     """Return the message on two labels that differ in a letter."""
-    label, other = pair
-    return f"'{label}' and '{other}' may be one word; if they are, use one spelling"
+    label, similar_label = pair
+    return f"'{label}' and '{similar_label}' may be one word; if they are, use one spelling"
 
 
 def _short_names(
     graph: RecipeGraph, base: tuple[str, ...] | None, line_of: Mapping[str, int]
 ) -> Iterator[Finding]:
     """Yield notes on things that are only used, although others of this name are made."""
-    for label, made in used_and_made(graph):
+    for label, longer_labels in used_and_made(graph):
         if base is None or label not in base:
-            verb = "is" if len(made) == 1 else "are"
+            verb = "is" if len(longer_labels) == 1 else "are"
             message = (
-                f"'{label}' is only used, and {listed(made)} {verb} made; if they are the same "
+                f"'{label}' is only used, and {listed(longer_labels)} {verb} made; if they are the same "
                 "thing, use one name"
             )
-            yield _note("twin", message, _at((label, *made), line_of))
+            yield _note("twin", message, _at((label, *longer_labels), line_of))
 
 
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -589,7 +591,7 @@ def _statistics(graph: RecipeGraph) -> BookStatistics:
     counts = degrees(graph)
     results = graph.num_results
     num_recipes = int(np.sum(~graph.makes_half_product))
-    made = graph.recipe_counts[(graph.recipe_counts > 0) & ~graph.is_half_product]
+    craftable_counts = graph.recipe_counts[(graph.recipe_counts > 0) & ~graph.is_half_product]
     (most_used, uses), *_ = counts.most_used
     return BookStatistics(
         entities=int(np.sum(~graph.is_half_product)),
@@ -598,8 +600,8 @@ def _statistics(graph: RecipeGraph) -> BookStatistics:
         base=graph.base,
         reachable=reached.reachable,
         max_layer=reached.rounds,
-        mean_recipes_per_craftable=float(made.mean()),
-        share_with_two_recipes=float(np.mean(made >= 2)),
+        mean_recipes_per_craftable=float(craftable_counts.mean()),
+        share_with_two_recipes=float(np.mean(craftable_counts >= 2)),
         terminal=counts.terminal,
         self_pairs=counts.self_pairs,
         pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),

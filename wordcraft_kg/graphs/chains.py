@@ -47,18 +47,18 @@ def chain(ingredients: Sequence[str], result: str) -> list[Recipe]:
         coal + rope -> coal + rope + …
         coal + rope + … + stick -> torch
     """
-    first, *others = sorted(ingredients)
-    if not others:
+    first, *later_ingredients = sorted(ingredients)
+    if not later_ingredients:
         return [Recipe.of(first, first, result)]
     recipes = []
     # What is there after each step, and the same without the mark of a half-product.
     at_hand = first
-    done = first
-    for ingredient in others[:-1]:
-        done = f"{done} + {ingredient}"
-        recipes.append(Recipe.of(at_hand, ingredient, done + HALF))
-        at_hand = done + HALF
-    return [*recipes, Recipe.of(at_hand, others[-1], result)]
+    sum_label = first
+    for ingredient in later_ingredients[:-1]:
+        sum_label = f"{sum_label} + {ingredient}"
+        recipes.append(Recipe.of(at_hand, ingredient, sum_label + HALF))
+        at_hand = sum_label + HALF
+    return [*recipes, Recipe.of(at_hand, later_ingredients[-1], result)]
 
 
 def is_step(recipe: Recipe) -> bool:
@@ -79,8 +79,11 @@ def is_step(recipe: Recipe) -> bool:
     if len(recipe.ingredients) != 2:
         return False
     # In either order: a recipe sorts its ingredients again, after the half-product has its name.
-    one, other = (label.removesuffix(HALF) for label in recipe.ingredients)
-    return recipe.result.removesuffix(HALF) in (f"{one} + {other}", f"{other} + {one}")
+    first_label, second_label = (label.removesuffix(HALF) for label in recipe.ingredients)
+    return recipe.result.removesuffix(HALF) in (
+        f"{first_label} + {second_label}",
+        f"{second_label} + {first_label}",
+    )
 
 
 def makes_nothing(recipes: Iterable[Recipe]) -> bool:
@@ -122,9 +125,9 @@ def unchained(recipes: Iterable[Recipe]) -> list[tuple[tuple[str, ...], str]]:
                 parts.append(current)
         return parts
 
-    whole = []
+    full_recipes = []
     for recipe in recipes:
         if not is_half_product(recipe.result):
             parts = [part for label in recipe.ingredients for part in expanded(label)]
-            whole.append((tuple(sorted(parts)), recipe.result))
-    return whole
+            full_recipes.append((tuple(sorted(parts)), recipe.result))
+    return full_recipes

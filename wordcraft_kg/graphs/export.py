@@ -91,11 +91,11 @@ def export_graph(
         # The train recipes, or all others. All entities stay, so that ids mean the same.
         graph = graph.part(opened.split.is_in("train") == (part == "partial"))
     # Some formats are built in memory as a whole: refused before the machine runs out of it.
-    needed = graph.num_recipes * exporter.recipe_bytes
-    if needed > MOST_BYTES:
+    needed_bytes = graph.num_recipes * exporter.recipe_bytes
+    if needed_bytes > MOST_BYTES:
         raise ConfigError(
             f"`format` {format!r}: {graph.num_recipes:,} recipes would take about "
-            f"{needed / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
+            f"{needed_bytes / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
             "Take nt, tsv, parquet, csv, json, hif or sentences, which need little."
         )
     # Unseen triples are those that train recipes do not give; an unseen recipe may give others.
@@ -123,12 +123,12 @@ def _graphml(graph: RecipeGraph, triples: Ids, path: Path) -> None:
 def _sentences(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
     """Yield a line with a sentence for each recipe; a self pair names its ingredient once."""
     for recipe in graph.recipe_labels():
-        first, *others = recipe.ingredients
-        if others == [first]:
-            others = ["itself"]
-        *between, last = others or [""]
+        first, *partners = recipe.ingredients
+        if partners == [first]:
+            partners = ["itself"]
+        *between, last = partners or [""]
         with_others = f" with {' and '.join(filter(None, (', '.join(between), last)))}"
-        yield f"Combining {first}{with_others if others else ''} makes {recipe.result}.\n"
+        yield f"Combining {first}{with_others if partners else ''} makes {recipe.result}.\n"
 
 
 def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:

@@ -230,11 +230,13 @@ def write_graph_folder(
             source["reading"] = as_values(book.reading)
         # Labels of the graph's recipes, in id order, so that equal graphs give equal files.
         recipes = RecipeRows(graph.entities, graph.sets)
-        of_graph = replace(book, name=graph.name, recipes=recipes, base=graph.base)
-        write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
+        graph_book = replace(book, name=graph.name, recipes=recipes, base=graph.base)
+        write_atomically(
+            folder / "graph.json", book_json(graph_book, hash=graph.hash, source=source)
+        )
         write_atomically(folder / "split.json", split.to_json())
         (folder / "triples").mkdir()
-        for name, lines in _derived_files(split, of_graph).items():
+        for name, lines in _derived_files(split, graph_book).items():
             write_atomically(folder / name, lines)
         record = audit(graph, split, book)
         write_atomically(folder / "audit.json", dump_json(as_values(record)))
@@ -308,14 +310,14 @@ def _read_graph(folder: Path) -> RecipeGraph:
         recorded = read_json(path, GRAPH_FILE)
     name = recorded.get("name", graph.name)
     damaged = f"{path} is damaged or was edited"
-    again = "Build the graph again with `wordcraft-kg build-graph`."
+    remedy = "Build the graph again with `wordcraft-kg build-graph`."
     if not isinstance(name, str):
-        raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {again}")
+        raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {remedy}")
     # Commands without `out` write to a folder of this name, which must not lead anywhere else.
     if not _is_folder_name(name):
         raise ArtefactError(
             f"{damaged}: its name is {name[:100]!r}; expected a name without folders and "
-            f"control characters. {again}"
+            f"control characters. {remedy}"
         )
     graph.name = name
     origin = recorded.get("source")
@@ -327,9 +329,9 @@ def _read_graph(folder: Path) -> RecipeGraph:
         try:
             graph.reading = msgspec.convert(origin["reading"], Reading)
         except msgspec.ValidationError as error:
-            raise ArtefactError(f"{damaged}: its reading is invalid ({error}). {again}") from None
+            raise ArtefactError(f"{damaged}: its reading is invalid ({error}). {remedy}") from None
     if recorded.get("hash") != graph.hash:
-        raise ArtefactError(f"{damaged}: its content does not match its hash. {again}")
+        raise ArtefactError(f"{damaged}: its content does not match its hash. {remedy}")
     return graph
 
 

@@ -103,8 +103,8 @@ class Folds:
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:
         """Return the triples of the train sample outside the ``left_out`` folds, sorted."""
-        seen = self.train_sample.among(self.seen(left_out))
-        return frozen(recipe_triples(seen, self.split.graph.num_entities))
+        sample_recipes = self.train_sample.among(self.seen(left_out))
+        return frozen(recipe_triples(sample_recipes, self.split.graph.num_entities))
 
     @cached_property
     def hash(self) -> str:
@@ -130,7 +130,7 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
         GraphMismatchError: if a train task uses a recipe without a fold: the folds belong to
             another split.
     """
-    of_task = np.full(len(tasks), SEVERAL, dtype=np.int64)
+    task_folds = np.full(len(tasks), SEVERAL, dtype=np.int64)
     fold_of = of_recipe.tolist()
     # Counted without held-out recipes, on whose number nothing in training may depend.
     number = np.cumsum(of_recipe != OUTSIDE)
@@ -147,8 +147,8 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
         if shared:
             # Deeper plans may leave a choice. It depends on the plan alone, so that a task has the
             # same fold in every set of tasks.
-            of_task[task] = shared[number[list(plans[0])].sum() % len(shared)]
-    return of_task
+            task_folds[task] = shared[number[list(plans[0])].sum() % len(shared)]
+    return task_folds
 
 
 def make_folds(
@@ -194,6 +194,6 @@ def make_folds(
     order = np.random.default_rng([seed, count]).permutation(len(groups))
     fold_of_group = np.empty(len(groups), dtype=np.int64)
     fold_of_group[order] = np.arange(len(groups)) % count
-    of_recipe = np.full(split.graph.num_recipes, OUTSIDE, dtype=np.int64)
-    of_recipe[rows] = fold_of_group[group_of_row]
-    return Folds(split, count, seed, of_recipe)
+    recipe_folds = np.full(split.graph.num_recipes, OUTSIDE, dtype=np.int64)
+    recipe_folds[rows] = fold_of_group[group_of_row]
+    return Folds(split, count, seed, recipe_folds)

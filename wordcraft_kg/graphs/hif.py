@@ -140,18 +140,18 @@ def recipes_of_hif(document: Mapping[str, Any], where: str = "HIF") -> HifRecipe
         marks[label] = _object(node, "attrs", place).get("base")
     facts: dict[str, dict[str | int, str]] = {name: {} for name in _FACTS}
     for described, place in _objects(document, "edges", where):
-        for name_of_fact, known in facts.items():
+        for name_of_fact, facts_by_edge in facts.items():
             fact = _object(described, "attrs", place).get(name_of_fact)
             if fact:
                 edge_name = _identifier(described, "edge", place)
-                known[edge_name] = check_label(fact, f"{place}: {name_of_fact}")
+                facts_by_edge[edge_name] = check_label(fact, f"{place}: {name_of_fact}")
     rows = []
     facts_of_rows: list[list[str]] = []
     edges = _edges(document, nodes, where)
     for name, edge in edges.items():
         for result in edge.heads:
             rows.append((*edge.tail.elements(), result))
-            facts_of_rows.append([known.get(name, "") for known in facts.values()])
+            facts_of_rows.append([facts_by_edge.get(name, "") for facts_by_edge in facts.values()])
     base = None
     # A file in which nothing is marked says nothing of the base, rather than that it is empty.
     if any(isinstance(mark, bool) for mark in marks.values()):
@@ -221,10 +221,11 @@ class _Nodes:
         """Return the label of the node that an object names."""
         identifier = _identifier(holder, "node", place)
         label = check_label(str(identifier), place)
-        known = self.labels.setdefault(label, identifier)
-        if type(known) is not type(identifier):
+        first_identifier = self.labels.setdefault(label, identifier)
+        if type(first_identifier) is not type(identifier):
             raise RecipeFileError(
-                f"{place}: the nodes {known!r} and {identifier!r} would be one entity. Rename one."
+                f"{place}: the nodes {first_identifier!r} and {identifier!r} would be one entity. "
+                "Rename one."
             )
         return label
 
@@ -232,13 +233,13 @@ class _Nodes:
 def _check_directed(document: Mapping[str, Any], where: str) -> None:
     """Refuse a hypergraph that does not say which nodes are ingredients."""
     kind = document.get("network-type", "directed")
-    found = "" if kind == "directed" else f"the network-type {shown(kind)}"
+    problem = "" if kind == "directed" else f"the network-type {shown(kind)}"
     for incidence, place in _objects(document, "incidences", where):
         if incidence.get("direction") not in _DIRECTIONS:
-            found = found or place
-    if found:
+            problem = problem or place
+    if problem:
         raise RecipeFileError(
-            f"{where}: a hypergraph without directions ({found}); expected a directed one, in "
+            f"{where}: a hypergraph without directions ({problem}); expected a directed one, in "
             "which each recipe is an edge, its ingredients have the direction 'tail', and its "
             "result 'head'. Other hypergraphs do not say what is made."
         )

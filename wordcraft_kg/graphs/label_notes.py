@@ -43,9 +43,9 @@ def count_in(cell: str) -> tuple[str, int] | None:
     if not any(char.isdigit() for char in cell):
         return None
     for pattern in _COUNTS:
-        found = pattern.fullmatch(cell)
-        if found:
-            return found["label"].strip(), int(found["number"])
+        match = pattern.fullmatch(cell)
+        if match:
+            return match["label"].strip(), int(match["number"])
     return None
 
 
@@ -60,11 +60,11 @@ def notes_about(labels: Collection[str]) -> list[str]:
 
 def note_of_missing(labels: Collection[str]) -> list[str]:
     """Return a remark, or none, about labels that often stand for nothing, such as NA."""
-    kept = sorted(label for label in labels if label == NOTHING or is_missing(label))
-    if not kept:
+    missing_like_labels = sorted(label for label in labels if label == NOTHING or is_missing(label))
+    if not missing_like_labels:
         return []
-    names = ", ".join(map(_quoted, kept))
-    noun = "an entity" if len(kept) == 1 else "entities"
+    names = ", ".join(map(_quoted, missing_like_labels))
+    noun = "an entity" if len(missing_like_labels) == 1 else "entities"
     return [f"{names} kept as {noun}"]
 
 
@@ -73,16 +73,16 @@ def note_of_numbers(labels: Collection[str]) -> list[str]:
 
     One label is enough if it stands beside the label without the number.
     """
-    known = set(labels)
+    label_set = set(labels)
     numbered = []
     beside = []
     for label in labels:
-        found = count_in(label)
-        if found:
+        counted_label = count_in(label)
+        if counted_label:
             numbered.append(label)
-            if found[0] in known:
+            if counted_label[0] in label_set:
                 beside.append(label)
-    if not beside and len(numbered) <= _CLEAR * len(known):
+    if not beside and len(numbered) <= _CLEAR * len(label_set):
         return []
     example = _quoted(min(beside or numbered))
     also = " beside the label without it" if beside else ""

@@ -125,8 +125,8 @@ def cache_folder() -> Path:
 
     It is in ``XDG_CACHE_HOME``, by default ``~/.cache``.
     """
-    given = os.environ.get("XDG_CACHE_HOME")
-    root = Path(given) if given else Path.home() / ".cache"
+    cache_root = os.environ.get("XDG_CACHE_HOME")
+    root = Path(cache_root) if cache_root else Path.home() / ".cache"
     return root / "wordcraft-kg" / "books"
 
 

@@ -98,4 +98,4 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
 def _word(rng: np.random.Generator) -> str:
     """Draw one of 64 million words with three syllables."""
     letters = (_STARTS, _VOWELS, _ENDS, _STARTS, _VOWELS, _STARTS, _VOWELS, _ENDS)
-    return "".join(str(rng.choice(some)) for some in letters)
+    return "".join(str(rng.choice(choices)) for choices in letters)

@@ -53,8 +53,8 @@ def layers(
             is_possible &= is_known[column[recipes]]
         if usable is not None:
             is_possible &= usable[recipes]
-        made = result[recipes[is_possible]]
-        frontier = distinct(made[layer[made] < 0])
+        result_ids = result[recipes[is_possible]]
+        frontier = distinct(result_ids[layer[result_ids] < 0])
     return layer
 
 
@@ -131,17 +131,17 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
     shown: set[str] = set()
     stack = [(goal, "", "")]
     while stack:
-        label, own, below = stack.pop()
+        label, prefix, below = stack.pop()
         if label not in made_by or label in shown:
             note = " (see above)" if label in shown else ""
-            yield f"{own}{label}{note}"
+            yield f"{prefix}{label}{note}"
             continue
         shown.add(label)
         ingredients = made_by[label].ingredients
-        yield f"{own}{label} = {' + '.join(ingredients)}"
-        made = [part for part in dict.fromkeys(ingredients) if part in made_by]
-        for part in reversed(made):  # a stack returns the last first
-            if part == made[-1]:
+        yield f"{prefix}{label} = {' + '.join(ingredients)}"
+        craftable_parts = [part for part in dict.fromkeys(ingredients) if part in made_by]
+        for part in reversed(craftable_parts):  # a stack returns the last first
+            if part == craftable_parts[-1]:
                 stack.append((part, f"{below}└─ ", f"{below}   "))
             else:
                 stack.append((part, f"{below}├─ ", f"{below}│  "))
@@ -225,10 +225,10 @@ class Planner:
         graph = self.graph
         target = graph.id_of(goal)
         if self.costs[target] == math.inf:
-            known = ", ".join(map(quoted, self.start)) or "nothing"
-            raise GraphError(f"'{graph.entities[target]}' cannot be made from {known}.")
+            start_labels = ", ".join(map(quoted, self.start)) or "nothing"
+            raise GraphError(f"'{graph.entities[target]}' cannot be made from {start_labels}.")
         steps: list[int] = []
-        done = {graph.num_entities}  # the padding of small recipes
+        available_ids = {graph.num_entities}  # the padding of small recipes
         # Depth first with a stack of its own: chains are longer than Python's recursion limit.
         stack = [target]
         while stack:
@@ -236,14 +236,14 @@ class Planner:
             index = self._recipe[entity]
             is_start = index < 0
             ingredients = [] if is_start else graph.sets[index, :-1].tolist()
-            missing = [part for part in ingredients if part not in done]
+            missing = [part for part in ingredients if part not in available_ids]
             if missing:
                 stack.extend(reversed(missing))
                 continue
             stack.pop()
             # An entity that two recipes need is on the stack twice, and made once.
-            if entity not in done and not is_start:
+            if entity not in available_ids and not is_start:
                 steps.append(index)
-            done.add(entity)
+            available_ids.add(entity)
         labels = graph.recipe_labels(graph.sets[steps])
         return Derivation(graph.entities[target], tuple(labels), int(self.costs[target]))

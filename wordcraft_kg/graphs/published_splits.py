@@ -76,18 +76,19 @@ def read_published_split(path: Path, graph: RecipeGraph) -> Split:
     for part in (TRAIN, VALID, TEST):
         rows, num_unknown = _rows(graph, [labels for labels, of in entries if of == part])
         unknown += num_unknown
-        taken = rows[(parts[rows] != _NO_PART) & (parts[rows] != part)]
-        if len(taken):
-            names = f"{PARTS[parts[taken[0]]]} and {PARTS[part]}"
+        conflicts = rows[(parts[rows] != _NO_PART) & (parts[rows] != part)]
+        if len(conflicts):
+            names = f"{PARTS[parts[conflicts[0]]]} and {PARTS[part]}"
             raise SplitError(
-                f"{path}: the recipe {_recipe(graph, taken)} is in {names}; expected one."
+                f"{path}: the recipe {_recipe(graph, conflicts)} is in {names}; expected one."
             )
         parts[rows] = part
-    left = np.flatnonzero(parts == _NO_PART)
-    if len(left):
+    unassigned = np.flatnonzero(parts == _NO_PART)
+    if len(unassigned):
         raise SplitError(
-            f"{path}: {counted(len(left), 'recipe')} of {graph.num_recipes:,} without a part, such "
-            f"as {_recipe(graph, left)}; a published split names all recipes of the graph."
+            f"{path}: {counted(len(unassigned), 'recipe')} of {graph.num_recipes:,} without a "
+            f"part, such as {_recipe(graph, unassigned)}; a published split names all recipes of "
+            "the graph."
         )
     for part in (TRAIN, TEST):
         if not (parts == part).any():
@@ -100,13 +101,17 @@ def read_published_split(path: Path, graph: RecipeGraph) -> Split:
 
 def _of_json(document: dict[str, Any]) -> Iterator[_Entry]:
     """Yield the entries of the lists or objects below the names of parts."""
-    named = {_PART_OF_NAME[key]: value for key, value in document.items() if key in _PART_OF_NAME}
-    if not named:
+    entries_by_part = {
+        _PART_OF_NAME[key]: value for key, value in document.items() if key in _PART_OF_NAME
+    }
+    if not entries_by_part:
         raise KeyError("train")
-    for part, value in named.items():
+    for part, value in entries_by_part.items():
         rows = value
         if isinstance(value, dict):
-            rows = [[*each, result] for result, sets in value.items() for each in sets]
+            rows = [
+                [*ingredients, result] for result, sets in value.items() for ingredients in sets
+            ]
         for row in rows:
             yield ((row,) if isinstance(row, str) else tuple(row)), part
 
@@ -121,15 +126,15 @@ def _of_table(text: str) -> Iterator[_Entry]:
 
 def _rows(graph: RecipeGraph, entries: list[tuple[str, ...]]) -> tuple[Ids, int]:
     """Return the rows of results and recipes in the graph, and the number of unknown entries."""
-    known = [labels for labels in entries if all(label in graph for label in labels)]
-    results = [labels[0] for labels in known if len(labels) == 1]
-    recipes = [labels for labels in known if len(labels) > 1]
+    known_entries = [labels for labels in entries if all(label in graph for label in labels)]
+    results = [labels[0] for labels in known_entries if len(labels) == 1]
+    recipes = [labels for labels in known_entries if len(labels) > 1]
     ids = graph.ids_of(label for labels in recipes for label in labels)
     table = stacked(ids, list(map(len, recipes)), graph.num_entities)
     table[:, :-1].sort(axis=1)
     rows_of_recipes = graph.rows_of(table)
     rows_of_results = [graph.recipes_of(result) for result in results]
-    unknown = len(entries) - len(known) + int(np.sum(rows_of_recipes < 0))
+    unknown = len(entries) - len(known_entries) + int(np.sum(rows_of_recipes < 0))
     unknown += sum(not len(rows) for rows in rows_of_results)
     rows = np.concatenate([rows_of_recipes[rows_of_recipes >= 0], *rows_of_results])
     return rows.astype(np.int64), unknown
@@ -144,4 +149,4 @@ def _is_whole(groups: Ids, parts: Iterable[int]) -> bool:
     parts_of = defaultdict[int, set[int]](set)
     for group, part in zip(groups.tolist(), parts, strict=True):
         parts_of[group].add(int(part))
-    return all(len(each) == 1 for each in parts_of.values())
+    return all(len(group_parts) == 1 for group_parts in parts_of.values())

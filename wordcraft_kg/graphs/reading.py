@@ -66,11 +66,11 @@ class Reading(Record, omit_defaults=True, kw_only=True):
 
     def _rows(self) -> str:
         """Return how many rows were kept, and why the others were not."""
-        kept = f"kept {self.kept:,} of {counted(self.rows, 'row')}"
+        row_summary = f"kept {self.kept:,} of {counted(self.rows, 'row')}"
         if not self.left_out:
-            return kept
+            return row_summary
         reasons = [f"{number:,} {reason}" for reason, number in self.left_out.items()]
-        return f"{kept} ({', '.join(reasons)})"
+        return f"{row_summary} ({', '.join(reasons)})"
 
     def _facts(self) -> Iterator[str]:
         """Yield what the line says about the file, without what goes without saying."""
@@ -86,9 +86,9 @@ class Reading(Record, omit_defaults=True, kw_only=True):
             yield "no header"
         if self.ignored:
             names = ", ".join(self.ignored[:_SHOWN])
-            more = len(self.ignored) - _SHOWN
-            if more > 0:
-                names += f" and {more} more"
+            num_hidden = len(self.ignored) - _SHOWN
+            if num_hidden > 0:
+                names += f" and {num_hidden} more"
             yield f"other columns ignored: {names}"
         if self.container:
             yield f"from {self.container}"

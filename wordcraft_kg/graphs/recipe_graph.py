@@ -103,7 +103,7 @@ class RecipeGraph:
         self.quantities: tuple[str, ...] | None = None
         self.reading: Reading | None = None
         self.entities = tuple(entities)
-        if any(left >= right for left, right in pairwise(self.entities)):
+        if any(label >= next_label for label, next_label in pairwise(self.entities)):
             raise GraphError("entity labels must be sorted and unique.")
         # A copy, whose ingredients are sorted below. A graph without recipes may come as an empty
         # list, which has another shape.
@@ -115,9 +115,9 @@ class RecipeGraph:
         is_padding = rows == padding
         # Each recipe has a first ingredient and a result.
         is_padding[:, [0, -1]] = False
-        for what, ids in (("recipe", rows[~is_padding]), ("base", base)):
+        for id_kind, ids in (("recipe", rows[~is_padding]), ("base", base)):
             if ids.size and (ids.min() < 0 or ids.max() >= padding):
-                raise GraphError(f"a {what} id is outside 0 .. {padding - 1}.")
+                raise GraphError(f"a {id_kind} id is outside 0 .. {padding - 1}.")
         rows = without_empty_columns(rows, padding)
         self.sets: Ids = frozen(sorted_unique(rows, range(rows.shape[1])))
         self.base_ids: Ids = frozen(base)
@@ -216,8 +216,8 @@ class RecipeGraph:
         """
         rows: list[list[str]] = []
         for index, row in enumerate(recipes):
-            where = f"row {index}"
-            rows.append([check_label(label, where) for label in row])
+            row_name = f"row {index}"
+            rows.append([check_label(label, row_name) for label in row])
         book = RecipeBook.of(name, rows, keep_self_results=True)
         return cls.from_book(book, base)
 
@@ -277,8 +277,8 @@ class RecipeGraph:
     @cached_property
     def num_results(self) -> Ids:
         """Number of results of each pair, without half-products, shape (num_pairs,)."""
-        kept = ~self.makes_half_product
-        return frozen(np.bincount(self.pair_of_recipe[kept], minlength=self.num_pairs))
+        is_book_recipe = ~self.makes_half_product
+        return frozen(np.bincount(self.pair_of_recipe[is_book_recipe], minlength=self.num_pairs))
 
     @property
     def num_half_products(self) -> int:
@@ -468,11 +468,11 @@ class RecipeGraph:
             lacking = np.full((len(table), width - table.shape[1]), self.num_entities)
             tables[index] = np.column_stack([table[:, :-1], lacking, table[:, -1]])
         # In one call, so that the numbers can be compared; the first ones ascend like the recipes.
-        known, keys = np.split(row_keys(np.concatenate(tables)), [self.num_recipes])
-        rows = np.searchsorted(known, keys)
+        graph_keys, keys = np.split(row_keys(np.concatenate(tables)), [self.num_recipes])
+        rows = np.searchsorted(graph_keys, keys)
         # Behind the last recipe is none: the last one itself differs then.
-        rows = np.minimum(rows, max(len(known) - 1, 0))
-        is_known = known[rows] == keys if len(known) else np.zeros(len(keys), dtype=bool)
+        rows = np.minimum(rows, max(len(graph_keys) - 1, 0))
+        is_known = graph_keys[rows] == keys if len(graph_keys) else np.zeros(len(keys), dtype=bool)
         return np.where(is_known, rows, -1)
 
     def recipes_of(self, result: Entity) -> Ids:

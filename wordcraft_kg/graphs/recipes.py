@@ -278,22 +278,22 @@ class RecipeBook:
         """
         numbered = rows if isinstance(rows, RecipeRows) else RecipeRows.of(map(_recipe_of, rows))
         ordered = numbered.in_order()
-        kept = ordered.ids
+        recipe_ids = ordered.ids
         num_dropped = 0
         if not keep_self_results:
-            is_self_result = (kept[:, :-1] == kept[:, -1:]).any(axis=1)
+            is_self_result = (recipe_ids[:, :-1] == recipe_ids[:, -1:]).any(axis=1)
             num_dropped = int(np.sum(is_self_result))
             # No copy of a large book that has no such row.
             if num_dropped:
-                kept = kept[~is_self_result]
+                recipe_ids = recipe_ids[~is_self_result]
         # By id, which is by label here: texts are compared once, when their ids are given.
-        kept = without_empty_columns(kept, len(ordered.labels))
-        recipes = RecipeRows(ordered.labels, sorted_unique(kept, range(kept.shape[1])))
-        num_merged = len(kept) - len(recipes)
+        recipe_ids = without_empty_columns(recipe_ids, len(ordered.labels))
+        recipes = RecipeRows(ordered.labels, sorted_unique(recipe_ids, range(recipe_ids.shape[1])))
+        num_merged = len(recipe_ids) - len(recipes)
         declared = None if base is None else tuple(sorted(set(base)))
         # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
-        known = ordered.labels if num_dropped else ()
-        idle = set(known).union(listed, declared or ())
+        ordered_labels = ordered.labels if num_dropped else ()
+        idle = set(ordered_labels).union(listed, declared or ())
         idle.difference_update(recipes.mentioned)
         return cls(name, recipes, declared, tuple(sorted(idle)), num_dropped, num_merged, sha256)
 
@@ -301,9 +301,9 @@ class RecipeBook:
     def entities(self) -> tuple[str, ...]:
         """Labels of all entities in the book, sorted."""
         mentioned = RecipeRows.of(self.recipes).mentioned
-        others = set(self.idle).difference(mentioned)
+        idle_labels = set(self.idle).difference(mentioned)
         # Fast for labels that are in order already, as those of a book that was read are.
-        return tuple(sorted([*mentioned, *others]))
+        return tuple(sorted([*mentioned, *idle_labels]))
 
 
 def _recipe_of(row: Sequence[str]) -> Recipe:

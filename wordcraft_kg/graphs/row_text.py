@@ -68,9 +68,9 @@ def json_recipes(recipes: Ids, texts: Sequence[str]) -> Iterator[str]:
     if not len(recipes):
         return
     first = [f"[{text}, " for text in texts]
-    others = [*(f"{text}, " for text in texts), ""]
+    middle_texts = [*(f"{text}, " for text in texts), ""]
     last = [f"{text}],\n" for text in texts]
-    columns = [first, *[others] * (recipes.shape[1] - 2), last]
+    columns = [first, *[middle_texts] * (recipes.shape[1] - 2), last]
     yield from row_text(recipes[:-1], columns)
     labels = [texts[entity] for entity in recipes[-1].tolist() if entity < len(texts)]
     yield f"[{', '.join(labels)}]\n"

@@ -246,11 +246,11 @@ class Split:
             ValueError: if the part is unknown.
         """
         if part not in self._held_out:
-            seen = self.partial
+            excluded_triples = self.partial
             if part == "test":
-                seen = np.concatenate([seen, self.triples_of("valid")])
+                excluded_triples = np.concatenate([excluded_triples, self.triples_of("valid")])
             triples = self.triples_of(part)
-            is_seen = is_in(triples, seen, self.graph.num_entities)
+            is_seen = is_in(triples, excluded_triples, self.graph.num_entities)
             is_evaluated = ~is_seen & self.is_fact(triples)
             self._held_out[part] = frozen(triples[is_evaluated])
         return self._held_out[part]
@@ -397,12 +397,12 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     draw_parts = SPLITS[config.kind].draw or by_groups
     draw = draw_parts(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)
-    needed: list[Part] = ["train", "test"]
+    required_parts: list[Part] = ["train", "test"]
     if config.valid_ratio:
-        needed.append("valid")
-    empty = [part for part in needed if not split.is_in(part).any()]
+        required_parts.append("valid")
+    empty = [part for part in required_parts if not split.is_in(part).any()]
     if empty and config.kind != "none":
-        raise SplitError(_why_empty(graph, config, needed, empty[0]))
+        raise SplitError(_why_empty(graph, config, required_parts, empty[0]))
     return split
 
 
@@ -424,14 +424,14 @@ def _why_empty(
     recipes = counted(graph.num_recipes, "recipe")
     message = f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
     # The draw before any recipe moved, which is also the draw of by-recipe-plain.
-    drawn = by_groups(graph, config, np.random.default_rng(config.seed)).parts
-    sizes = {name: int(np.sum(drawn == PARTS.index(name))) for name in needed}
+    drawn_parts = by_groups(graph, config, np.random.default_rng(config.seed)).parts
+    sizes = {name: int(np.sum(drawn_parts == PARTS.index(name))) for name in needed}
     if config.kind == "by-recipe" and all(sizes.values()):
-        moved = counted(sizes[part], "recipe")
+        recipes_text = counted(sizes[part], "recipe")
         return (
-            f"{message}: the {moved} drawn for it moved to train, so that train covers every "
-            "entity. Choose `kind` by-recipe-plain, which moves none, or `kind` none for the full "
-            "graph only."
+            f"{message}: the {recipes_text} drawn for it moved to train, so that train covers "
+            "every entity. Choose `kind` by-recipe-plain, which moves none, or `kind` none for the "
+            "full graph only."
         )
     return (
         f"{message}; choose another `train_ratio` or `valid_ratio`, or `kind` none for the full "
@@ -595,7 +595,7 @@ def _by_recipe(
     covered = np.zeros(graph.num_entities + 1, dtype=bool)
     covered[graph.sets[parts == TRAIN]] = True
     covered[-1] = True  # the padding of small recipes is no entity
-    moved = 0
+    num_moved = 0
     for entity in np.flatnonzero(~covered).tolist():
         around = np.concatenate([graph.recipes_of(entity), graph.uses_of(entity)])
         # An entity that an earlier move has covered, or an idle one, which no recipe can cover.
@@ -606,8 +606,8 @@ def _by_recipe(
         rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
         parts[rows] = TRAIN
         covered[graph.sets[rows]] = True
-        moved += rows.stop - rows.start
-    return Draw(parts, int(moved))
+        num_moved += rows.stop - rows.start
+    return Draw(parts, int(num_moved))
 
 
 def _goals(graph: RecipeGraph) -> Ids:

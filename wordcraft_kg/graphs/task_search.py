@@ -168,14 +168,14 @@ class SolutionSearch:
             if len(within) > _MOST_NEAR:
                 near += [None] * (most + 1 - len(near))
                 break
-            made: set[int] = set()
+            new_results: set[int] = set()
             # Pairs of entities that were there one attempt before have been combined already.
             for new in within - reached:
-                for other in within:
-                    pair = (new, other) if new <= other else (other, new)
-                    made.update(outcomes.get(pair, ()))
+                for partner in within:
+                    pair = (new, partner) if new <= partner else (partner, new)
+                    new_results.update(outcomes.get(pair, ()))
             reached = within
-            within = within | made
+            within = within | new_results
             near.append(within)
         return near
 
@@ -215,14 +215,14 @@ class SolutionSearch:
             ways_to_a = self._ways(a, near, attempts - 1, above)
             if not ways_to_a:  # then the other ingredient does not matter
                 continue
-            this = frozenset((pair,))
+            pair_way = frozenset((pair,))
             if a == b:
                 # One way to the ingredient serves both places.
-                whole_ways = [way | this for way in ways_to_a]
+                whole_ways = [way | pair_way for way in ways_to_a]
             else:
                 ways_to_b = self._ways(b, near, attempts - 1, above)
-                both = itertools.product(ways_to_a, ways_to_b)
-                whole_ways = [way_a | way_b | this for way_a, way_b in both]
+                way_pairs = itertools.product(ways_to_a, ways_to_b)
+                whole_ways = [way_a | way_b | pair_way for way_a, way_b in way_pairs]
             # Two ways may share attempts, so that their union is within the number after all.
             ways.update(way for way in whole_ways if len(way) <= attempts)
         return ways
@@ -254,17 +254,19 @@ class SolutionSearch:
         if len(way) == 1:  # most tasks have depth 1
             (pair,) = way
             return self._rows_for(pair, {goal})
-        needed = {goal}
+        needed_ids = {goal}
         for pair in way:
-            needed.update(self.ingredients(pair))
+            needed_ids.update(self.ingredients(pair))
         at_hand = set(have)
-        left = sorted(way)
+        remaining_pairs = sorted(way)
         plan: list[int] = []
-        while left:
+        while remaining_pairs:
             # Of all attempts that are possible now, the pair with the lowest number comes first.
-            pair = next(pair for pair in left if at_hand.issuperset(self.ingredients(pair)))
-            left.remove(pair)
-            plan += self._rows_for(pair, needed - at_hand)
+            pair = next(
+                pair for pair in remaining_pairs if at_hand.issuperset(self.ingredients(pair))
+            )
+            remaining_pairs.remove(pair)
+            plan += self._rows_for(pair, needed_ids - at_hand)
             at_hand |= self.results(pair)
         # The goal comes last, even among the results of its own pair.
         return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
@@ -349,10 +351,10 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
         draw = _Draw(accept, weighting, seed)
         tasks = _drawn(accept, draw, limit, twice_share)
     if not tasks:
-        where = ""
+        part_note = ""
         if part != "all":
-            where = f" in the {part} part ({len(accept.mixed)} belong to no part)"
-        raise TaskError(f"{graph.name} has no task of depth {depth}{where}.")
+            part_note = f" in the {part} part ({len(accept.mixed)} belong to no part)"
+        raise TaskError(f"{graph.name} has no task of depth {depth}{part_note}.")
     goals = np.array([goal for goal, _ in tasks], dtype=np.int64)
     # A plan of n attempts has n + 1 leaves at most.
     starts = padded([start for _, start in tasks], graph.num_entities, depth + 1)
@@ -451,8 +453,8 @@ def _with_share(
     size = min(num_twice / share, num_others / (1 - share))
     most_twice = round(size * share)
     stays = np.zeros(len(tasks), dtype=bool)
-    for kind, most in ((is_twice, most_twice), (~is_twice, round(size) - most_twice)):
-        stays[rng.permutation(np.flatnonzero(kind))[:most]] = True
+    for kind, max_tasks in ((is_twice, most_twice), (~is_twice, round(size) - most_twice)):
+        stays[rng.permutation(np.flatnonzero(kind))[:max_tasks]] = True
     return dict(itertools.compress(tasks.items(), stays))
 
 
@@ -467,17 +469,17 @@ def _enumerated(search: SolutionSearch, depth: int) -> Iterator[_Candidate]:
                 yield goal, tuple(sorted({x, y}))
                 continue
             # Of the last pair, either ingredient may be made; the other is at hand or made too.
-            for made, other in {(x, y), (y, x)}:
-                for pair, a, b in search.recipes_of[made]:
+            for crafted, partner in {(x, y), (y, x)}:
+                for pair, a, b in search.recipes_of[crafted]:
                     leaves = {a, b}
                     # A self pair takes the made entity twice, and nothing else.
-                    if other != made:
-                        leaves.add(other)
-                    if goal in leaves or made in leaves:
+                    if partner != crafted:
+                        leaves.add(partner)
+                    if goal in leaves or crafted in leaves:
                         continue
                     yield goal, tuple(sorted(leaves))
                     # One attempt may make both ingredients of the last pair.
-                    if other in search.results(pair):
+                    if partner in search.results(pair):
                         yield goal, tuple(sorted({a, b}))
 
 
@@ -521,7 +523,7 @@ class _Draw:
     def __call__(self) -> _Candidate | None:
         """Draw once; None if the drawn steps are no plan of this depth."""
         goal, (a, b) = self._last_step()
-        made = {goal}
+        crafted_ids = {goal}
         leaves = {a, b}
         for _ in range(self.depth - 1):
             # Sorted, because no promise of Python fixes the order of a set.
@@ -531,9 +533,9 @@ class _Draw:
             leaf = open_leaves[self.rng.integers(len(open_leaves))]
             recipes = self.recipes_of[leaf]
             _, a, b = recipes[self.rng.integers(len(recipes))]
-            made.add(leaf)
-            leaves = (leaves | {a, b}) - made
-            if made & {a, b}:
+            crafted_ids.add(leaf)
+            leaves = (leaves | {a, b}) - crafted_ids
+            if crafted_ids & {a, b}:
                 return None  # a circle, or an entity that is made already
         return goal, tuple(sorted(leaves))
 

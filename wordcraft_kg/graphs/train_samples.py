@@ -65,8 +65,8 @@ class TrainSample:
         Returns:
             Shape (n, columns) as ``graph.sets``, in its order; wrong results are not sorted.
         """
-        chosen = self.is_trained_on & rows
-        return np.column_stack([self.graph.sets[chosen, :-1], self.results[chosen]])
+        is_selected = self.is_trained_on & rows
+        return np.column_stack([self.graph.sets[is_selected, :-1], self.results[is_selected]])
 
     @cached_property
     def sets(self) -> Ids:
@@ -190,7 +190,7 @@ def draw_train_sample(
     # Both orders are drawn for all train recipes, whatever the fractions: prefixes are nested.
     order = rng.permutation(len(train))
     doubt = rng.permutation(len(train))
-    taken = order[: round(train_fraction * len(train))]
+    sampled_order = order[: round(train_fraction * len(train))]
     if of_recipe is None:
         folds = np.zeros(graph.num_recipes, dtype=np.int64)
         needed_folds = 1
@@ -200,22 +200,22 @@ def draw_train_sample(
         # A model that leaves out the only fold would have nothing to train on.
         needed_folds = 2
         expected = "some in two folds or more"
-    if len(np.unique(folds[train[taken]])) < needed_folds:
+    if len(np.unique(folds[train[sampled_order]])) < needed_folds:
         raise refuse(
             "train_fraction",
             train_fraction,
-            f"more of the {len(train):,} train recipes than {len(taken)}, {expected}",
+            f"more of the {len(train):,} train recipes than {len(sampled_order)}, {expected}",
         )
-    most_doubted = taken[np.argsort(doubt[taken])]
-    wrong = train[most_doubted[: round(label_noise * len(taken))]]
+    most_doubted = sampled_order[np.argsort(doubt[sampled_order])]
+    wrong = train[most_doubted[: round(label_noise * len(sampled_order))]]
     if label_noise and not len(wrong):
         raise refuse(
             "label_noise",
             label_noise,
-            f"at least one of the {len(taken)} recipes with a wrong result, or 0",
+            f"at least one of the {len(sampled_order)} recipes with a wrong result, or 0",
         )
     results = np.full(graph.num_recipes, _OUTSIDE, dtype=np.int64)
-    results[train[taken]] = graph.sets[train[taken], -1]
+    results[train[sampled_order]] = graph.sets[train[sampled_order], -1]
     heads, _, tails = split.partial[split.partial[:, 1] == COMPONENT_OF].T.tolist()
     right = set(zip(heads, tails, strict=True))
     for fold in np.unique(folds[wrong]).tolist():
@@ -242,14 +242,14 @@ def _wrong_results(
         rng: draws the results.
         label_noise: the setting, for the error.
     """
-    drawn: dict[tuple[int, ...], None] = {}
+    wrong_recipes: dict[tuple[int, ...], None] = {}
     for *ingredients, _ in recipes.tolist():
         for result in pool[rng.integers(len(pool), size=_TRIES)].tolist():
-            is_right = any((one, result) in right for one in ingredients)
+            is_right = any((ingredient, result) in right for ingredient in ingredients)
             recipe = (*ingredients, result)
             # A pair with two recipes gets two wrong results.
-            if not is_right and result not in ingredients and recipe not in drawn:
-                drawn[recipe] = None
+            if not is_right and result not in ingredients and recipe not in wrong_recipes:
+                wrong_recipes[recipe] = None
                 break
         else:
             raise ConfigError(
@@ -257,4 +257,4 @@ def _wrong_results(
                 "results, no result is wrong for another recipe. Use a larger `train_fraction`, "
                 "fewer `folds` or another `seed`."
             )
-    return [result for *_, result in drawn]
+    return [result for *_, result in wrong_recipes]

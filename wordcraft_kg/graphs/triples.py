@@ -53,9 +53,12 @@ def triples_by_recipe(recipes: Ids, padding: int | None = None) -> tuple[Ids, Id
     """
     *ingredients, result = recipes.T
     every_row = np.arange(len(recipes))
-    links = [(COMPONENT_OF, one, result) for one in ingredients]
-    for one, other in combinations(ingredients, 2):
-        links += [(COMBINES_WITH, one, other), (COMBINES_WITH, other, one)]
+    links = [(COMPONENT_OF, first_ingredient, result) for first_ingredient in ingredients]
+    for first_ingredient, second_ingredient in combinations(ingredients, 2):
+        links += [
+            (COMBINES_WITH, first_ingredient, second_ingredient),
+            (COMBINES_WITH, second_ingredient, first_ingredient),
+        ]
     rows = []
     triples = []
     for relation, heads, tails in links:
@@ -105,8 +108,8 @@ def is_in(
     Returns:
         Bool, shape (T,).
     """
-    known = np.sort(triple_keys(others, num_entities))
-    return are_among(triple_keys(triples, num_entities), known)
+    sorted_keys = np.sort(triple_keys(others, num_entities))
+    return are_among(triple_keys(triples, num_entities), sorted_keys)
 
 
 def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:

@@ -25,21 +25,25 @@ def alike_by_a_letter(labels: Iterable[str]) -> Iterator[tuple[str, str]]:
     Args:
         labels: labels in order; the pairs keep it.
     """
-    known = {label: place for place, label in enumerate(labels) if _is_word(label)}
+    rank_by_label = {label: place for place, label in enumerate(labels) if _is_word(label)}
     # Labels by the text without one of its letters: a pair shares such a text, or one label is it.
     shorter = defaultdict[str, set[str]](set)
-    for label in known:
+    for label in rank_by_label:
         for cut in range(1, len(label)):
             shorter[label[:cut] + label[cut + 1 :]].add(label)
     pairs: set[tuple[str, str]] = set()
     for text, longer in shorter.items():
-        if text in known:
+        if text in rank_by_label:
             pairs.update((text, label) for label in longer if _is_slip(text, label))
         several = sorted(longer)
         for number, label in enumerate(several):
-            swapped = (other for other in several[number + 1 :] if _is_swapped(label, other))
-            pairs.update((label, other) for other in swapped)
-    yield from sorted(pairs, key=lambda pair: sorted(known[label] for label in pair))
+            swapped = (
+                swapped_label
+                for swapped_label in several[number + 1 :]
+                if _is_swapped(label, swapped_label)
+            )
+            pairs.update((label, swapped_label) for swapped_label in swapped)
+    yield from sorted(pairs, key=lambda pair: sorted(rank_by_label[label] for label in pair))
 
 
 def used_and_made(graph: RecipeGraph) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -47,18 +51,18 @@ def used_and_made(graph: RecipeGraph) -> Iterator[tuple[str, tuple[str, ...]]]:
 
     Jam is only used, and strawberry jam is made: perhaps one of both names is meant.
     """
-    named = defaultdict[str, list[str]](list)
+    labels_by_last_word = defaultdict[str, list[str]](list)
     for label, is_made, is_half in zip(
         graph.entities, graph.recipe_counts > 0, graph.is_half_product, strict=True
     ):
         _, blank, last = label.rpartition(" ")
         if is_made and blank and not is_half:
-            named[last].append(label)
+            labels_by_last_word[last].append(label)
     is_only_used = (graph.recipe_counts == 0) & (graph.use_counts > 0)
     for label in graph.labels(is_only_used.nonzero()[0]):
-        made = named.get(label, [])
-        if 0 < len(made) <= _MOST_MADE:
-            yield label, tuple(made)
+        longer_labels = labels_by_last_word.get(label, [])
+        if 0 < len(longer_labels) <= _MOST_MADE:
+            yield label, tuple(longer_labels)
 
 
 def _is_word(label: str) -> bool:

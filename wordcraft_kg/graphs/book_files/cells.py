@@ -210,7 +210,7 @@ def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
         joiner: the sign between ingredients in one cell, see :func:`find_joiner`.
     """
     parts: list[str] = []
-    made: list[str] = []
+    results: list[str] = []
     messages = []
     # Spreadsheets leave blank all cells but the first of those that they merged. In a grid of many
     # slots blanks are usual.
@@ -226,14 +226,14 @@ def rows_of_raw(raw: Raw, joiner: str | None) -> Iterator[Entry]:
         messages.append(message)
     for value in raw.results:
         texts, message = _pieces(value, "", is_alone=True)
-        made += texts
+        results += texts
         messages.append(message)
     if any(messages):
         yield fault_at(raw.place, "label", next(filter(None, messages)))
-    elif not parts or not made:
+    elif not parts or not results:
         yield LeftOut(raw.place, WITHOUT)
     else:
-        yield from (Row(raw.place, parts, result, raw.kind, raw.quantities) for result in made)
+        yield from (Row(raw.place, parts, result, raw.kind, raw.quantities) for result in results)
 
 
 # --- the label of a text -------------------------------------------------------------------------
@@ -279,9 +279,9 @@ def without_markup(cell: str) -> str:
         return cell
     # Markup may be nested, such as a bold link: each kind once from outside, and once more.
     for pattern in (*_MARKUP, *_MARKUP):
-        found = pattern.fullmatch(cell)
-        if found:
-            cell = next(filter(None, found.groups())).strip()
+        match = pattern.fullmatch(cell)
+        if match:
+            cell = next(filter(None, match.groups())).strip()
     return cell
 
 
@@ -334,8 +334,8 @@ class FileLabels:
     def label(self, text: str) -> str:
         """Return the label of an entity that is declared or listed, which counts for nothing."""
         label = without_markup(trim_unseen(text))
-        found = count_in(label) if self.example else None
-        label = label if found is None else found[0]
+        counted_label = count_in(label) if self.example else None
+        label = label if counted_label is None else counted_label[0]
         return label.lower() if self.fold else label
 
     def facts(self, reading: Reading) -> Reading:
@@ -397,12 +397,12 @@ def read_labels(
             name = (name or text).removeprefix(NUMBER)
         if name is None or name.startswith(NUMBER):
             belongs = "belongs to several things" if name is None else "is the id of nothing here"
-            found = f"{text.removeprefix(NUMBER)[:80]!r} {belongs}; give names instead."
+            message = f"{text.removeprefix(NUMBER)[:80]!r} {belongs}; give names instead."
         else:
             labels.label_of[text] = name
-            found = fault(name) or ""
-        if found:
-            labels.faults[text] = found
+            message = fault(name) or ""
+        if message:
+            labels.faults[text] = message
     if not is_exact:
         _clean(labels, rows, uses)
     if fold:
@@ -419,9 +419,9 @@ def _clean(labels: FileLabels, rows: Sequence[Row], uses: Counter[str]) -> None:
         labels.trimmed += uses[text] * (trimmed != name)
         labels.unwrapped += uses[text] * (label != trimmed)
         labels.label_of[text] = label
-        found = count_in(label)
-        if found:
-            bare[text] = found
+        counted_label = count_in(label)
+        if counted_label:
+            bare[text] = counted_label
         if not label:
             labels.faults.setdefault(text, str(label_fault(label)))
     if not _are_counts(bare, labels, rows, uses):
@@ -447,8 +447,8 @@ def _are_counts(
     label_of = {text: bare[text][0] if text in bare else labels.label_of[text] for text in uses}
     # A sign, or the same label with another number, or none; else such as 7 Up.
     forms = Counter(label_of.values())
-    sure = [text for text in bare if _SIGN.search(text) or forms[label_of[text]] > 1]
-    if sum(uses[text] for text in sure) < _CLEAR * num_counted:
+    clear_texts = [text for text in bare if _SIGN.search(text) or forms[label_of[text]] > 1]
+    if sum(uses[text] for text in clear_texts) < _CLEAR * num_counted:
         return False
     with_counts = [
         row for row in rows if not bare.keys().isdisjoint((*row.ingredients, row.result))
@@ -494,8 +494,10 @@ def names_by_id(things: Iterable[tuple[Any, Any]]) -> Names:
         keys = [str(identifier), f"{NUMBER}{identifier}"]
         for key in keys if is_number(identifier) else keys[:1]:
             names[key] = name if names.get(key, name) == name else None
-    kept = [name for key, name in names.items() if name is not None and not key.startswith(NUMBER)]
-    return {} if len(set(kept)) < len(kept) else names
+    text_names = [
+        name for key, name in names.items() if name is not None and not key.startswith(NUMBER)
+    ]
+    return {} if len(set(text_names)) < len(text_names) else names
 
 
 # --- labels in forms that are not read -----------------------------------------------------------
@@ -549,10 +551,10 @@ def odd_label(rows: Sequence[Row]) -> str:
         return ""
     # Results that are ingredients only without their numbers or signs.
     bare = {_letters(cell): cell for cell in ingredients}
-    same = {cell: bare[_letters(cell)] for cell in results if _letters(cell) in bare}
-    same.pop("", None)
-    if len(same) >= max(_FEWEST, _MANY * len(results)):
-        result, ingredient = next(iter(same.items()))
+    bare_matches = {cell: bare[_letters(cell)] for cell in results if _letters(cell) in bare}
+    bare_matches.pop("", None)
+    if len(bare_matches) >= max(_FEWEST, _MANY * len(results)):
+        result, ingredient = next(iter(bare_matches.items()))
         return f"{ingredient[:80]!r} may be the ingredient {result[:80]!r}, with other signs"
     signs = [cell for cell in results if not any(map(str.isalnum, cell))]
     if len(signs) > len(results) / 2 and any(bare):

@@ -163,33 +163,37 @@ def read_document(
     texts = _texts_of(document)
     anchor = "table" if document.is_table else "json"
     if len(texts) > _MOST_TEXTS:
-        seen = f"{len(texts):,} different keys, more than {_MOST_TEXTS:,}"
-        raise refusal(path, seen, anchor)
+        problem = f"{len(texts):,} different keys, more than {_MOST_TEXTS:,}"
+        raise refusal(path, problem, anchor)
     names = _names(value, texts)
-    read = partial(_candidate, document, texts, names, fold=fold, is_exact=source.is_exact)
+    read_candidate = partial(
+        _candidate, document, texts, names, fold=fold, is_exact=source.is_exact
+    )
     if columns is not None:
-        best = read(_given(document, columns, texts), is_given=True)
+        best = read_candidate(_given(document, columns, texts), is_given=True)
     elif source.is_exact:
         names_of_columns = [name for name in document.value[0] if name not in (KIND, QUANTITIES)]
-        *parts, made = ((EACH, f".{name}") for name in names_of_columns)
-        way = Way(tuple(parts), (made,))
+        *parts, result_path = ((EACH, f".{name}") for name in names_of_columns)
+        way = Way(tuple(parts), (result_path,))
         if source.numbered is not None:
             # Row by row only if somebody asks.
-            source.entries = chain.from_iterable(read(each).entries for each in [way])
+            source.entries = chain.from_iterable(
+                read_candidate(column_texts).entries for column_texts in [way]
+            )
             source.reading = replace(source.reading, columns=tuple(names_of_columns))
             return source
-        best = read(way)
+        best = read_candidate(way)
     else:
         _check_choices(path, texts)
         ways = list(islice(_ways(texts), _MOST_WAYS))
-        documented = [read(way) for way in ways if way.is_documented]
+        documented = [read_candidate(way) for way in ways if way.is_documented]
         unsure = (way for way in ways if not way.is_documented)
-        guesses = map(read, chain(unsure, _by_column(texts)))
-        taken = choose(path, documented, guesses, anchor, allows_single=allows_single)
-        if taken is None:
-            seen = f"no documented words name ingredients and a result; {_shown_paths(texts)}"
-            raise refusal(path, seen, anchor, "Name them with --columns.")
-        best = taken
+        guesses = map(read_candidate, chain(unsure, _by_column(texts)))
+        choice = choose(path, documented, guesses, anchor, allows_single=allows_single)
+        if choice is None:
+            problem = f"no documented words name ingredients and a result; {_shown_paths(texts)}"
+            raise refusal(path, problem, anchor, "Name them with --columns.")
+        best = choice
     source.entries = best.entries
     if not source.is_exact:
         source.label = best.labels.label
@@ -203,7 +207,11 @@ def read_document(
     )
     source.reading = best.labels.facts(reading)
     # Nothing is no result where labels tell that the game is Infinite Craft.
-    every_text = set(chain.from_iterable(each for each in texts.values() if type(each[0]) is str))
+    every_text = set(
+        chain.from_iterable(
+            column_texts for column_texts in texts.values() if type(column_texts[0]) is str
+        )
+    )
     every_text.update(*(row.ingredients for row in best.rows))
     craft = {label.lower() if fold else label for label in INFINITE_CRAFT_BASE}
     if not source.is_exact and every_text.issuperset(craft):
@@ -220,7 +228,7 @@ def _take_base(path: FilePath, document: Document, source: FileRows) -> None:
     base = value.get("base") if isinstance(value, dict) else None
     if isinstance(base, list) and all(isinstance(label, str) for label in base):
         source.base = {check_label(label, f"{path}: base"): "base" for label in base}
-        document.value = {key: each for key, each in value.items() if key != "base"}
+        document.value = {key: member for key, member in value.items() if key != "base"}
 
 
 def _texts_of(document: Document) -> "_Texts":
@@ -249,12 +257,14 @@ def _check_choices(path: FilePath, texts: _Texts) -> None:
         are_odd = are_odd and single[-1].startswith(".")
         holder, key = lists[:-3], lists[-3:-2]
         if lists[-2:] == (EACH, EACH) and key and words_of(key[0][1:]) & INGREDIENT:
-            beside = (other[-1] for other in texts if other[:-1] == holder)
-            are_odd = any(words_of(other[1:]) & RESULT for other in beside)
+            beside = (sibling[-1] for sibling in texts if sibling[:-1] == holder)
+            are_odd = any(words_of(sibling[1:]) & RESULT for sibling in beside)
         if are_odd:
-            seen = f"the lists of {path_text(single)!r} may be choices of an ingredient or several"
+            problem = (
+                f"the lists of {path_text(single)!r} may be choices of an ingredient or several"
+            )
             remedy = "Write each choice as a recipe of its own, or name columns with --columns."
-            raise refusal(path, seen, "json", remedy)
+            raise refusal(path, problem, "json", remedy)
 
 
 def _given(document: Document, columns: Sequence[str], texts: _Texts) -> Way:
@@ -305,7 +315,7 @@ def as_records(document: Any) -> Any:
             return document
     elif isinstance(document, dict):
         columns = [
-            [*each.values()] if isinstance(each, dict) else each for each in document.values()
+            [*value.values()] if isinstance(value, dict) else value for value in document.values()
         ]
         if all(isinstance(column, list) for column in columns):
             head = list(document)
@@ -360,13 +370,13 @@ def _step(found: Located, step: str) -> Iterator[Located]:
     if step == KEY:
         yield Located(place, found.key)
     elif step == EACH and isinstance(value, list):
-        yield from (Located(f"{place}[{index}]", each) for index, each in enumerate(value))
+        yield from (Located(f"{place}[{index}]", element) for index, element in enumerate(value))
     elif step == VALUES and isinstance(value, dict):
-        for key, each in value.items():
-            yield Located(f"{place}.{key}".removeprefix("."), each, key)
+        for key, element in value.items():
+            yield Located(f"{place}.{key}".removeprefix("."), element, key)
     elif step.startswith("[") and step != EACH and isinstance(value, list):
         index = int(step[1:-1])
-        yield from (Located(f"{place}{step}", each) for each in value[index : index + 1])
+        yield from (Located(f"{place}{step}", element) for element in value[index : index + 1])
     elif step.startswith(".") and isinstance(value, dict) and step[1:] in value:
         yield Located(f"{place}{step}".removeprefix("."), value[step[1:]])
 
@@ -405,19 +415,19 @@ def _rows(found: Located, paths: dict[int, Path], num_parts: int) -> Iterator[Co
     several: list[list[Columns]] = []
     for step, inner in groups.items():
         first = next(iter(inner))
-        whole = (*step, *inner[first])
+        full_path = (*step, *inner[first])
         if not any(inner.values()):
             bound |= {column: list(leaves(found, step)) for column in inner}
         elif len(inner) > 1:
-            each = (_rows(one, inner, num_parts) for one in _step(found, step[0]))
-            several.append(list(chain.from_iterable(each)))
+            inner_rows = (_rows(element, inner, num_parts) for element in _step(found, step[0]))
+            several.append(list(chain.from_iterable(inner_rows)))
         elif num_parts == 1 and first == 0:
-            loops = [i for i, step in enumerate(whole) if step in LOOPS]
-            last = loops[-1] if loops else len(whole)
-            lists = leaves(found, whole[:last])
-            several.append([{0: list(leaves(one, whole[last:]))} for one in lists])
+            loops = [i for i, step in enumerate(full_path) if step in LOOPS]
+            last = loops[-1] if loops else len(full_path)
+            lists = leaves(found, full_path[:last])
+            several.append([{0: list(leaves(element, full_path[last:]))} for element in lists])
         else:
-            bound[first] = list(leaves(found, whole))
+            bound[first] = list(leaves(found, full_path))
     if len(several) > 1 and math.prod(map(len, several)) > _MOST_ROWS:
         raise ConfigError("`columns`: these paths go through different lists; name one list.")
     for combined in product(*several):
@@ -440,9 +450,15 @@ def rows_of_paths(
     columns = dict(enumerate([*parts, *results]))
     for row in _rows(Located("", document), columns, len(parts)):
         values = list(chain.from_iterable(row.get(i, []) for i in range(len(parts))))
-        made = list(chain.from_iterable(row.get(i, []) for i in range(len(parts), len(columns))))
-        place = (*values, *made, Located("", None))[0].place
-        yield place, [found.value for found in values], [found.value for found in made]
+        result_values = list(
+            chain.from_iterable(row.get(i, []) for i in range(len(parts), len(columns)))
+        )
+        place = (*values, *result_values, Located("", None))[0].place
+        yield (
+            place,
+            [located.value for located in values],
+            [located.value for located in result_values],
+        )
 
 
 # --- paths of a document -------------------------------------------------------------------------
@@ -467,14 +483,14 @@ def _collect(texts: _Texts, path: Path, values: list[Any]) -> None:
         _collect_lists(texts, path, lists)
     if objects and _are_records(objects, path):
         for key in dict.fromkeys(chain.from_iterable(objects)):
-            holders = [each for each in objects if key in each]
-            _wrap_pairs([(each, key) for each in holders])
-            _collect(texts, (*path, f".{key}"), [each[key] for each in holders])
+            holders = [record for record in objects if key in record]
+            _wrap_pairs([(record, key) for record in holders])
+            _collect(texts, (*path, f".{key}"), [record[key] for record in holders])
     elif objects:
         keys = (*path, VALUES, KEY)
         texts.setdefault(keys, []).extend(chain.from_iterable(objects))
-        _wrap_pairs([(each, key) for each in objects for key in each])
-        inner = list(chain.from_iterable(each.values() for each in objects))
+        _wrap_pairs([(record, key) for record in objects for key in record])
+        inner = list(chain.from_iterable(record.values() for record in objects))
         # Numbers beside labels are numbers of pieces; those beside sums are ids.
         if all(map(is_number, inner)) and not _are_sums(texts[keys]):
             texts.counted.add(keys)
@@ -488,10 +504,10 @@ def _wrap_pairs(places: Sequence[tuple[dict[str, Any], str]]) -> None:
     Args:
         places: objects and their keys with values of one meaning.
     """
-    if any(_is_list(each[key], list) for each, key in places):
-        for each, key in places:
-            if _is_list(each[key], str):
-                each[key] = [each[key]]
+    if any(_is_list(record[key], list) for record, key in places):
+        for record, key in places:
+            if _is_list(record[key], str):
+                record[key] = [record[key]]
 
 
 def _is_list(value: Any, kind: type) -> bool:
@@ -513,7 +529,7 @@ def _collect_lists(texts: _Texts, path: Path, lists: list[list[Any]]) -> None:
     elif path[-1:] == (EACH,) and set(map(len, lists)) == {2}:
         # Ingredients in a list, and a result: [["water", "earth"], "mud"].
         for place in range(2):
-            _collect(texts, (*path, f"[{place}]"), [each[place] for each in lists])
+            _collect(texts, (*path, f"[{place}]"), [pair[place] for pair in lists])
 
 
 def _is_counted(value: list[Any]) -> bool:
@@ -534,29 +550,33 @@ def _are_records(objects: Sequence[dict[str, Any]], path: Path = ()) -> bool:
         path: where they are; below a key such as ``inputs`` numbers are numbers of pieces.
     """
     counts = Counter(chain.from_iterable(objects))
-    known = [key for key in counts if is_documented(key)]
-    values = [value for each in objects for value in each.values() if value is not None]
+    documented_keys = [key for key in counts if is_documented(key)]
+    values = [value for record in objects for value in record.values() if value is not None]
     properties = [key for key in counts if words_of(key) & (COUNT | IGNORED)]
-    is_large = len(counts) > _MOST_KEYS and 2 * len(known) < len(counts)
+    is_large = len(counts) > _MOST_KEYS and 2 * len(documented_keys) < len(counts)
     if is_large or all(map(str.isdecimal, counts)):
         return False
     role = words_of(path[-1][1:]) if path and path[-1].startswith(".") else frozenset()
     if role & (INGREDIENT | RESULT | {"in"}):
-        return bool(known or properties) or not all(map(is_number, values))
+        return bool(documented_keys or properties) or not all(map(is_number, values))
     if len(objects) > 1:
-        if any(counts[key] * 2 > len(objects) for key in known):
+        if any(counts[key] * 2 > len(objects) for key in documented_keys):
             return True
         texts = {value for value in values if isinstance(value, str)}
         # Labels of a map are values of it as well; properties are not.
         is_dense = len(values) > _DENSE * len(objects) * len(counts)
         return is_dense and texts.isdisjoint(counts)
-    if not known:
+    if not documented_keys:
         return False
     if len(values) > 1 and all(isinstance(value, dict) and value for value in values):
         return not _are_records(values)
     kinds = {isinstance(value, dict | list) for value in values}
-    others = [key for key in counts if words_of(key) & ORDINAL]
-    return len(kinds) > 1 or bool(others or properties) or len(known) * 2 >= len(counts)
+    ordinal_keys = [key for key in counts if words_of(key) & ORDINAL]
+    return (
+        len(kinds) > 1
+        or bool(ordinal_keys or properties)
+        or len(documented_keys) * 2 >= len(counts)
+    )
 
 
 def _names(value: Any, texts: _Texts) -> list[Names]:
@@ -564,20 +584,32 @@ def _names(value: Any, texts: _Texts) -> list[Names]:
     tables = []
     for path in texts:
         parent = path[:-1]
-        named = [other for other in texts if other[:-1] == parent and is_name(other[-1][1:])]
+        name_paths = [
+            sibling for sibling in texts if sibling[:-1] == parent and is_name(sibling[-1][1:])
+        ]
         if path[-1:] == (KEY,):
             is_list = parent in texts and all(map(str.isdecimal, texts[path]))
-            named += [parent] if is_list else []
+            name_paths += [parent] if is_list else []
         elif path and path[-1].startswith(".") and is_id(path[-1][1:]):
             # The name and the id of one thing, such as Parent 1 ID and Parent 1 Name.
             thing = words_of(path[-1][1:]) - ID - _NAME_WORDS
-            named = [other for other in named if words_of(other[-1][1:]) - _NAME_WORDS == thing]
+            name_paths = [
+                sibling
+                for sibling in name_paths
+                if words_of(sibling[-1][1:]) - _NAME_WORDS == thing
+            ]
         else:
             continue
-        if named:
-            name = min(named, key=lambda each: name_rank(each[-1][1:]))
+        if name_paths:
+            name = min(name_paths, key=lambda name_path: name_rank(name_path[-1][1:]))
             rows = rows_of_paths(value, [path], [name])
-            tables.append(names_by_id((ids[0], made[0]) for _, ids, made in rows if ids and made))
+            tables.append(
+                names_by_id(
+                    (ids[0], names_in_row[0])
+                    for _, ids, names_in_row in rows
+                    if ids and names_in_row
+                )
+            )
     lists = [path for path in texts if path[-1:] == (EACH,) and not set(path[:-1]) & set(LOOPS)]
     # Ids may be places in a list of names, if nothing else is.
     for path in lists if not tables else ():
@@ -594,8 +626,8 @@ def _shown_paths(texts: _Texts) -> str:
     if all(map(str.isdecimal, names)):
         names = [str(texts[path][0])[:40] for path in texts][:_MOST_PATHS]  # no header
     shown = list(map(repr, names))
-    more = f" and {len(texts) - _MOST_PATHS:,} more" if len(texts) > _MOST_PATHS else ""
-    return f"the file has {', '.join(shown) or 'no labels'}{more}"
+    remainder = f" and {len(texts) - _MOST_PATHS:,} more" if len(texts) > _MOST_PATHS else ""
+    return f"the file has {', '.join(shown) or 'no labels'}{remainder}"
 
 
 # --- ways to read a document ---------------------------------------------------------------------
@@ -606,9 +638,9 @@ def _ways(texts: _Texts) -> Iterator[Way]:
     # Flat records have nothing but keys.
     nested = [path for path in texts if len(path) != 2 or path[0] != EACH or path[1][0] != "."]
     by_place = [way for path in nested for way in (*_by_keys(texts, path), *_by_list(texts, path))]
-    sure = [way for way in by_place if way.is_documented]
-    taken = {path for way in sure for path in way.results if path[-1] != KEY}
-    yield from ways_by_words(path for path in texts if path not in taken)
+    documented_ways = [way for way in by_place if way.is_documented]
+    result_paths = {path for way in documented_ways for path in way.results if path[-1] != KEY}
+    yield from ways_by_words(path for path in texts if path not in result_paths)
     yield from by_place
 
 
@@ -632,8 +664,8 @@ def _by_keys(texts: _Texts, path: Path) -> Iterator[Way]:
         yield Way((path,), (keys[-1],), by_place=True)
         if texts.lengths[path[:-1]] == {2}:
             # Or a partner and what it makes.
-            partner, made = (*path[:-1], "[0]"), (*path[:-1], "[1]")
-            yield Way((keys[-1], partner), (made,), is_documented=False)
+            partner, second_items = (*path[:-1], "[0]"), (*path[:-1], "[1]")
+            yield Way((keys[-1], partner), (second_items,), is_documented=False)
     elif not (is_result or is_name(name) or below in ((), (EACH,))):
         return
     elif are_sums and not is_sum:
@@ -673,8 +705,8 @@ def _by_column(texts: _Texts) -> Iterator[Way]:
             yield Way((like[0], like[1]), (like[2],), is_documented=False)
     if len(columns) == 3 and not any(is_name(path[-1][1:]) for path in columns):
         a, b, c = columns
-        for one, other, made in ((a, b, c), (b, c, a), (a, c, b)):
-            yield Way((one, other), (made,), False, False, is_order=is_unnamed)
+        for first_part, second_part, result_path in ((a, b, c), (b, c, a), (a, c, b)):
+            yield Way((first_part, second_part), (result_path,), False, False, is_order=is_unnamed)
 
 
 def _are_sums(keys: Sequence[Any], *, has_commas: bool = True) -> bool:
@@ -700,10 +732,12 @@ def _candidate(
     fold: bool = False,
 ) -> ReadingCandidate:
     """Return the recipes of a way to read a document."""
-    used = {*way.parts, *way.results}
+    way_paths = {*way.parts, *way.results}
     facts = [(*way.parts[0][:-1], f".{name}") for name in (KIND, QUANTITIES)]
-    facts = [path for path in facts if path in texts and path not in used]
-    others = [path for path in texts if path not in {*used, *facts} and path[-1:] != (KEY,)]
+    facts = [path for path in facts if path in texts and path not in way_paths]
+    ignored_paths = [
+        path for path in texts if path not in {*way_paths, *facts} and path[-1:] != (KEY,)
+    ]
     raws = list(_raws(document, way, facts))
     is_sole = len(way.parts) == 1
     has_several = any(len(raw.parts) != 1 for raw in raws)
@@ -727,9 +761,9 @@ def _candidate(
             message = "a blank ingredient; fill it, or leave it out of the list."
             entries.append(fault_at(raw.place, "label", message, "blank"))
         else:
-            found = _exact_rows(raw) if is_exact else list(rows_of_raw(raw, joiner))
-            several_outputs += len(found) > 1
-            entries += found
+            row_entries = _exact_rows(raw) if is_exact else list(rows_of_raw(raw, joiner))
+            several_outputs += len(row_entries) > 1
+            entries += row_entries
     if document.is_table:
         entries.sort(key=itemgetter(0))
     rows = [entry for entry in entries if isinstance(entry, Row)]
@@ -750,17 +784,17 @@ def _candidate(
         is_given=is_given,
         fold=fold,
     )
-    counts = (path for path in others if words_of(path[-1][1:]) & COUNT)
+    counts = (path for path in ignored_paths if words_of(path[-1][1:]) & COUNT)
     return ReadingCandidate(
         way,
         columns=tuple(path_text(path, document.is_table) for path in (*way.parts, *way.results)),
         entries=[labels.row(entry) if isinstance(entry, Row) else entry for entry in entries],
         labels=labels,
-        ignored=tuple(path_text(path, document.is_table) for path in others),
+        ignored=tuple(path_text(path, document.is_table) for path in ignored_paths),
         counts_dropped=sum(n not in ("", "1", 1) for path in counts for n in texts[path]),
         several_outputs=several_outputs,
         num_unmade=sum(any(raw.parts) and not any(raw.results) for raw in raws),
-        needs_reuse=not texts.counted.isdisjoint(used),
+        needs_reuse=not texts.counted.isdisjoint(way_paths),
     )
 
 
@@ -769,22 +803,24 @@ def _raws(document: Document, way: Way, facts: Sequence[Path]) -> Iterator[Raw]:
     paths = (*way.parts, *way.results)
     if all(len(path) == 2 and path[0] == EACH and path[1].startswith(".") for path in paths):
         # Flat records, many times faster.
-        parts, made, told = ([p[-1][1:] for p in each] for each in (way.parts, way.results, facts))
+        parts, result_names, fact_names = (
+            [p[-1][1:] for p in column_paths] for column_paths in (way.parts, way.results, facts)
+        )
         places: Iterable[Place] = document.places or map("[{}]".format, count())
         for place, row in zip(places, document.value, strict=False):
             if isinstance(row, dict):
                 cells = [row[name] for name in parts if name in row]
-                results = [row[name] for name in made if name in row]
+                results = [row[name] for name in result_names if name in row]
                 yield Raw(
-                    place, cells, results, **{name: str(row.get(name) or "") for name in told}
+                    place, cells, results, **{name: str(row.get(name) or "") for name in fact_names}
                 )
         return
     # Each of several places, such as [0] and [1], is filled.
     steps = set(chain.from_iterable(way.parts if len(way.parts) > 1 else ()))
     has_places = any(step.startswith("[") and step != EACH for step in steps)
-    for place, values, made in rows_of_paths(document.value, way.parts, way.results):
+    for place, values, result_names in rows_of_paths(document.value, way.parts, way.results):
         if not has_places or len(values) == len(way.parts):
-            yield Raw(place, values, made)
+            yield Raw(place, values, result_names)
 
 
 def _exact_rows(raw: Raw) -> list[Entry]:

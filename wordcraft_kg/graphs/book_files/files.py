@@ -114,7 +114,7 @@ def read_content(path: Path) -> Content:
     if path.is_dir():
         files = tuple(_folder_files(path))
         if any(map(_is_recipe_file, dict(files))):
-            sums = [f"{hashlib.sha256(each).hexdigest()}  {name}\n" for name, each in files]
+            sums = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in files]
             sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
             return Content(path.name, b"", sha256, pack=files)
     data = read_bytes(path)
@@ -129,9 +129,9 @@ def read_content(path: Path) -> Content:
         books = list(filter(_may_be_book, names))
         if len(books) != 1:
             shown = ", ".join(repr(name[:80]) for name in books[:5]) or "none"
-            seen = f"a zip archive with {len(books):,} files that may be recipe books ({shown})"
+            problem = f"a zip archive with {len(books):,} files that may be recipe books ({shown})"
             remedy = "Unpack it and give one file."
-            raise refusal(path, f"{seen}; expected one", "compressed", remedy)
+            raise refusal(path, f"{problem}; expected one", "compressed", remedy)
         data = archive.read(books[0], MAX_BOOK_SIZE)
         container = f"zip ({books[0]})"
         name = PurePosixPath(books[0]).name
@@ -177,16 +177,16 @@ def _may_be_book(name: str) -> bool:
 def _names_of_files(path: Path, archive: ZipArchive) -> list[str]:
     """Return the names of the files in an archive that may be content."""
     if "[Content_Types].xml" in archive.members or "mimetype" in archive.members:
-        seen = "a spreadsheet or document, not a text file"
-        raise refusal(path, seen, "table", "Save the sheet as CSV.")
+        problem = "a spreadsheet or document, not a text file"
+        raise refusal(path, problem, "table", "Save the sheet as CSV.")
     names = []
     for name, entry in archive.members.items():
         parts = PurePosixPath(name).parts
         # A link's content is a path; following it could lead out of the archive.
         is_link = stat.S_ISLNK(entry.external_attr >> 16)
         if is_link or ".." in parts or PurePosixPath(name).is_absolute():
-            what = "a link" if is_link else "a path that leads out of it"
-            raise refusal(path, f"the archive holds {what}, {name[:80]!r}", "compressed")
+            member_kind = "a link" if is_link else "a path that leads out of it"
+            raise refusal(path, f"the archive holds {member_kind}, {name[:80]!r}", "compressed")
         # Finder's copies and dotfiles are no content.
         is_hidden = any(part.startswith((".", "__MACOSX")) for part in parts)
         if not entry.is_dir() and not is_hidden:
@@ -301,12 +301,12 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
     marked = _MARKS.get(mark, "")
     name = codecs.lookup(encoding or marked or "utf-8").name.removesuffix("-sig")
     if not name.startswith(marked):
-        seen = f"it begins with the byte order mark of {marked}, and `encoding` is {encoding}"
-        raise refusal(path, seen, "encodings", "Leave --encoding out.")
+        problem = f"it begins with the byte order mark of {marked}, and `encoding` is {encoding}"
+        raise refusal(path, problem, "encodings", "Leave --encoding out.")
     if name == "utf-8" and b"\x00" in data:
-        seen = "a binary file (it holds zero bytes), not text"
+        problem = "a binary file (it holds zero bytes), not text"
         remedy = "If it is text in UTF-16, name it with --encoding utf-16-le."
-        raise refusal(path, seen, "encodings", remedy)
+        raise refusal(path, problem, "encodings", remedy)
     try:
         text = data.decode(name).removeprefix("\ufeff")
     except UnicodeDecodeError as error:
@@ -314,12 +314,12 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
         line_start = data.rfind(b"\n", 0, error.start) + 1
         around = data[line_start : error.start + 30].decode("cp1252", errors="replace")
         shown = for_terminal(around.splitlines()[0][:60])
-        seen = (
+        problem = (
             f"line {line} is not {name.replace('utf', 'UTF')} (byte 0x{data[error.start]:02x}); as "
             f"cp1252 it begins {shown!r}"
         )
         remedy = "Name the file's encoding, such as --encoding cp1252, or save the file as UTF-8."
-        raise refusal(path, seen, "encodings", remedy) from None
+        raise refusal(path, problem, "encodings", remedy) from None
     if text.startswith("\ufeff"):
         raise refusal(path, "two byte order marks", "encodings", "Remove them.")
     if not text.strip():
@@ -366,9 +366,9 @@ def load_json(path: Path, text: str) -> tuple[Any, bool]:
         RecipeFileError: if it is neither, with the line of the first fault; or for JSON that no
             book can be, such as an object with a key twice.
     """
-    first, *others = islice(filter(str.strip, io.StringIO(text)), 2)
+    first, *further_lines = islice(filter(str.strip, io.StringIO(text)), 2)
     try:
-        is_lines = bool(others) and isinstance(json.loads(first), dict | list)
+        is_lines = bool(further_lines) and isinstance(json.loads(first), dict | list)
     except (ValueError, RecursionError):
         is_lines = False
     if not is_lines:
@@ -393,8 +393,8 @@ def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
     try:
         return json.loads(text, object_pairs_hook=_without_repeated_keys)
     except json.JSONDecodeError as error:
-        where = f"line {line or error.lineno}, column {error.colno}"
-        raise RecipeFileError(f"{path}, {where}: not JSON ({error.msg}).") from None
+        position = f"line {line or error.lineno}, column {error.colno}"
+        raise RecipeFileError(f"{path}, {position}: not JSON ({error.msg}).") from None
     except RecursionError:
         raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
     except ValueError as error:  # such as a number of thousands of digits

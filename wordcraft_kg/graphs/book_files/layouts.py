@@ -50,7 +50,9 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
     if isinstance(entities, list) and isinstance(recipes, list):
         return _our_layout(path, document)
     if isinstance(entities, dict):
-        are_things = all(isinstance(each, dict) and "recipes" in each for each in entities.values())
+        are_things = all(
+            isinstance(thing, dict) and "recipes" in thing for thing in entities.values()
+        )
         return _official_layout(path, entities) if are_things else None
     if isinstance(items, list) and isinstance(recipes, list) and items and recipes:
         # By type: true and false are instances of int, but no indices.
@@ -63,8 +65,8 @@ def _our_layout(path: Path, document: Mapping[str, Any]) -> FileRows:
     """Read our own layout, in which a wrong row is a fault in its place."""
     rows, base = document["recipes"], document.get("base")
     if base is not None and not isinstance(base, list):
-        found = type(base).__name__
-        raise RecipeFileError(f"{path}: 'base' is {found}; expected a list of labels or null.")
+        base_type = type(base).__name__
+        raise RecipeFileError(f"{path}: 'base' is {base_type}; expected a list of labels or null.")
     facts = []
     for name, noun in (("kinds", "a kind"), (QUANTITIES, "quantities")):
         texts = document.get(name)
@@ -141,14 +143,14 @@ def _exact(
 
 def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
     """Read a directed hypergraph in HIF, as `export --format hif` writes it."""
-    found = recipes_of_hif(document, str(path))
-    source = _listing("a hypergraph (HIF)", path, found.listed, found.base)
-    source.reading = Reading(shape=source.reading.shape, counts_dropped=found.dropped_counts)
+    hif_recipes = recipes_of_hif(document, str(path))
+    source = _listing("a hypergraph (HIF)", path, hif_recipes.listed, hif_recipes.base)
+    source.reading = Reading(shape=source.reading.shape, counts_dropped=hif_recipes.dropped_counts)
     # For people, edges count from 1.
     source.entries = [
         Row(f"edge {number}", row[:-1], row[-1], *facts)
         for number, (row, *facts) in enumerate(
-            zip(found.rows, found.kinds, found.quantities, strict=True), start=1
+            zip(hif_recipes.rows, hif_recipes.kinds, hif_recipes.quantities, strict=True), start=1
         )
     ]
     return source
@@ -162,15 +164,15 @@ def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> Fi
     names = [check_label(trim_unseen(label), f"{path}: items") for label in map(str, labels)]
     for place in chain.from_iterable(rows):
         if not 0 <= place < len(names):
-            seen = f"the index {place:,} in recipes, of {len(names):,} items"
-            raise refusal(path, seen, "infinite-craft")
+            problem = f"the index {place:,} in recipes, of {len(names):,} items"
+            raise refusal(path, problem, "infinite-craft")
     source = FileRows(Reading(shape="a dump of Infinite Craft"), is_exact=True)
     source.listed = {name: "items" for name in names if name != NOTHING}
     if source.listed.keys() >= set(INFINITE_CRAFT_BASE):
         source.base = dict.fromkeys(INFINITE_CRAFT_BASE, "items")
     source.entries = without_nothing(
-        Row(f"recipes[{number}]", [names[a], names[b]], names[made])
-        for number, (a, b, made) in enumerate(rows)
+        Row(f"recipes[{number}]", [names[a], names[b]], names[result])
+        for number, (a, b, result) in enumerate(rows)
     )
     return source
 
@@ -208,12 +210,14 @@ def read_pack(files: Iterable[tuple[str, bytes]]) -> FileRows:
     # Each round opens one level of tags within tags; a circle ends with the rounds.
     for _ in range(_MOST_LEVELS):
         tags |= {tag: list(dict.fromkeys(_choices(items, tags))) for tag, items in tags.items()}
-    read = [_recipes(tags, name, value) for name, value in recipes]
+    pack_recipes = [_recipes(tags, name, value) for name, value in recipes]
     return FileRows(
         Reading(
-            shape="Minecraft recipes", counts_dropped=sum(number for _, number in read), notes=notes
+            shape="Minecraft recipes",
+            counts_dropped=sum(number for _, number in pack_recipes),
+            notes=notes,
         ),
-        list(chain.from_iterable(entries for entries, _ in read)),
+        list(chain.from_iterable(entries for entries, _ in pack_recipes)),
         is_exact=True,
     )
 
@@ -240,7 +244,7 @@ def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
     parts = _parts(value)
     result: Any = next(filter(None, map(value.get, _RESULT_KEYS)), [])
     results = result if isinstance(result, list) else [result]
-    made = _choices(results[0], {}) if results else []
+    result_items = _choices(results[0], {}) if results else []
     slots = [list(dict.fromkeys(_choices(part, tags))) for part in parts or ()]
     # One more than allowed tells that there are too many, and no product is made in full.
     choices = list(islice(_sets_of(slots), _MAX_CHOICES + 1))
@@ -249,9 +253,9 @@ def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
         reason = "with a damaged pattern"
     elif len(results) > 1:
         reason = "with several results"
-    elif not parts or len(made) != 1:
+    elif not parts or len(result_items) != 1:
         reason = WITHOUT
-    elif not all(slots) or any(map(label_fault, chain(made, *slots))):
+    elif not all(slots) or any(map(label_fault, chain(result_items, *slots))):
         reason = "with an ingredient of an unknown kind"
     elif len(choices) > _MAX_CHOICES:
         reason = f"with more than {_MAX_CHOICES} choices of ingredients"
@@ -261,7 +265,7 @@ def _recipes(tags: Tags, name: str, value: Any) -> tuple[list[Entry], int]:
     dropped = sum(holder.get("count", holder.get("amount", 1)) != 1 for holder in holders)
     # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.
     is_set = len(set(map(tuple, slots))) < len(slots) > 2
-    return [Row(name, ingredients, made[0]) for ingredients in choices], dropped + is_set
+    return [Row(name, ingredients, result_items[0]) for ingredients in choices], dropped + is_set
 
 
 def _parts(value: dict[str, Any]) -> list[Any] | None:
@@ -296,7 +300,7 @@ def _sets_of(slots: Sequence[Sequence[str]]) -> Iterable[tuple[str, ...]]:
 def _choices(part: Any, tags: Tags) -> list[str]:
     """Return the items of which one is used; empty if one of them is of an unknown kind."""
     if isinstance(part, list):
-        choices = [_choices(each, tags) for each in part]
+        choices = [_choices(choice, tags) for choice in part]
         return list(chain.from_iterable(choices)) if all(choices) else []
     label = part
     if isinstance(part, dict):

@@ -185,11 +185,11 @@ def read_book(
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, entities)
     if makes_nothing(book.recipes):
         left_out = [f"{number:,} {reason}" for reason, number in reading.left_out.items()]
-        why = "half-products only" if book.recipes else "no rows"
+        reason_text = "half-products only" if book.recipes else "no rows"
         if left_out:
-            why = ", ".join(left_out)
+            reason_text = ", ".join(left_out)
         raise RecipeFileError(
-            f"{path} has no recipe to keep (read as {reading.shape}; {why}). See {GUIDE}."
+            f"{path} has no recipe to keep (read as {reading.shape}; {reason_text}). See {GUIDE}."
         )
     declared = None
     if rows.base is not None:
@@ -258,8 +258,8 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
         value, is_lines = load_json(path, text)
         # A list of a + b = c, alone or below a key.
         inner = value.values() if isinstance(value, dict) else [value]
-        lists = [each for each in inner if isinstance(each, list)]
-        is_text = len(lists) == 1 and all(isinstance(each, str) for each in lists[0])
+        lists = [member for member in inner if isinstance(member, list)]
+        is_text = len(lists) == 1 and all(isinstance(member, str) for member in lists[0])
         lines = "\n".join(lists[0]) if is_text else ""
         if is_text and (isinstance(value, list) or looks_like_lines(lines, is_table=False)):
             return _source_of(path, ".txt", lines, options)
@@ -269,8 +269,8 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> File
     # Lines are often saved under the ending of a table.
     if options.delimiter is None and looks_like_lines(text, is_table=ending in ENDINGS):
         if options.columns is not None:
-            seen = "lines a + b = c, which have no columns"
-            raise refusal(path, seen, "lines", "Leave --columns out.")
+            problem = "lines a + b = c, which have no columns"
+            raise refusal(path, problem, "lines", "Leave --columns out.")
         return read_lines(path, text, fold=fold)
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
     by_name = not all(column.strip().isdecimal() for column in options.columns or ["1"])
@@ -380,15 +380,15 @@ class BookRows:
         A chain is several recipes; its first ones make half-products.
         """
         for entry in self.source.entries:
-            found = self._recipes(entry) if isinstance(entry, Row) else entry
+            parsed_row = self._recipes(entry) if isinstance(entry, Row) else entry
             # A directive is no row, and what it declares is no recipe.
             self.rows += not (isinstance(entry, Fault) and entry.kind == "directive")
-            if isinstance(found, LeftOut):
-                self.left_out[found.reason].append(found.place)
-            elif isinstance(found, Fault):
-                yield found
+            if isinstance(parsed_row, LeftOut):
+                self.left_out[parsed_row.reason].append(parsed_row.place)
+            elif isinstance(parsed_row, Fault):
+                yield parsed_row
             else:
-                yield entry.place, found
+                yield entry.place, parsed_row
 
     def _recipes(self, row: Row) -> list[Recipe] | Fault | LeftOut:
         """Return a row's recipes or its fault, or why it is left out."""
@@ -411,9 +411,9 @@ class BookRows:
             )
             return fault_at(place, "label", message)
         if kind and isinstance(recipes, list):
-            known = self.kinds.setdefault(recipes[-1], kind)
-            if known != kind:
-                message = f"{recipes[-1]} has the kind '{kind}' here, and '{known}' above."
+            first_kind = self.kinds.setdefault(recipes[-1], kind)
+            if first_kind != kind:
+                message = f"{recipes[-1]} has the kind '{kind}' here, and '{first_kind}' above."
                 return fault_at(place, "row", message)
         if quantities and isinstance(recipes, list):
             numbers = quantities.split()
@@ -439,9 +439,9 @@ class BookRows:
             return [Recipe(ingredients, result)]
         if len(ingredients) > MOST_INGREDIENTS:
             return LeftOut(place, _TOO_MANY)
-        (one,) = ingredients
-        if _TOTAL.fullmatch(one):
-            message = f"'{one}' alone is rather a total than an ingredient; remove it."
+        (label,) = ingredients
+        if _TOTAL.fullmatch(label):
+            message = f"'{label}' alone is rather a total than an ingredient; remove it."
             return fault_at(place, "row", message, "total")
         single = self.options.single_ingredient
         if single is None and self.options.ingredients == "chain":
@@ -451,13 +451,13 @@ class BookRows:
             if self._hangs_together:
                 remedy = (
                     f"Write it twice, or build the graph with `single_ingredient` {_SELF} (which "
-                    f"reads {one} + {one}), {_ALONE} (a recipe of one ingredient), or the name of "
-                    "what it is combined with."
+                    f"reads {label} + {label}), {_ALONE} (a recipe of one ingredient), or the name "
+                    "of what it is combined with."
                 )
-            message = f"'{one}' is the only ingredient, in a book of pairs. {remedy}"
+            message = f"'{label}' is the only ingredient, in a book of pairs. {remedy}"
             return fault_at(place, "label", message)
-        second = {None: (), _ALONE: (), _SELF: (one,)}.get(single, (single,))
-        return [Recipe((one, *second), result)]
+        second = {None: (), _ALONE: (), _SELF: (label,)}.get(single, (single,))
+        return [Recipe((label, *second), result)]
 
     def _chained(
         self, place: Place, ingredients: Sequence[str], result: str
@@ -491,8 +491,12 @@ class BookRows:
 
     def with_facts(self, book: RecipeBook) -> RecipeBook:
         """Return a book with the kinds and quantities of those rows that became its recipes."""
-        told = self.kinds.keys() | self.quantities.keys()
-        recipes = [recipe for recipe in book.recipes if recipe in told] if told else []
+        annotated_recipes = self.kinds.keys() | self.quantities.keys()
+        recipes = (
+            [recipe for recipe in book.recipes if recipe in annotated_recipes]
+            if annotated_recipes
+            else []
+        )
         return replace_field(
             book,
             kinds={recipe: self.kinds[recipe] for recipe in recipes if recipe in self.kinds},

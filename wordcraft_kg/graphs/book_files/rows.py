@@ -153,8 +153,8 @@ def fault_at(place: Place, kind: str, message: str, group: str = "") -> Fault:
         message: what was found and what was expected.
         group: equal for faults of one cause; empty for a message that is its own group.
     """
-    where = f"{place}: " if isinstance(place, str) else ""
-    return Fault(place, kind, where + message, group)
+    prefix = f"{place}: " if isinstance(place, str) else ""
+    return Fault(place, kind, prefix + message, group)
 
 
 def without_nothing(entries: Iterable[Entry], *, fold: bool = False) -> list[Entry]:
@@ -165,12 +165,12 @@ def without_nothing(entries: Iterable[Entry], *, fold: bool = False) -> list[Ent
         fold: whether labels are in lower case.
     """
     nothing = NOTHING.lower() if fold else NOTHING
-    kept: list[Entry] = []
+    filtered_entries: list[Entry] = []
     for entry in entries:
         if isinstance(entry, Row) and entry.result == nothing:
-            kept.append(LeftOut(entry.place, "with the result Nothing"))
+            filtered_entries.append(LeftOut(entry.place, "with the result Nothing"))
         elif isinstance(entry, Row) and nothing in entry.ingredients:
-            kept.append(LeftOut(entry.place, "with Nothing as ingredient"))
+            filtered_entries.append(LeftOut(entry.place, "with Nothing as ingredient"))
         else:
-            kept.append(entry)
-    return kept
+            filtered_entries.append(entry)
+    return filtered_entries

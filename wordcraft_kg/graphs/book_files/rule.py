@@ -47,9 +47,9 @@ def share_of_reused(recipes: Iterable[tuple[Iterable[str], str]]) -> float:
         recipes: ingredients and result of each.
     """
     recipes = list(recipes)
-    results = {made for _, made in recipes}
-    used = {part for parts, made in recipes for part in parts if part != made}
-    return len(results & used) / len(results) if results else 0.0
+    results = {result for _, result in recipes}
+    reused_labels = {part for parts, result in recipes for part in parts if part != result}
+    return len(results & reused_labels) / len(results) if results else 0.0
 
 
 @dataclass
@@ -107,7 +107,7 @@ class ReadingCandidate:
     def folded_share(self) -> float:
         """This share if all labels were in lower case."""
         return share_of_reused(
-            ([part.lower() for part in parts], made.lower()) for parts, made in self.recipes
+            ([part.lower() for part in parts], result.lower()) for parts, result in self.recipes
         )
 
     @cached_property
@@ -116,7 +116,7 @@ class ReadingCandidate:
         elements = {label for label in self.labels_used if label.casefold() in ELEMENTS}
         if len(elements) < _FEWEST_ELEMENTS:
             elements = set()
-        odd = sum(made in elements or made in parts for parts, made in self.recipes)
+        odd = sum(result in elements or result in parts for parts, result in self.recipes)
         return odd + len(self.recipes) - len({parts for parts, _ in self.recipes})
 
     @property
@@ -147,7 +147,7 @@ class ReadingCandidate:
     @cached_property
     def labels_used(self) -> set[str]:
         """All labels of its recipes."""
-        return {label for parts, made in self.recipes for label in (*parts, made)}
+        return {label for parts, result in self.recipes for label in (*parts, result)}
 
     def is_like(self, other: "ReadingCandidate") -> bool:
         """Return whether two readings share most of their recipes."""
@@ -179,45 +179,59 @@ def choose(
         RecipeFileError: if several readings remain, or the only one does not hang together; with
             the commands that read the file.
     """
-    readable = [each for each in candidates if each.rows]
-    documented = [each for each in readable if not each.needs_reuse or each.share > LEAST_REUSED]
+    readable = [reading for reading in candidates if reading.rows]
+    documented = [
+        reading for reading in readable if not reading.needs_reuse or reading.share > LEAST_REUSED
+    ]
     # A key of results that most rows lack is hardly that of their results.
-    complete = [each for each in documented if each.num_unmade <= len(each.rows)]
+    complete = [reading for reading in documented if reading.num_unmade <= len(reading.rows)]
     documented = complete or documented
-    named = [each for each in documented if each.way.is_named] or documented
+    named_readings = [reading for reading in documented if reading.way.is_named] or documented
     # Equal shares leave the more certain reading in front.
-    best = max(named, key=lambda each: each.share, default=None)
+    best = max(named_readings, key=lambda reading: reading.share, default=None)
     is_sure = best is not None and best.way.is_named and not best.way.by_place
     if best is None or not is_sure or best.share <= LEAST_REUSED:
-        readable += [each for each in guesses if each.rows]
-        told = _told_order([each for each in readable if each.way.is_order])
-        if told is not None:
-            return told
+        readable += [reading for reading in guesses if reading.rows]
+        ordered_reading = _told_order([reading for reading in readable if reading.way.is_order])
+        if ordered_reading is not None:
+            return ordered_reading
     if best is None:
         return _undocumented(path, candidates, readable, anchor)
     # Of two readings of the same recipes, the one that lacks none; of equal ones the best.
-    alike = [best, *(each for each in documented if each.is_like(best))]
-    best = max(alike, key=lambda each: len(each.recipes))
-    others = [each for each in readable if not each.is_like(best)]
-    rivals = [each for each in others if each.share > LEAST_REUSED and each.is_clean]
+    alike = [best, *(reading for reading in documented if reading.is_like(best))]
+    best = max(alike, key=lambda reading: len(reading.recipes))
+    different_readings = [reading for reading in readable if not reading.is_like(best)]
+    rivals = [
+        reading
+        for reading in different_readings
+        if reading.share > LEAST_REUSED and reading.is_clean
+    ]
     # Another order of the same labels is a reading only if it is no odder.
     if best.way.by_place or not best.way.is_named:
-        odd = [each for each in others if each.contradictions < best.contradictions]
-        odd = [each for each in odd if not each.way.is_documented]
-        odd = [each for each in odd if len(each.results & best.labels_used) * 2 > each.num_made]
-        odd = [each for each in odd if each.is_clean]
+        odd = [
+            reading
+            for reading in different_readings
+            if reading.contradictions < best.contradictions
+        ]
+        odd = [reading for reading in odd if not reading.way.is_documented]
+        odd = [
+            reading
+            for reading in odd
+            if len(reading.results & best.labels_used) * 2 > reading.num_made
+        ]
+        odd = [reading for reading in odd if reading.is_clean]
         if odd:
             raise _several(path, "two readings fit", [best, *odd], anchor)
     rivals = [
-        each
-        for each in rivals
-        if each.way.is_documented or each.contradictions <= best.contradictions
+        reading
+        for reading in rivals
+        if reading.way.is_documented or reading.contradictions <= best.contradictions
     ]
     if best.is_mostly_single and not allows_single:
-        seen = (
+        problem = (
             f"read as {_shown(best)}, most rows have one ingredient: they may be parts of recipes"
         )
-        raise _several(path, seen, rivals, anchor)
+        raise _several(path, problem, rivals, anchor)
     # Names of rows may be no results if none is used, and another key may hold the results.
     is_unused = not best.way.is_named and bool(best.ignored) and best.num_made >= _FEWEST_UNUSED
     is_judged = best.num_made >= FEWEST_RESULTS or (is_unused and not best.share)
@@ -225,13 +239,13 @@ def choose(
     if not hangs_together and is_judged:
         raise _loose(path, best, rivals, anchor)
     # In a book that hangs together, a much looser reading is none, and neither is a guess.
-    close = [each for each in rivals if each.share > best.share * _LIKE]
+    close = [reading for reading in rivals if reading.share > best.share * _LIKE]
     if hangs_together:
-        close = [each for each in close if each.way.is_documented]
+        close = [reading for reading in close if reading.way.is_documented]
     if close:
-        seen = "two readings fit" if hangs_together else f"{_shown(best)} is not certain"
+        problem = "two readings fit" if hangs_together else f"{_shown(best)} is not certain"
         is_advised = hangs_together and best.is_clean
-        raise _several(path, seen, [best, *close] if is_advised else close, anchor)
+        raise _several(path, problem, [best, *close] if is_advised else close, anchor)
     return best
 
 
@@ -253,16 +267,24 @@ def _undocumented(
         A reading whose faults say what is wrong; None without one.
     """
     # The columns of a small table without a header may be in any order.
-    clean = [each for each in readable if each.is_clean]
-    ways = [each for each in clean if each.folded_share > max(LEAST_REUSED, 1 / each.num_made)]
-    ways = ways or [each for each in clean if each.way.is_order]
+    clean = [reading for reading in readable if reading.is_clean]
+    ways = [
+        reading
+        for reading in clean
+        if reading.folded_share > max(LEAST_REUSED, 1 / reading.num_made)
+    ]
+    ways = ways or [reading for reading in clean if reading.way.is_order]
     if ways:
         # Of several orders of the same labels, the least odd ones.
-        least = min(each.contradictions for each in ways)
-        ways = [each for each in ways if each.contradictions == least]
-        seen = "no key or column is a documented word for a result and its ingredients"
-        raise _several(path, seen, ways, anchor)
-    faulty = (each for each in candidates if any(isinstance(e, Row | Fault) for e in each.entries))
+        min_contradictions = min(reading.contradictions for reading in ways)
+        ways = [reading for reading in ways if reading.contradictions == min_contradictions]
+        problem = "no key or column is a documented word for a result and its ingredients"
+        raise _several(path, problem, ways, anchor)
+    faulty = (
+        reading
+        for reading in candidates
+        if any(isinstance(e, Row | Fault) for e in reading.entries)
+    )
     return next(faulty, None)
 
 
@@ -270,16 +292,16 @@ def _loose(
     path: Path, best: ReadingCandidate, rivals: Sequence[ReadingCandidate], anchor: str
 ) -> RecipeFileError:
     """Return the error for a book that does not hang together."""
-    seen = (
+    problem = (
         f"read as {_shown(best)}, {best.share * best.num_made:.0f} of {best.num_made:,} results "
         "are ingredients of other recipes, so that this reading may be wrong"
     )
     if best.folded_share > LEAST_REUSED:
-        return refusal(path, seen, anchor, "Labels differ in case only: --case fold joins them.")
+        return refusal(path, problem, anchor, "Labels differ in case only: --case fold joins them.")
     if not rivals and best.way.is_named and best.is_clean:
         remedy = f"If it is right, as in chemistry or cooking, say so: {best.command}."
-        return refusal(path, seen, anchor, remedy)
-    return _several(path, seen, rivals, anchor)
+        return refusal(path, problem, anchor, remedy)
+    return _several(path, problem, rivals, anchor)
 
 
 def _shown(candidate: ReadingCandidate) -> str:
@@ -304,7 +326,7 @@ def _told_order(orders: Sequence[ReadingCandidate]) -> ReadingCandidate | None:
 
     The right one has the fewest pairs that make several things.
     """
-    if len(orders) != 3 or min(len(each.recipes) for each in orders) < _FEWEST_ROWS:
+    if len(orders) != 3 or min(len(candidate.recipes) for candidate in orders) < _FEWEST_ROWS:
         return None
 
     def share_of_pairs(order: ReadingCandidate) -> float:

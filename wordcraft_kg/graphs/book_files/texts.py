@@ -131,13 +131,13 @@ def read_directive(source: FileRows, number: int, line: str) -> Fault | None:
         number: the line's number.
         line: a line with ``#``; other comments are passed over.
     """
-    key, _, rest = line.partition(":")
+    key, _, label_list = line.partition(":")
     name = key.removeprefix("#").strip().lower()
     if name not in ("base", "entities") or not _is_comment(line):
         return None
     if len(line) > MAX_LINE_LENGTH:
         return Fault(number, "directive", too_long(line))
-    labels = _tolerant_cells(rest.strip(), Dialect(","))
+    labels = _tolerant_cells(label_list.strip(), Dialect(","))
     for fault in filter(None, map(label_fault, labels)):
         return Fault(number, "directive", fault)
     if name == "base":
@@ -235,8 +235,8 @@ def _guess_dialect(path: Path, lines: Sequence[str], usual: str) -> Dialect:
     if len(fitting) > 1:
         last = lines[-1]
         readings = [f"{_tolerant_cells(last, d)} ({DELIMITERS[d.delimiter]})" for d in fitting[:2]]
-        seen = f"two delimiters fit: {' or '.join(readings)}"
-        raise refusal(path, seen, "table", "Choose one with --delimiter.")
+        problem = f"two delimiters fit: {' or '.join(readings)}"
+        raise refusal(path, problem, "table", "Choose one with --delimiter.")
     return fitting[0]
 
 
@@ -246,8 +246,8 @@ def _are_names(cells: Sequence[str]) -> bool:
     if sum(map(is_number, cells)) > 1:
         return False
     paths = [(EACH, f".{cell}") for cell in cells]
-    sure = [each for each in ways_by_words(paths) if each.is_documented]
-    return any(each.is_named or is_name(each.results[0][-1][1:]) for each in sure)
+    documented_ways = [way for way in ways_by_words(paths) if way.is_documented]
+    return any(way.is_named or is_name(way.results[0][-1][1:]) for way in documented_ways)
 
 
 def _are_mostly_names(cells: Sequence[str]) -> bool:
@@ -297,10 +297,10 @@ def _parsed(
                 continue
             # A table that we write has quotes around cells that begin or end with blanks.
             if not line.isascii() and '"' not in line:
-                seen = list(map(trim_unseen, cells))
-                trimmed = source.reading.trimmed + sum(map(ne, seen, cells))
+                trimmed_cells = list(map(trim_unseen, cells))
+                trimmed = source.reading.trimmed + sum(map(ne, trimmed_cells, cells))
                 source.reading = replace(source.reading, trimmed=trimmed)
-                cells = seen
+                cells = trimmed_cells
             yield Line(number, cells) if any(cells) else LeftOut(number, "blank")
 
 
@@ -367,11 +367,11 @@ def _document(
     if width < 2:
         signs = DELIMITERS.get(source.reading.delimiter, repr(source.reading.delimiter))
         cell = body[0].cells[0] if body else ""
-        seen = (
+        problem = (
             f"no table, because {signs} give 1 column ({cell[:80]!r}), and no lines a + b = c "
             "with a sign such as = or ->"
         )
-        raise refusal(path, seen, "lines", "Another delimiter is named with --delimiter.")
+        raise refusal(path, problem, "lines", "Another delimiter is named with --delimiter.")
     grid = _grid(body)
     if grid is not None:
         return grid
@@ -386,18 +386,18 @@ def _document(
         for at, name in enumerate(names)
     ] or [str(at + 1) for at in range(width)]
     document = Document([], is_table=True)
-    known = {name.casefold() for name in names if is_documented(name)}
+    header_words = {name.casefold() for name in names if is_documented(name)}
     # Labels may be words of columns, but hardly those right below the header; in our own tables
     # they stand as they are.
-    known |= {cell.casefold() for row in heads[1:2] for cell in row.cells}
-    known = set() if source.is_exact else known
+    header_words |= {cell.casefold() for row in heads[1:2] for cell in row.cells}
+    header_words = set() if source.is_exact else header_words
     for row in rows:
         if not isinstance(row, Line):
             document.others.append(row)
         elif row.number < number_of_header:
             document.others.append(LeftOut(row.number, "above the header"))
         elif row.number > number_of_header:
-            odd = _odd_row(row, names, known, source.reading.delimiter)
+            odd = _odd_row(row, names, header_words, source.reading.delimiter)
             if odd is None:
                 cells = [*row.cells, *[""] * (len(keys) - len(row.cells))]
                 document.places.append(row.number)
@@ -418,7 +418,7 @@ def _grid(body: Sequence[Line]) -> Document | None:
         for name, result in zip(names, row.cells[1:], strict=False):
             document.places.append(row.number)
             document.value.append({"first": row.cells[0], "second": name, "result": result})
-    results = [each["result"] for each in document.value if each["result"]]
+    results = [record["result"] for record in document.value if record["result"]]
     # In a table of effects or numbers, results are no names.
     is_closed = 2 * sum(result in names for result in results) > len(results)
     return document if is_closed else None
@@ -531,20 +531,20 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     """
     source = FileRows(Reading(shape="lines a + b = c"))
     lines = list(enumerate(io.StringIO(text, newline=""), start=1))
-    left = right = 0
+    left_sums = right_sums = 0
     for number, line in lines:
         sides = None if _is_heading(line) else _sides(line)
         if sides is not None:
-            left += "+" in sides[0]
-            right += "+" in sides[1]
+            left_sums += "+" in sides[0]
+            right_sums += "+" in sides[1]
             if sides[2] and "+" in sides[0]:
-                seen = f"line {number}, whose arrow points at a sum of ingredients"
-                raise refusal(path, seen, "lines")
-    if left and right:
+                problem = f"line {number}, whose arrow points at a sum of ingredients"
+                raise refusal(path, problem, "lines")
+    if left_sums and right_sums:
         raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
-    columns = ("sum", "result") if left >= right else ("sum", "result before it")
+    columns = ("sum", "result") if left_sums >= right_sums else ("sum", "result before it")
     source.reading = replace(source.reading, columns=columns)
-    entries: list[Entry] = list(_entries(source, lines, sum_is_left=left >= right))
+    entries: list[Entry] = list(_entries(source, lines, sum_is_left=left_sums >= right_sums))
     rows = [entry for entry in entries if isinstance(entry, Row)]
     labels = read_labels(rows, label_fault, fold=fold)
     source.entries = [labels.row(entry) if isinstance(entry, Row) else entry for entry in entries]
@@ -556,22 +556,22 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     # In a line the sum may stand on either side.
     first, last = ([row.ingredients[0] for row in rows], [row.result for row in rows])
     inner = [label for row in rows for label in row.ingredients[1:]]
-    if left < right:
+    if left_sums < right_sums:
         first, last = last, [row.ingredients[-1] for row in rows]
-    for where, pattern, ends in (("begin", _PREFIX, first), ("end", _SUFFIX, last)):
-        others = [*inner, *(last if ends is first else first)]
-        mark = _common_mark(pattern, ends, others)
+    for verb, pattern, ends in (("begin", _PREFIX, first), ("end", _SUFFIX, last)):
+        other_labels = [*inner, *(last if ends is first else first)]
+        mark = _common_mark(pattern, ends, other_labels)
         if mark is not None:
-            seen = (
-                f"many lines {where} as with {mark[:40]!r}, which may be a mark or part of a label"
+            problem = (
+                f"many lines {verb} as with {mark[:40]!r}, which may be a mark or part of a label"
             )
-            raise refusal(path, seen, "lines", "Remove it from the lines.")
+            raise refusal(path, problem, "lines", "Remove it from the lines.")
     return source
 
 
 def _common_mark(pattern: re.Pattern[str], ends: list[str], others: list[str]) -> str | None:
     """Return what many labels at an end of lines have, and few other labels; None without one."""
-    marks = [found[0].strip() for found in map(pattern.search, ends) if found]
+    marks = [match[0].strip() for match in map(pattern.search, ends) if match]
     elsewhere = sum(1 for label in others if pattern.search(label))
     share = len(marks) / max(len(ends), 1)
     is_mark = len(marks) > 1 and share >= _OFTEN and elsewhere <= _SELDOM * share * len(others)
@@ -603,14 +603,14 @@ def _recipes(source: FileRows, number: int, line: str, *, sum_is_left: bool) -> 
         )
         yield Fault(number, "row", message, "no sign")
         return
-    total, rest = sides[:2] if sum_is_left else (sides[1], sides[0])
+    total, result_side = sides[:2] if sum_is_left else (sides[1], sides[0])
     # Several results, or several sums of the same result, between commas.
     if sum_is_left:
-        pairs = [(_summands(total), _unwrapped(result)) for result in rest.split(",")]
+        pairs = [(_summands(total), _unwrapped(result)) for result in result_side.split(",")]
         several_outputs = source.reading.several_outputs + (len(pairs) > 1)
         source.reading = replace(source.reading, several_outputs=several_outputs)
     else:
-        pairs = [(_summands(part), _unwrapped(rest)) for part in total.split(",")]
+        pairs = [(_summands(part), _unwrapped(result_side)) for part in total.split(",")]
     for ingredients, result in pairs:
         # Each fault once, in the order of the labels.
         faults = dict.fromkeys(filter(None, map(_label_fault, (*ingredients, result))))

@@ -33,7 +33,9 @@ def words_of(name: str) -> frozenset[str]:
     parted = _BETWEEN_WORDS.sub(" ", name)
     words = re.findall(r"[^\W_]+", parted.lower())
     # East Asian words have no blanks between them.
-    inner = [] if name.isascii() else [known for known in _JOINED if known in name]
+    inner = (
+        [] if name.isascii() else [joined_word for joined_word in _JOINED if joined_word in name]
+    )
     return frozenset((*words, *inner))
 
 
@@ -244,7 +246,10 @@ def _plain_words(family: Iterable[Path]) -> frozenset[str]:
 def _common(paths: Sequence[Path]) -> Path:
     """Return the steps with which all paths begin."""
     steps = zip(*paths, strict=False)
-    return tuple(each[0] for each in takewhile(lambda each: len(set(each)) == 1, steps))
+    return tuple(
+        steps_at_depth[0]
+        for steps_at_depth in takewhile(lambda steps_at_depth: len(set(steps_at_depth)) == 1, steps)
+    )
 
 
 def _is_around(thing: Path, path: Path) -> bool:
@@ -283,20 +288,22 @@ def ways_by_words(paths: Iterable[Path]) -> Iterator[Way]:
         families = [*families, tuple(chain.from_iterable(different.values()))]
     # Two columns of other names beside a result are rather its ingredients: a guess.
     if not families and len(unknown) in (1, 2):
-        yield from (Way(unknown, made, is_documented=False) for made in _families(results))
+        yield from (
+            Way(unknown, result_family, is_documented=False) for result_family in _families(results)
+        )
     for family in families:
         around = _common(family)
         last = words_of(family[0][-1][1:]) if family[0][-1].startswith(".") else frozenset()
         # {"name": "water", "uses": [{"with": "earth", "makes": "mud"}]}
         is_partner = len(family) == 1 and bool(last & _PARTNERS)
-        for made in _families(results):
-            outer = _around(made[0], results[made[0]])
+        for result_family in _families(results):
+            outer = _around(result_family[0], results[result_family[0]])
             if is_partner:
-                near = (thing for thing in things if _is_around(thing, made[0]))
-                near = (thing for thing in near if thing[:-1] != made[0][:-1])
-                yield from (Way((thing, *family), made) for thing in near)
+                near = (thing for thing in things if _is_around(thing, result_family[0]))
+                near = (thing for thing in near if thing[:-1] != result_family[0][:-1])
+                yield from (Way((thing, *family), result_family) for thing in near)
             elif around[: len(outer)] == outer:
-                yield Way(family, made)
+                yield Way(family, result_family)
         if not is_partner or not results:
             near = (thing for thing in things if _is_around(thing, around))
             yield from (Way(family, (thing,), is_named=False) for thing in near)

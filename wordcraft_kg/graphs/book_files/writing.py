@@ -67,8 +67,10 @@ def write_rows(
     facts = _facts(book)
     lines = [csv_line((*header, *facts, *columns), delimiter)]
     for labels, cells in rows:
-        told = (each.get(Recipe.of(*labels), "") for each in facts.values())
-        lines.append(csv_line((*_in_columns(labels, header), *told, *cells), delimiter))
+        fact_cells = (
+            values_by_recipe.get(Recipe.of(*labels), "") for values_by_recipe in facts.values()
+        )
+        lines.append(csv_line((*_in_columns(labels, header), *fact_cells, *cells), delimiter))
     write_atomically(output_target(path), chain(_directives(book), lines))
 
 
@@ -90,7 +92,7 @@ def _directives(book: RecipeBook) -> Iterator[str]:
 def _facts(book: RecipeBook) -> dict[str, Mapping[Recipe, str]]:
     """Return what a book tells of its recipes beside ingredients and result, by column."""
     facts = {KIND: book.kinds, QUANTITIES: book.quantities}
-    return {name: each for name, each in facts.items() if each}
+    return {name: values_by_recipe for name, values_by_recipe in facts.items() if values_by_recipe}
 
 
 def recipe_table(book: RecipeBook, delimiter: str = ",") -> Iterator[str]:
@@ -107,8 +109,8 @@ def recipe_table(book: RecipeBook, delimiter: str = ",") -> Iterator[str]:
     yield delimiter.join((*header, *facts)) + "\n"
     if facts:
         for recipe in rows:
-            told = (each.get(recipe, "") for each in facts.values())
-            yield csv_line((*_in_columns(recipe, header), *told), delimiter)
+            fact_cells = (values_by_recipe.get(recipe, "") for values_by_recipe in facts.values())
+            yield csv_line((*_in_columns(recipe, header), *fact_cells), delimiter)
         return
     # A label is looked at once, not in each of its recipes; the padding is a blank cell.
     texts = [*(_cell(label, delimiter) for label in rows.labels), ""]
@@ -132,9 +134,9 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     yield "{\n"
     yield f'"format": {dump(_JSON_FORMAT)},\n'
     yield f'"name": {dump(book.name)},\n'
-    for name, each in (("kinds", book.kinds), (QUANTITIES, book.quantities)):
-        if each:
-            extra[name] = [each.get(recipe, "") for recipe in book.recipes]
+    for name, values_by_recipe in (("kinds", book.kinds), (QUANTITIES, book.quantities)):
+        if values_by_recipe:
+            extra[name] = [values_by_recipe.get(recipe, "") for recipe in book.recipes]
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n'

@@ -175,7 +175,7 @@ def view_check(
     # A file that another process writes during this check is not replaced.
     replaces = fix is not None and fix.exists()
     # Opened before the check, which may take seconds: a wrong name fails at once.
-    other = None if against is None else open_book(against)
+    compared_book = None if against is None else open_book(against)
     check = check_book(path, base or located.base, located.name, **options)
     graph = check.graph
     kept_columns = False
@@ -192,11 +192,13 @@ def view_check(
         except ImportError as error:
             message = f"words were not checked for word vectors, which need {error.name}"
             check = check.adding([Finding("vector", "note", (), message)])
-    if graph is not None and other is not None:
-        counted = ~graph.makes_half_product
-        shared = len(set(graph.recipe_labels(graph.sets[counted])) & set(other.recipes))
-        share = shared / int(np.sum(counted))
-        check = check.adding((), against=other.name, shared_recipes=shared, shared=share)
+    if graph is not None and compared_book is not None:
+        is_book_recipe = ~graph.makes_half_product
+        shared = len(
+            set(graph.recipe_labels(graph.sets[is_book_recipe])) & set(compared_book.recipes)
+        )
+        share = shared / int(np.sum(is_book_recipe))
+        check = check.adding((), against=compared_book.name, shared_recipes=shared, shared=share)
     return CheckedBook(
         book,
         str(path),
@@ -232,14 +234,14 @@ def write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
     Raises:
         RecipeFileError: if the ending is another; nothing is written.
     """
-    kept = set(book.recipes)
-    ordered = [recipe for recipe in check.places if recipe in kept]
+    book_recipes = set(book.recipes)
+    ordered = [recipe for recipe in check.places if recipe in book_recipes]
     # Half-products of chains have no row.
-    others = kept.difference(ordered)
-    ordered += sorted(others)
+    rowless_recipes = book_recipes.difference(ordered)
+    ordered += sorted(rowless_recipes)
     reading = check.reading
     assert reading is not None
-    if path.suffix.lower() not in (".csv", ".tsv") or (others or not check.records):
+    if path.suffix.lower() not in (".csv", ".tsv") or (rowless_recipes or not check.records):
         write_book(replace(book, recipes=ordered), path)
         return not reading.ignored
     rows = []

@@ -293,8 +293,10 @@ def main_statistics(graph: RecipeGraph, base: Sequence[int]) -> WorldStatistics:
     main = statistics.main
     if main is None:
         return statistics
-    others = [each for each in statistics.bottlenecks if each != main]
-    return replace(statistics, bottlenecks=(main, *others[: SHOWN_BOTTLENECKS - 1]))
+    further_bottlenecks = [
+        bottleneck for bottleneck in statistics.bottlenecks if bottleneck != main
+    ]
+    return replace(statistics, bottlenecks=(main, *further_bottlenecks[: SHOWN_BOTTLENECKS - 1]))
 
 
 def passages(
@@ -308,13 +310,15 @@ def passages(
         learnt: attempt of each entity, shape (..., E), from
             :class:`~wordcraft_kg.agents.discovery.Plays`.
     """
-    found = []
+    passages_by_bottleneck = []
     for bottleneck in statistics.bottlenecks:
         attempts = learnt[..., graph.id_of(bottleneck.entity)].ravel()
         passed = attempts[attempts != NEVER]
         attempt = float(np.median(passed)) if len(passed) else None
-        found.append(Passage(bottleneck.entity, len(passed) / len(attempts), attempt))
-    return tuple(found)
+        passages_by_bottleneck.append(
+            Passage(bottleneck.entity, len(passed) / len(attempts), attempt)
+        )
+    return tuple(passages_by_bottleneck)
 
 
 def explain_run(
@@ -348,7 +352,7 @@ def explain_run(
         thought = player.thought
         new, _ = game.combine(*pair)
         player.observe(pair, new)
-        one, other = graph.labels(sorted(pair))
+        first_label, second_label = graph.labels(sorted(pair))
         expected = None
         evidence: tuple[SupportingRecipe, ...] = ()
         if thought.expected >= 0:
@@ -365,8 +369,8 @@ def explain_run(
         tried.append(
             TriedPair(
                 attempt=attempt,
-                ingredient_a=one,
-                ingredient_b=other,
+                ingredient_a=first_label,
+                ingredient_b=second_label,
                 made=graph.labels(new),
                 reason=thought.reason,
                 chance=thought.chance,
@@ -383,28 +387,28 @@ def explain_run(
 def _references(
     graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]
 ) -> tuple[ReferenceRow, ...]:
-    ours = reference_rows(graph.hash, None, OpenPlay(base))
-    others = literature(["entities known", "new combinations"])
+    bundled_rows = reference_rows(graph.hash, None, OpenPlay(base))
+    published_rows = literature(["entities known", "new combinations"])
     # The people's curve is a part of every view, so the same numbers as a row would stand twice.
     shown = {str(attempt): entities for attempt, entities in HUMAN_CURVE.items()}
-    further = [row for row in ours if row.player not in players]
-    for row in others:
+    reference_list = [row for row in bundled_rows if row.player not in players]
+    for row in published_rows:
         values = {at: figure.value for at, figure in row.figures.items()}
         if values != shown:
-            further.append(row)
-    return tuple(further)
+            reference_list.append(row)
+    return tuple(reference_list)
 
 
 def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
-    known = {}
+    known_by_attempt = {}
     columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated")]
     for attempt, mean, low, high, repeated in zip(*columns, strict=True):
         # A single run has NaN for an interval, and JSON has no NaN.
         has_interval = not math.isnan(low)
-        known[str(attempt)] = KnownEntities(
+        known_by_attempt[str(attempt)] = KnownEntities(
             mean=mean,
             low=low if has_interval else None,
             high=high if has_interval else None,
             repeated=repeated,
         )
-    return known
+    return known_by_attempt

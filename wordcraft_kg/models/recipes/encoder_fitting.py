@@ -113,9 +113,9 @@ class _Network(nn.Module):
         Returns:
             shape (n, U).
         """
-        own = nn.functional.embedding(ids, self.used_ids, sparse=True) * keep
-        of_words = vectors[ids] @ self.used_words + self.used_bias
-        return (of_words + own).relu()
+        id_vectors = nn.functional.embedding(ids, self.used_ids, sparse=True) * keep
+        word_vectors = vectors[ids] @ self.used_words + self.used_bias
+        return (word_vectors + id_vectors).relu()
 
     def as_made(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> tuple[Tensor, Tensor]:
         """Return the vectors g of results, and their biases.
@@ -129,11 +129,11 @@ class _Network(nn.Module):
             shape (n, Z), and shape (n,).
         """
         words = vectors[ids]
-        own = nn.functional.embedding(ids, self.made_ids, sparse=True) * keep
-        own_bias = nn.functional.embedding(ids, self.bias_ids, sparse=True) * keep
-        made = words @ self.made_words + self.made_bias + own
-        bias = words @ self.bias_words + own_bias[:, 0]
-        return made, bias
+        id_vectors = nn.functional.embedding(ids, self.made_ids, sparse=True) * keep
+        id_bias = nn.functional.embedding(ids, self.bias_ids, sparse=True) * keep
+        result_vectors = words @ self.made_words + self.made_bias + id_vectors
+        bias = words @ self.bias_words + id_bias[:, 0]
+        return result_vectors, bias
 
     def of_pairs(self, one: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
         """Return z, shape (n, Z), and u, shape (n,), of pairs of h, shape (n, U) each."""
@@ -152,12 +152,12 @@ class _Network(nn.Module):
             recipes: training recipes, ids (n, 3).
         """
         nothing = torch.zeros(())
-        used = vectors @ self.used_words + self.used_bias + self.used_ids
-        made = vectors @ self.made_words + self.made_bias + self.made_ids
+        ingredient_vectors = vectors @ self.used_words + self.used_bias + self.used_ids
+        result_vectors = vectors @ self.made_words + self.made_bias + self.made_ids
         bias = vectors @ self.bias_words + self.bias_ids[:, 0]
         parts = PairEncoder(
-            used=used.relu(),
-            made=made,
+            used=ingredient_vectors.relu(),
+            made=result_vectors,
             bias=bias,
             first=self.first,
             first_bias=self.first_bias,
@@ -193,17 +193,17 @@ def _centred(encoder: PairEncoder, recipes: Tensor) -> PairEncoder:
     """
     a, b, results = recipes.unbind(1)
     mean_made = encoder.made[results].mean(0)
-    made = encoder.made - mean_made
+    result_vectors = encoder.made - mean_made
     made_bias = encoder.made_bias - mean_made
     z, u = encoder.encode(a, b)
     mean_z = z.mean(0)
     pair = encoder.pair + encoder.second @ mean_made
     mean_u = (u + z @ mean_made).mean()
     pair_bias = encoder.second_bias @ mean_made - mean_u
-    bias = encoder.bias + made @ mean_z
+    bias = encoder.bias + result_vectors @ mean_z
     mean_bias = bias[results].mean()
     return encoder._replace(
-        made=made,
+        made=result_vectors,
         bias=bias - mean_bias,
         second_bias=encoder.second_bias - mean_z,
         pair=pair,
@@ -219,18 +219,18 @@ class _Draws:
 
     def __init__(self, recipes: Ids, size: int):
         first, second, results = recipes.T
-        made = np.bincount(results, minlength=size)
+        make_counts = np.bincount(results, minlength=size)
         users = np.concatenate([first, second[first != second]])
         # Half by frequency to the power .75 (Mikolov et al. 2013), half evenly.
-        by_count = made**0.75
+        by_count = make_counts**0.75
         self.of_results = 0.5 * by_count / by_count.sum() + 0.5 / size
-        self.share = made / len(recipes)
+        self.share = make_counts / len(recipes)
         # As environments draw distractors.
         uses = 1.0 + np.bincount(users, minlength=size)
-        of_uses = uses / uses.sum()
+        use_probs = uses / uses.sum()
         # Where the interval of each entity ends, see `_drawn`.
         self.result_ends = torch.from_numpy(np.cumsum(self.of_results))
-        self.use_ends = torch.from_numpy(np.cumsum(of_uses))
+        self.use_ends = torch.from_numpy(np.cumsum(use_probs))
 
     def results(self, number: int, generator: torch.Generator) -> Tensor:
         """Return ids of results, shape (number,)."""
@@ -341,17 +341,17 @@ def fit_encoder(
         torch.optim.SparseAdam(network.of_entities(), lr=plan.rate),
     ]
     total = steps * plan.epochs
-    done = 0
+    num_steps = 0
     with torch_threads(1):
         for _ in range(plan.epochs):
             order = torch.randperm(len(rows), generator=generator)
             # The last recipes of an order are too few for a step; another order has others last.
-            for some in order.split(batch)[:steps]:
+            for batch_rows in order.split(batch)[:steps]:
                 if stop():
                     raise KeyboardInterrupt
-                rate = plan.rate * _share_of_rate(done, total)
-                done += 1
-                loss = _loss(network, words, rows[some], draws, log_expected, plan, generator)
+                rate = plan.rate * _share_of_rate(num_steps, total)
+                num_steps += 1
+                loss = _loss(network, words, rows[batch_rows], draws, log_expected, plan, generator)
                 for optimizer in optimizers:
                     optimizer.zero_grad()
                 loss.backward()
@@ -400,17 +400,17 @@ def _loss(
     first, second, results = recipes.unbind(1)
     # Corrupted pairs: one ingredient stays in half of them, none in the others.
     corrupted = plan.corrupted * batch
-    drawn = draws.used(2 * corrupted, generator)
-    one, other = drawn.view(2, corrupted)
+    corrupting_ids = draws.used(2 * corrupted, generator)
+    first_corrupted, second_corrupted = corrupting_ids.view(2, corrupted)
     stays = torch.arange(corrupted)[: corrupted // 2]
-    of_recipe = stays % batch
+    source_rows = stays % batch
     keeps_first = stays % 4 < 2
-    one[stays] = torch.where(keeps_first, first[of_recipe], second[of_recipe])
-    pairs = torch.cat([first, one, second, other])
-    used_ids, of_pairs = pairs.unique(return_inverse=True)
+    first_corrupted[stays] = torch.where(keeps_first, first[source_rows], second[source_rows])
+    pairs = torch.cat([first, first_corrupted, second, second_corrupted])
+    used_ids, pair_places = pairs.unique(return_inverse=True)
     sampled = draws.results(plan.sampled, generator)
-    made_ids, of_results = torch.cat([results, sampled]).unique(return_inverse=True)
-    right = of_results[:batch].to(device)
+    made_ids, result_places = torch.cat([results, sampled]).unique(return_inverse=True)
+    right = result_places[:batch].to(device)
     drawn_used = torch.rand(len(used_ids), 1, generator=generator)
     drawn_made = torch.rand(len(made_ids), 1, generator=generator)
     keep_used = drawn_used >= plan.drop_used
@@ -418,24 +418,24 @@ def _loss(
     used_ids = used_ids.to(device)
     made_ids = made_ids.to(device)
 
-    used = network.as_used(words, used_ids, keep_used.to(device))
-    one_used, other_used = used[of_pairs.to(device)].chunk(2)
-    z, u = network.of_pairs(one_used, other_used)
-    made, bias = network.as_made(words, made_ids, keep_made.to(device))
+    ingredient_vectors = network.as_used(words, used_ids, keep_used.to(device))
+    first_vectors, second_vectors = ingredient_vectors[pair_places.to(device)].chunk(2)
+    z, u = network.of_pairs(first_vectors, second_vectors)
+    result_vectors, bias = network.as_made(words, made_ids, keep_made.to(device))
     # A result that steps have often is no better an answer: its frequency is taken off.
     corrected = bias - log_expected[made_ids]
     # (B, results of the batch and sampled ones, each once)
-    of_all_results = z[:batch] @ made.T + corrected
-    result_loss = nn.functional.cross_entropy(of_all_results, right)
+    result_logits = z[:batch] @ result_vectors.T + corrected
+    result_loss = nn.functional.cross_entropy(result_logits, right)
     # (B, pairs of the batch and corrupted ones)
-    of_all_pairs = made[right] @ z.T + u
+    pair_logits = result_vectors[right] @ z.T + u
     goals = results.to(device)
     is_same = goals[:, None] == goals
     is_same.fill_diagonal_(False)
     # Another recipe's pair that makes the same result is no wrong answer.
     competing = nn.functional.pad(is_same, (0, corrupted), value=False)
-    of_all_pairs = of_all_pairs.masked_fill(competing, -1e4)
+    pair_logits = pair_logits.masked_fill(competing, -1e4)
     # The right pair of each recipe is its own: the first columns are the batch's pairs.
-    own = torch.arange(batch, device=device)
-    pair_loss = nn.functional.cross_entropy(of_all_pairs, own)
+    right_pairs = torch.arange(batch, device=device)
+    pair_loss = nn.functional.cross_entropy(pair_logits, right_pairs)
     return result_loss + pair_loss

@@ -118,53 +118,55 @@ def fit_recipe_scorers(
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
-    of_folds: Mapping[LeftOut, PairEncoder] = {}
-    of_others = None
+    fold_encoders: Mapping[LeftOut, PairEncoder] = {}
+    shared_encoder = None
     if isinstance(encoders, PairEncoder):
-        of_others = encoders
+        shared_encoder = encoders
     else:
-        of_folds = encoders
+        fold_encoders = encoders
     # By the folds left out and the fold held out.
     lessons: dict[tuple[LeftOut, int], _Lesson] = {}
     missing = set(wanted)
 
-    def made(left_out: LeftOut, turn: int) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
+    def make_lessons(left_out: LeftOut, turn: int) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
         without = {*left_out, turn}
         lists = words.lists(folds.recipes(without))
-        encoder = of_folds.get(tuple(sorted(without)), of_others)
-        of_lists = []
+        encoder = fold_encoders.get(tuple(sorted(without)), shared_encoder)
+        new_lessons = []
         # Each fold left out is held out for the ranker that leaves out the others.
         for held_out in without:
-            other = tuple(sorted(without - {held_out}))
-            is_lesson = held_out in lesson_folds(folds, other, has_encoder=bool(of_folds))
-            if other in missing and is_lesson:
+            ranker_folds = tuple(sorted(without - {held_out}))
+            is_lesson = held_out in lesson_folds(
+                folds, ranker_folds, has_encoder=bool(fold_encoders)
+            )
+            if ranker_folds in missing and is_lesson:
                 lesson = _lesson(
                     folds,
                     lists,
                     outside,
                     encoder,
-                    other,
+                    ranker_folds,
                     held_out,
                     seed,
-                    is_own_encoder=bool(of_folds),
+                    is_own_encoder=bool(fold_encoders),
                 )
-                of_lists.append(((other, held_out), lesson))
-        return of_lists
+                new_lessons.append(((ranker_folds, held_out), lesson))
+        return new_lessons
 
     pool = ThreadPoolExecutor(workers)
     # Rankers are fitted beside each other, and beside the lists of the next ones.
     fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
     try:
         for left_out in wanted:
-            turns = lesson_folds(folds, left_out, has_encoder=bool(of_folds))
+            turns = lesson_folds(folds, left_out, has_encoder=bool(fold_encoders))
             new = [turn for turn in turns if (left_out, turn) not in lessons]
-            for found in pool.map(partial(made, left_out), new):
-                lessons.update(found)
+            for lessons_of_turn in pool.map(partial(make_lessons, left_out), new):
+                lessons.update(lessons_of_turn)
                 after()
-            of_turns = [lessons.pop((left_out, turn)) for turn in turns]
+            turn_lessons = [lessons.pop((left_out, turn)) for turn in turns]
             missing.remove(left_out)
-            encoder = of_folds.get(left_out, of_others)
-            fit = pool.submit(_fitted, folds, words, outside, encoder, left_out, of_turns, seed)
+            encoder = fold_encoders.get(left_out, shared_encoder)
+            fit = pool.submit(_fitted, folds, words, outside, encoder, left_out, turn_lessons, seed)
             fits.append((left_out, fit))
             # Further ones would only keep what they learn from in memory.
             if len(fits) == workers:
@@ -184,15 +186,15 @@ def lesson_folds(folds: Folds, left_out: LeftOut, *, has_encoder: bool) -> list[
         left_out: folds that the scorer has not seen.
         has_encoder: whether it has a pair encoder.
     """
-    others = [fold for fold in range(folds.count) if fold not in left_out]
+    remaining_folds = [fold for fold in range(folds.count) if fold not in left_out]
     num_recipes = np.count_nonzero(folds.train_sample.is_trained_on)
     if not has_encoder and num_recipes < ONE_LESSON_FROM:
-        return others
+        return remaining_folds
     # Folds 0 and 1 learn from each other, so do 2 and 3; the last of an odd number learns from 0.
     # `^ 1` turns an even number into the next one, and that into the even one.
     partners = [fold ^ 1 for fold in left_out]
-    there = [fold for fold in partners if fold in others]
-    return there or others[:1]
+    partner_folds = [fold for fold in partners if fold in remaining_folds]
+    return partner_folds or remaining_folds[:1]
 
 
 def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
@@ -205,13 +207,13 @@ def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
         folds: folds of the train recipes.
         wanted: the folds that scorers leave out, in the order of their fits.
     """
-    needed: dict[LeftOut, None] = {}
+    fold_sets: dict[LeftOut, None] = {}
     for left_out in wanted:
-        needed[left_out] = None
+        fold_sets[left_out] = None
         for turn in lesson_folds(folds, left_out, has_encoder=True):
             with_turn = {*left_out, turn}
-            needed[tuple(sorted(with_turn))] = None
-    return list(needed)
+            fold_sets[tuple(sorted(with_turn))] = None
+    return list(fold_sets)
 
 
 def _ended(
@@ -271,12 +273,12 @@ def _fitted(
     """
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
     link_rankers = {}
-    of_relations = {
+    queries_by_relation = {
         COMBINES_WITH: [lesson.combines for lesson in lessons],
         COMPONENT_OF: [lesson.components for lesson in lessons],
     }
-    for relation, of_folds in of_relations.items():
-        queries = _together(of_folds)
+    for relation, fold_queries in queries_by_relation.items():
+        queries = _together(fold_queries)
         if len(queries.features):
             link_rankers[relation] = fit_committee(queries, generator, LINKS)
     for lesson in lessons:
@@ -316,7 +318,7 @@ def _result_ranker(
         recipes: known recipes, ids (n, 3).
     """
     queries = [lesson.results for lesson in lessons if lesson.results is not None]
-    parts = [each for each in queries if len(each.competes)]
+    parts = [examples_of_fold for examples_of_fold in queries if len(examples_of_fold.competes)]
     if not parts:
         # By-goal folds of a tiny book: no candidate is ever right. As wide as other folds' rankers,
         # with which this one is stacked.
@@ -346,14 +348,14 @@ def _knowing(
     # A feature that is the same in all examples has weight 0.
     if ranker.first[makes].any():
         return ranker
-    chosen = recipes[:: max(1, len(recipes) // KNOWN)]
-    a, b, goal = torch.from_numpy(chosen.copy()).T
+    sampled_recipes = recipes[:: max(1, len(recipes) // KNOWN)]
+    a, b, goal = torch.from_numpy(sampled_recipes.copy()).T
     table = torch.stack([a, b], dim=1)
     # The recipe's two slots, not the pairs of a slot with itself.
     pair = (torch.tensor([0]), torch.tensor([1]))
-    of_known = knowledge.features(goal, table, torch.zeros_like(goal), pair)
+    known_features = knowledge.features(goal, table, torch.zeros_like(goal), pair)
     highest = ranker(examples.features[examples.competes]).amax()
-    return with_known(ranker, of_known[:, 0], makes, highest)
+    return with_known(ranker, known_features[:, 0], makes, highest)
 
 
 def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> Ranker:
@@ -435,9 +437,9 @@ def _with_tables(
             tables[relation] = torch.zeros(size, size)
             continue
         scores = []
-        for some in every.split(max(1, CELLS // size)):
-            features = link_features(lists, relation, some.numpy())
-            from_outside = _outside(outside, relation, some[:, None], every)
+        for head_ids in every.split(max(1, CELLS // size)):
+            features = link_features(lists, relation, head_ids.numpy())
+            from_outside = _outside(outside, relation, head_ids[:, None], every)
             scores.append(ranker(torch.cat([features, from_outside], dim=-1)))
         tables[relation] = torch.cat(scores)
     return knowledge.with_link_tables(tables)
@@ -489,20 +491,20 @@ def _lesson(
         for relation in (COMBINES_WITH, COMPONENT_OF)
     )
     recipes = folds.recipes_of(held_out)
-    known = folds.recipes(left_out)
+    known_recipes = folds.recipes(left_out)
     # An equal share of the examples for each fold, rounded up.
-    most = math.ceil(EXAMPLES / lessons)
-    chosen = recipes[np.sort(rng.permutation(len(recipes))[:most])]
-    tables, goals = drawn_tables(chosen, known, len(lists.norms), rng)
-    links, examples = table_examples(lists, encoder, tables, goals, known)
+    max_recipes = math.ceil(EXAMPLES / lessons)
+    lesson_recipes = recipes[np.sort(rng.permutation(len(recipes))[:max_recipes])]
+    tables, goals = drawn_tables(lesson_recipes, known_recipes, len(lists.norms), rng)
+    links, examples = table_examples(lists, encoder, tables, goals, known_recipes)
     # Empty slots have no row; their pairs do not compete.
     slots = _tensor(tables).clamp(min=0)
     from_outside = _outside(outside, COMPONENT_OF, slots, _tensor(goals)[:, None])
-    one, other = pairs_of(slots.shape[1], slots.device)
-    pair_links = torch.zeros(len(slots), len(one), 0)
+    first_slots, second_slots = pairs_of(slots.shape[1], slots.device)
+    pair_links = torch.zeros(len(slots), len(first_slots), 0)
     if outside.pairs:
-        a = slots[:, one]
-        b = slots[:, other]
+        a = slots[:, first_slots]
+        b = slots[:, second_slots]
         places = (a.numpy().ravel(), b.numpy().reshape(-1, 1))
         known_pairs = links_by_key(lists, COMBINES_WITH, *places).view(*a.shape, -1)
         pair_links = torch.cat([known_pairs, _outside(outside, COMBINES_WITH, a, b)], dim=-1)
@@ -515,7 +517,7 @@ def _lesson(
     )
     if encoder is None or not is_own_encoder:
         return lesson
-    result_links, results = _result_queries(lists, encoder, recipes, known, rng)
+    result_links, results = _result_queries(lists, encoder, recipes, known_recipes, rng)
     return lesson._replace(results=results, result_links=result_links)
 
 
@@ -539,8 +541,8 @@ def _result_queries(
         features of the links of both ingredients to each candidate, shape (N C, 2, F); and queries
         for N pairs with C candidates.
     """
-    drawn = rng.permutation(len(recipes))[:RESULT_QUERIES]
-    pairs = np.unique(recipes[np.sort(drawn), :2], axis=0)
+    sampled_rows = rng.permutation(len(recipes))[:RESULT_QUERIES]
+    pairs = np.unique(recipes[np.sort(sampled_rows), :2], axis=0)
     a, b = _tensor(pairs).T.contiguous()
     candidates = propose_results(lists, encoder, a, b).numpy()
     competes = candidates >= 0
@@ -548,13 +550,13 @@ def _result_queries(
     is_right = np.isin(keys, _keys(lists, *known.T)) & competes
     # A pair whose result nobody proposes has nothing to teach.
     has_right = is_right.any(1)
-    asked = candidates[has_right]
-    tables = np.repeat(pairs[has_right], asked.shape[1], axis=0)
+    query_candidates = candidates[has_right]
+    tables = np.repeat(pairs[has_right], query_candidates.shape[1], axis=0)
     only_pair = (np.array([0]), np.array([1]))
-    goals = asked.ravel()
+    goals = query_candidates.ravel()
     links, every = table_examples(lists, encoder, tables, goals, known, only_pair)
     # (N C, 1, F) to (N, C, F).
-    features = every.features.view(*asked.shape, -1)
+    features = every.features.view(*query_candidates.shape, -1)
     return links, Examples(features, _tensor(competes[has_right]), _tensor(is_right[has_right]))
 
 
@@ -582,27 +584,27 @@ def _link_examples(
     """
     size = folds.split.graph.num_entities
     every = folds.triples(left_out)
-    of_fold = recipe_triples(folds.recipes_of(held_out))
-    seen = folds.triples([*left_out, held_out])
-    is_own = of_fold[:, 1] == relation
-    is_new = ~is_in(of_fold, seen, size)
-    new = of_fold[is_own & is_new]
-    drawn = rng.permutation(len(new))[:queries]
-    chosen = new[np.sort(drawn)]
+    fold_triples = recipe_triples(folds.recipes_of(held_out))
+    train_triples = folds.triples([*left_out, held_out])
+    is_own = fold_triples[:, 1] == relation
+    is_new = ~is_in(fold_triples, train_triples, size)
+    new = fold_triples[is_own & is_new]
+    sampled_rows = rng.permutation(len(new))[:queries]
+    query_links = new[np.sort(sampled_rows)]
     parts = []
     # combinesWith is symmetric, so head queries equal tail queries.
     asks_heads = (False,) if relation == COMBINES_WITH else (False, True)
     for heads in asks_heads:
-        known = chosen[:, 2 if heads else 0]
-        asked = chosen[:, 0 if heads else 2]
-        candidates = rng.integers(size, size=(len(chosen), CANDIDATES))
+        query_entities = query_links[:, 2 if heads else 0]
+        answer_ids = query_links[:, 0 if heads else 2]
+        candidates = rng.integers(size, size=(len(query_links), CANDIDATES))
         # The right candidate comes first, and once.
-        candidates[:, 0] = asked
+        candidates[:, 0] = answer_ids
         is_right = np.zeros(candidates.shape, dtype=bool)
         is_right[:, 0] = True
-        links = _triples(known[:, None], relation, candidates, heads=heads)
+        links = _triples(query_entities[:, None], relation, candidates, heads=heads)
         is_known = is_in(links.reshape(-1, 3), every, size).reshape(candidates.shape)
-        features = link_features(lists, relation, known, candidates, heads=heads)
+        features = link_features(lists, relation, query_entities, candidates, heads=heads)
         link_heads = _tensor(links[..., 0])
         link_tails = _tensor(links[..., 2])
         from_outside = _outside(outside, relation, link_heads, link_tails)
@@ -613,18 +615,20 @@ def _link_examples(
     return _together(parts)
 
 
-def _triples(known: Ids, relation: int, others: Ids, *, heads: bool) -> Ids:
-    """Return the triples of known entities (B, 1) and others (B, N), shape (B, N, 3).
+def _triples(query_ids: Ids, relation: int, candidate_ids: Ids, *, heads: bool) -> Ids:
+    """Return the triples of query entities (B, 1) and candidates (B, N), shape (B, N, 3).
 
     Args:
-        known: entities on one side.
+        query_ids: entities on one side.
         relation: relation id.
-        others: entities on the other side.
-        heads: whether ``others`` are the heads.
+        candidate_ids: entities on the other side.
+        heads: whether ``candidate_ids`` are the heads.
     """
-    known = np.broadcast_to(known, others.shape)
-    relations = np.full(others.shape, relation)
-    sides = (others, relations, known) if heads else (known, relations, others)
+    query_ids = np.broadcast_to(query_ids, candidate_ids.shape)
+    relations = np.full(candidate_ids.shape, relation)
+    sides = (
+        (candidate_ids, relations, query_ids) if heads else (query_ids, relations, candidate_ids)
+    )
     return np.stack(sides, axis=-1)
 
 
@@ -646,8 +650,8 @@ def drawn_tables(
         ids of slots, shape (N, A), -1 for empty slots; and goals, shape (N,).
     """
     # A small book has few recipes to learn from, so that more distractors help.
-    fewest, most = DRAWS
-    draws = int(np.clip(EXAMPLES // max(len(known), 1), fewest, most))
+    min_draws, max_draws = DRAWS
+    draws = int(np.clip(EXAMPLES // max(len(known), 1), min_draws, max_draws))
     tables = [_tables(recipes, known, size, amount, rng) for amount in TABLES * draws]
     return np.concatenate(tables), np.tile(recipes[:, 2], len(tables))
 
@@ -676,18 +680,22 @@ def table_examples(
         pairs, (N, P, F), where scores of link rankers are 0.
     """
     if slot_pairs is None:
-        one, other = (part.numpy() for part in pairs_of(tables.shape[1], torch.device("cpu")))
+        first_slots, second_slots = (
+            part.numpy() for part in pairs_of(tables.shape[1], torch.device("cpu"))
+        )
     else:
-        one, other = slot_pairs
+        first_slots, second_slots = slot_pairs
     links = links_by_key(lists, COMPONENT_OF, goals, tables)
-    features = _tensor(pair_features(lists, (one, other), goals, tables, links.numpy()))
-    a = tables[:, one]
-    b = tables[:, other]
+    features = _tensor(
+        pair_features(lists, (first_slots, second_slots), goals, tables, links.numpy())
+    )
+    a = tables[:, first_slots]
+    b = tables[:, second_slots]
     competes = (a >= 0) & (b >= 0)
     if encoder is not None:
         # Any entity will do in an empty place.
-        ids = [_tensor(np.maximum(each, 0)) for each in (a, b, goals)]
-        blocks = zip(*(each.split(_TOGETHER) for each in ids), strict=True)
+        ids = [_tensor(np.maximum(entity_ids, 0)) for entity_ids in (a, b, goals)]
+        blocks = zip(*(entity_ids.split(_TOGETHER) for entity_ids in ids), strict=True)
         encoded = torch.cat([encoder.features(*block) for block in blocks])
         features = torch.cat([features, encoded.masked_fill(~_tensor(competes)[..., None], 0)], -1)
     # The key of a pair with an empty slot may be that of another recipe.
@@ -739,16 +747,18 @@ def _tables(
     draws = 4 * amount + 16
     shares = rng.random((len(recipes), draws))
     # Places in the row of all weights: an entity's interval is as long as its weight.
-    drawn = np.searchsorted(ends, shares * ends[-1], "right")
-    by_recipe = zip(recipes.tolist(), drawn.tolist(), strict=True)
+    drawn_ids = np.searchsorted(ends, shares * ends[-1], "right")
+    by_recipe = zip(recipes.tolist(), drawn_ids.tolist(), strict=True)
     for row, (recipe, entities) in enumerate(by_recipe):
-        others = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
-        if len(others) < amount:
+        distractor_ids = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
+        if len(distractor_ids) < amount:
             # In a small book, nearly all draws may repeat a few entities.
-            rest = [each for each in rng.permutation(size).tolist() if each not in recipe]
-            others = list(dict.fromkeys([*others, *rest]))
-        chosen = others[:amount]
-        tables[row, 2 : 2 + len(chosen)] = chosen
+            remaining_ids = [
+                candidate for candidate in rng.permutation(size).tolist() if candidate not in recipe
+            ]
+            distractor_ids = list(dict.fromkeys([*distractor_ids, *remaining_ids]))
+        table_distractors = distractor_ids[:amount]
+        tables[row, 2 : 2 + len(table_distractors)] = table_distractors
     return tables
 
 

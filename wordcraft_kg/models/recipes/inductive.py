@@ -215,9 +215,9 @@ def with_words(
         torch.Size([])
     """
 
-    def unknown(label: str, why: str) -> UnknownEntityError:
+    def unknown(label: str, reason: str) -> UnknownEntityError:
         return UnknownEntityError(
-            f"{where(label)}no entity '{label}'.{nearest(label, scorer.entities)} {why}"
+            f"{where(label)}no entity '{label}'.{nearest(label, scorer.entities)} {reason}"
         )
 
     folder = Path(folder)
@@ -260,14 +260,14 @@ def with_words(
             "compared with the entities. Restore the vector file, or train again."
         )
     vectors = features.unit_vectors
-    known = features.known
+    has_vector = features.known
     if words == "minilm":
-        vectors, known = _completed(features, every)
-    why = _why_unknown(words)
+        vectors, has_vector = _completed(features, every)
+    reason = _why_unknown(words)
     # The error names the first label without a vector.
-    for label, is_known in zip(labels, known[size:], strict=True):
+    for label, is_known in zip(labels, has_vector[size:], strict=True):
         if not (is_known or allow_missing):
-            raise unknown(label, why)
+            raise unknown(label, reason)
     return extended(scorer, labels, vectors[size:])
 
 

@@ -325,15 +325,15 @@ def write_folds(
     # Filtered by all train triples: test recipes must not leak into a model folder.
     train_triples = folds.triples()
 
-    def asked(number: int) -> Ids:
-        seen = folds.triples([number])
+    def make_queries(number: int) -> Ids:
+        in_sample_triples = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
         fold_triples = folds.triples_of(number)
-        new = fold_triples[~is_in(fold_triples, seen, graph.num_entities)]
+        new = fold_triples[~is_in(fold_triples, in_sample_triples, graph.num_entities)]
         affordable = max(50, FOLD_SCORES // graph.num_entities)
         return sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))
 
-    queries = [asked(number) for number in range(folds.count)]
+    queries = [make_queries(number) for number in range(folds.count)]
 
     def evaluated(number: int) -> tuple[str, Tensors, float | None, HeldOut]:
         trained_on, own_tensors = part(number)
@@ -352,7 +352,7 @@ def write_folds(
         # In one thread: what the whole model keeps, such as its lists, is made once.
         in_sample_mrrs = pool.submit(in_sample)
         evaluations = pool.map(evaluated, range(folds.count))
-        for number, (trained_on, own_tensors, mrr, seen) in enumerate(evaluations):
+        for number, (trained_on, own_tensors, mrr, held_out_scores) in enumerate(evaluations):
             tensors |= {
                 f"fold{number}.{name}": tensor
                 for name, tensor in own_tensors.items()
@@ -366,7 +366,7 @@ def write_folds(
                 in_sample_mrr=in_sample_mrrs.result()[number],
             )
             records.append(fold)
-            predicted.append(seen)
+            predicted.append(held_out_scores)
     finally:
         # After Ctrl-C, evaluations that are not begun are never made.
         pool.shutdown(cancel_futures=True)

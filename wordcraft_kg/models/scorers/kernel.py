@@ -43,11 +43,11 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
 
     a, b, result = recipes.T
     # Each recipe is read twice, once from each ingredient.
-    one = np.concatenate([a, b])
-    other = np.concatenate([b, a])
+    entities = np.concatenate([a, b])
+    partner_ids = np.concatenate([b, a])
     makes = np.concatenate([result, result])
     # A context is one number for (partner, result); only contexts that occur get a column.
-    codes = other * num_entities + makes
+    codes = partner_ids * num_entities + makes
     contexts, context = np.unique(codes, return_inverse=True)
 
     def links(rows: Ids, columns: Ids, width: int) -> Any:
@@ -60,14 +60,14 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
         """
         # Unique, because the sparse matrix would add up repeated cells.
         cells = distinct(rows * width + columns)
-        where = np.divmod(cells, max(width, 1))
-        ones = np.ones(len(cells))
-        return sparse.csr_array((ones, where), shape=(num_entities, width))
+        coordinates = np.divmod(cells, max(width, 1))
+        cell_values = np.ones(len(cells))
+        return sparse.csr_array((cell_values, coordinates), shape=(num_entities, width))
 
-    partners = links(one, other, num_entities)
-    parts = links(one, makes, num_entities)
-    of_contexts = links(one, context, len(contexts))
-    blocks = [partners, parts, parts.T, _CONTEXT * of_contexts]
+    partners = links(entities, partner_ids, num_entities)
+    parts = links(entities, makes, num_entities)
+    context_links = links(entities, context, len(contexts))
+    blocks = [partners, parts, parts.T, _CONTEXT * context_links]
     rows = sparse.hstack(blocks).tocsr()
     total = np.asarray(rows.sum(axis=0))
     # The least values keep empty columns and rows at zero, where a division would give NaN.
@@ -156,16 +156,16 @@ def kernel_regression(
     positive = values.clamp(min=0)
     shrinkage = positive[:, None] * positive + ridge
     # K V, without the directions whose eigenvalues are not positive.
-    kept = vectors * (values > 0)
-    factor = kernel @ kept
+    positive_vectors = vectors * (values > 0)
+    factor = kernel @ positive_vectors
     scores = []
     for table in links:
         rows = table.double()[seen]
-        known = rows[:, seen]
-        inner = vectors.T @ known @ vectors
+        known_links = rows[:, seen]
+        inner = vectors.T @ known_links @ vectors
         shrunk = inner / shrinkage
-        of_all = factor @ shrunk @ factor.T
-        scores.append(of_all.float())
+        link_scores = factor @ shrunk @ factor.T
+        scores.append(link_scores.float())
     return tuple(scores)
 
 
@@ -211,23 +211,23 @@ def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     codes = results * num_entities + ingredients
     cells, place = np.unique(codes, return_inverse=True)
     # The first half belongs to the first ingredients, the second half to their partners.
-    one, other = place.reshape(2, -1)
+    first_nodes, second_nodes = place.reshape(2, -1)
     count = len(cells)
     # Both directions; a + a gives the same cell twice, which counts once.
-    forth = one * count + other
-    back = other * count + one
+    forth = first_nodes * count + second_nodes
+    back = second_nodes * count + first_nodes
     ends = distinct(np.concatenate([forth, back]))
-    where = np.divmod(ends, max(count, 1))
-    ones = np.ones(len(ends))
-    pairs = sparse.csr_array((ones, where), shape=(count, count))
+    coordinates = np.divmod(ends, max(count, 1))
+    cell_values = np.ones(len(ends))
+    pairs = sparse.csr_array((cell_values, coordinates), shape=(count, count))
     degrees = np.asarray(pairs.sum(axis=1))
     # Degrees are 1 or more: a node's own recipe gives it a pair.
     scale = sparse.diags_array(degrees**-0.5)
     normalised_pairs = scale @ pairs @ scale
     every_node = np.arange(count)
     entity = cells % num_entities
-    ones = np.ones(count)
-    nodes = sparse.csr_array((ones, (every_node, entity)), shape=(count, num_entities))
+    cell_values = np.ones(count)
+    nodes = sparse.csr_array((cell_values, (every_node, entity)), shape=(count, num_entities))
     return nodes, normalised_pairs.tocsr()
 
 
@@ -266,16 +266,16 @@ def kernel_scores(
     Returns:
         combinesWith and componentOf scores, shape (E, E) each, float32, row = head.
     """
-    chosen = None if seen is None else seen.numpy()
+    train_ids = None if seen is None else seen.numpy()
 
     def scaled(table: Tensor) -> NDArray[np.float64]:
         """Return a table with mean 0 and deviation 1 over the training entities."""
-        return standardised(table.numpy(), chosen)
+        return standardised(table.numpy(), train_ids)
 
     links = link_matrices(recipes, len(kernel))
-    of_pairs, of_parts = kernel_regression(kernel, *links, seen=seen)
-    combines = scaled(of_pairs)
-    component = scaled(of_parts)
+    combines_scores, component_scores = kernel_regression(kernel, *links, seen=seen)
+    combines = scaled(combines_scores)
+    component = scaled(component_scores)
     # Both terms are standardised first: their scales have nothing to do with each other.
     combines += _COMPLETION * scaled(completed)
     return torch.from_numpy(combines).float(), torch.from_numpy(component).float()

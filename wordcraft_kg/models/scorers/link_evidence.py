@@ -203,8 +203,8 @@ class LinkEvidence:
             return np.flatnonzero((uses_of_head > 0) & (result == tail))
         # An entity is combined with itself where it stands twice.
         uses_of_tail = np.sum([column == tail for column in ingredients], axis=0)
-        needed = 2 if head == tail else 1
-        return np.flatnonzero((uses_of_head >= needed) & (uses_of_tail >= needed))
+        min_uses = 2 if head == tail else 1
+        return np.flatnonzero((uses_of_head >= min_uses) & (uses_of_tail >= min_uses))
 
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
         """Return the first recipes with a link, and the number of further recipes."""

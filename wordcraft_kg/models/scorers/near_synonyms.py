@@ -52,12 +52,12 @@ def near_synonym_recipes(
     # The ingredients that complete a train recipe, by the rest of it.
     completions: defaultdict[tuple[int, ...], list[int]] = defaultdict(list)
     for row in np.flatnonzero(is_train).tolist():
-        for ingredient, rest in _without_each(recipes[row], graph.num_entities):
-            completions[rest].append(ingredient)
+        for ingredient, recipe_rest in _without_each(recipes[row], graph.num_entities):
+            completions[recipe_rest].append(ingredient)
     is_reworded = np.zeros(graph.num_recipes, dtype=bool)
     for row in np.flatnonzero(split.is_in("test")).tolist():
-        for ingredient, rest in _without_each(recipes[row], graph.num_entities):
-            cosines = unit[completions.get(rest, [])] @ unit[ingredient]
+        for ingredient, recipe_rest in _without_each(recipes[row], graph.num_entities):
+            cosines = unit[completions.get(recipe_rest, [])] @ unit[ingredient]
             is_reworded[row] |= bool((cosines >= threshold).any())
     return is_reworded
 
@@ -87,5 +87,5 @@ def near_synonym_triples(
     Returns:
         shape (T,), bool.
     """
-    of_recipes = graph.triples_by_recipe(recipes)[1]
-    return is_in(triples, of_recipes, graph.num_entities)
+    recipe_triples = graph.triples_by_recipe(recipes)[1]
+    return is_in(triples, recipe_triples, graph.num_entities)

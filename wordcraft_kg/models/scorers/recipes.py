@@ -94,32 +94,34 @@ class RecipeScorer(StoredScorer, RecipeScores):
         """
         factors = self.knowledge.lists().by_kernel
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
-        of_heads = factors.pair_left if is_pair else factors.left
+        head_factors = factors.pair_left if is_pair else factors.left
         # Without the entities of other books, which come last.
         size = len(self.entities)
-        left = torch.from_numpy(of_heads[:size])
+        left_factors = torch.from_numpy(head_factors[:size])
         right = torch.from_numpy(factors.right[:size])
-        return left.to(self.device), right.to(self.device)
+        return left_factors.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # Grids of queries and candidates, as rankings ask for, are whole rows.
         is_grid, is_turned = grids(heads, relations, tails)
         if is_grid or is_turned:
             key = heads[:, 0] if is_grid else tails[:, 0]
-            others = tails[0] if is_grid else heads[0]
-            of_key = relations.flatten().expand(len(key))
-            scores = torch.zeros(len(key), len(others), device=self.device)
-            for relation in of_key.unique().tolist():
-                is_own = of_key == relation
-                own = key[is_own]
-                wanted = len(own) * len(self.entities)
-                if self._has_table(relation, wanted):
+            candidates = tails[0] if is_grid else heads[0]
+            key_relations = relations.flatten().expand(len(key))
+            scores = torch.zeros(len(key), len(candidates), device=self.device)
+            for relation in key_relations.unique().tolist():
+                is_own = key_relations == relation
+                relation_keys = key[is_own]
+                num_scores = len(relation_keys) * len(self.entities)
+                if self._has_table(relation, num_scores):
                     table = self.table(relation)
                     by_key = table.T if is_turned else table
-                    of_all = by_key[own]
+                    entity_scores = by_key[relation_keys]
                 else:
-                    of_all = self.knowledge.link_scores(relation, own, heads=is_turned)
-                scores[is_own] = of_all[:, others]
+                    entity_scores = self.knowledge.link_scores(
+                        relation, relation_keys, heads=is_turned
+                    )
+                scores[is_own] = entity_scores[:, candidates]
             return scores
         heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
         scores = torch.zeros(heads.shape, device=self.device)
@@ -182,8 +184,8 @@ class RecipeScorer(StoredScorer, RecipeScores):
         scores = []
         for goal, table in zip(result.split(_ROWS), tables.split(_ROWS), strict=True):
             main_model = torch.zeros_like(goal)
-            of_pairs = self.knowledge(goal, table, main_model)
-            scores.append(of_pairs[:, 0, 1])
+            pair_scores = self.knowledge(goal, table, main_model)
+            scores.append(pair_scores[:, 0, 1])
         return torch.cat(scores).view(ids[0].shape)
 
     @property

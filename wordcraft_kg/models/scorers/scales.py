@@ -155,14 +155,14 @@ def scaled_factors(
             ``observed`` is missing.
     """
     dropped = _dropped(scorer, relation, scale, self_edges, observed)
-    left, right = (part.detach().cpu() for part in scorer.factors(relation))
+    left_factors, right_factors = (part.detach().cpu() for part in scorer.factors(relation))
     zero = torch.zeros(())
     if scale == "ranks":
-        knots, heights = _ranked_products(left.float(), right.float())
+        knots, heights = _ranked_products(left_factors.float(), right_factors.float())
         # The mean of standardised ranks is 0.
         return ScaledFactors(
-            left=left,
-            right=right,
+            left=left_factors,
+            right=right_factors,
             shift=zero,
             dropped=dropped,
             itself=zero,
@@ -170,30 +170,30 @@ def scaled_factors(
             heights=heights,
         )
     # Differences of large sums follow, which 32 bits would round away.
-    x = left.double()
-    y = right.double()
+    x = left_factors.double()
+    y = right_factors.double()
     loops = (x * y).sum(dim=1)
     size = len(x)
     pairs = max(size * (size - 1), 1)
     total = x.sum(dim=0) @ y.sum(dim=0)
     mean = (total - loops.sum()) / pairs
-    of_all = ((x.T @ x) * (y.T @ y)).sum()
-    square = of_all - (loops**2).sum()
+    squares_of_all = ((x.T @ x) * (y.T @ y)).sum()
+    square = squares_of_all - (loops**2).sum()
     variance = square / pairs - mean**2
     # A smaller variance means scores that are equal up to rounding, which must not be amplified.
     has_spread = variance > 1e-12 * square / pairs
     deviation = variance.sqrt() if has_spread else torch.ones_like(mean)
     if scale == "none":
         return ScaledFactors(
-            left=left,
-            right=right,
+            left=left_factors,
+            right=right_factors,
             shift=zero,
             dropped=dropped,
             itself=mean.float(),
         )
     return ScaledFactors(
         left=(x / deviation).float(),
-        right=right,
+        right=right_factors,
         shift=(mean / deviation).float(),
         dropped=dropped,
         itself=zero,
@@ -233,27 +233,27 @@ def sampled_scaling(
     scores = scorer.score(heads, relation, tails).detach().cpu()
     is_different = heads != tails
     zero = torch.zeros(())
-    one = torch.ones(())
+    unit = torch.ones(())
     if scale == "ranks":
         knots, heights = _rank_knots(scores.numpy(), is_different.numpy())
         return Scaling(
             shift=zero,
-            deviation=one,
+            deviation=unit,
             dropped=dropped,
             itself=zero,
             knots=knots,
             heights=heights,
         )
     # In 64 bits, because the mean over a million pairs would lose digits in 32.
-    of_different = scores[is_different].double()
-    mean = of_different.mean().float() if len(of_different) else zero
+    pair_scores = scores[is_different].double()
+    mean = pair_scores.mean().float() if len(pair_scores) else zero
     if scale == "none":
-        return Scaling(shift=zero, deviation=one, dropped=dropped, itself=mean)
-    scale_of = one
-    if len(of_different):
-        deviation = of_different.std(correction=0).float()
+        return Scaling(shift=zero, deviation=unit, dropped=dropped, itself=mean)
+    scale_of = unit
+    if len(pair_scores):
+        deviation = pair_scores.std(correction=0).float()
         # Scores that are equal up to rounding must not be amplified.
-        largest = of_different.abs().amax()
+        largest = pair_scores.abs().amax()
         if bool(deviation > 1e-6 * largest):
             scale_of = deviation
     return Scaling(shift=mean, deviation=scale_of, dropped=dropped, itself=zero)
@@ -292,9 +292,9 @@ def _ranked_products(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
     size = 2**16  # pairs at once: factors of a million pairs would take gigabytes
     for start in range(0, len(heads), size):
         block = slice(start, start + size)
-        of_heads = left[heads[block]]
-        of_tails = right[tails[block]]
-        products = of_heads * of_tails
+        head_factors = left[heads[block]]
+        tail_factors = right[tails[block]]
+        products = head_factors * tail_factors
         scores[block] = products.sum(1).numpy()
     return _rank_knots(scores, heads != tails)
 
@@ -313,27 +313,27 @@ def _rank_knots(
     # Equal scores share their mean rank.
     ends = np.cumsum(counts)
     ranks = ends - (counts - 1) / 2
-    of_different = ranks[group[is_different]]
+    pair_ranks = ranks[group[is_different]]
     mean = ranks.mean()
     deviation = 0.0
     # A graph of a single entity has no pair of two.
-    if len(of_different):
-        mean = of_different.mean()
-        deviation = of_different.std()
+    if len(pair_ranks):
+        mean = pair_ranks.mean()
+        deviation = pair_ranks.std()
     # Equal ranks become 0, without a division by 0.
     scale = deviation if deviation > 0 else 1.0
     standard = (ranks - mean) / scale
     # Knots at evenly spaced ranks.
-    wanted = np.linspace(1, ends[-1], KNOTS)
-    steps = np.searchsorted(ends, wanted)
+    knot_ranks = np.linspace(1, ends[-1], KNOTS)
+    steps = np.searchsorted(ends, knot_ranks)
     # Beside a score that many pairs share, ranks jump: its neighbours are knots as well.
     beside = np.concatenate([steps - 1, steps, steps + 1])
     within = beside.clip(0, len(values) - 1)
-    chosen = np.unique(within)
+    knot_places = np.unique(within)
     # The last knot fills the row: a shape that does not depend on the scores.
-    missing = 3 * KNOTS - len(chosen)
-    padding = np.full(missing, chosen[-1])
-    filled = np.concatenate([chosen, padding])
+    missing = 3 * KNOTS - len(knot_places)
+    padding = np.full(missing, knot_places[-1])
+    filled = np.concatenate([knot_places, padding])
     knots = torch.from_numpy(values[filled])
     heights = torch.from_numpy(standard[filled].astype(np.float32))
     return knots, heights

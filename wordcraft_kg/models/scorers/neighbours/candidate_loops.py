@@ -61,17 +61,17 @@ def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
         if recipe < 0:
             break
         for part in range(2):
-            needed = lists.second[recipe] if part else lists.first[recipe]
+            ingredient = lists.second[recipe] if part else lists.first[recipe]
             # An entity that no known recipe makes is in no list of made neighbours, not even in its
             # own; others are first in theirs.
-            if lists.num_makers[needed] == 0:
-                weights[needed] += factor * lists.support_alike[goal, row]
+            if lists.num_makers[ingredient] == 0:
+                weights[ingredient] += factor * lists.support_alike[goal, row]
             for column in range(lists.made.shape[1]):
-                other = lists.made[needed, column]
-                if other < 0:
+                neighbour = lists.made[ingredient, column]
+                if neighbour < 0:
                     break
-                weight = lists.support_alike[goal, row] * lists.made_alike[needed, column]
-                weights[other] += factor * weight
+                weight = lists.support_alike[goal, row] * lists.made_alike[ingredient, column]
+                weights[neighbour] += factor * weight
 
 
 @in_place
@@ -114,11 +114,11 @@ def _like_made(lists, entity, makes):  # type: ignore[no-untyped-def]
     """
     total = np.float32(0)
     for column in range(lists.made.shape[1]):
-        other = lists.made[entity, column]
-        if other < 0:
+        neighbour = lists.made[entity, column]
+        if neighbour < 0:
             break
         # A known result is certain, but not a reason to expect another one.
-        strength = min(makes[other], np.float32(1))
+        strength = min(makes[neighbour], np.float32(1))
         total += lists.made_alike[entity, column] * max(strength, np.float32(0))
     return total
 
@@ -161,10 +161,10 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
     width = out.shape[1]
     # Work space for a pair, made once for the batch.
     best_values = np.empty(width, dtype=np.float32)
-    most = lists.used.shape[1] ** 2
-    places = np.empty(most, dtype=np.int64)
-    of_pairs = np.empty(most, dtype=np.float32)
-    words = np.empty(most, dtype=np.float32)
+    max_pairs = lists.used.shape[1] ** 2
+    places = np.empty(max_pairs, dtype=np.int64)
+    pair_weights = np.empty(max_pairs, dtype=np.float32)
+    words = np.empty(max_pairs, dtype=np.float32)
     for row in range(len(goals)):
         goal = goals[row]
         table = tables[row]
@@ -180,7 +180,7 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
                         np.float32(1),
                         makes,
                         places,
-                        of_pairs,
+                        pair_weights,
                         words,
                     )
         _add_needs(lists, goal, np.float32(1), needs)
@@ -196,7 +196,7 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
                             _LATER,
                             makes,
                             places,
-                            of_pairs,
+                            pair_weights,
                             words,
                         )
             for place in range(_best(needs, ids, values)):

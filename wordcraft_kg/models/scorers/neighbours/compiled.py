@@ -68,11 +68,11 @@ def in_place(function: F) -> F:
 
 
 def _compiled(function: F, options: dict[str, Any]) -> F:
-    made = numba.njit(**options)(function)
+    dispatcher = numba.njit(**options)(function)
     with suppress(RuntimeError):  # no folder for the machine code
         # As `cache=True` does, with files that are checked.
-        made._cache = _Cache(function)
-    result: F = made
+        dispatcher._cache = _Cache(function)
+    result: F = dispatcher
     return result
 
 

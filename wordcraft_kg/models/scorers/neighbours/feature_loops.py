@@ -99,24 +99,24 @@ def neighbour_pairs(  # type: ignore[no-untyped-def]
     # Not a plain -1, which has a type of its own.
     itself = np.int64(-1)
     for row in range(used.shape[1]):
-        one = used[a, row]
+        first_neighbour = used[a, row]
         # Neighbours come by descending similarity: with the nearest one of b too small, all are.
-        if one < 0 or used_alike[a, row] * used_alike[b, 0] < LEAST:
+        if first_neighbour < 0 or used_alike[a, row] * used_alike[b, 0] < LEAST:
             break
         for column in range(used.shape[1]):
-            other = used[b, column]
+            second_neighbour = used[b, column]
             weight = used_alike[a, row] * used_alike[b, column]
-            if other < 0 or weight < LEAST:
+            if second_neighbour < 0 or weight < LEAST:
                 break
             # By a or b itself, whose signature is in the fast cache.
             place = (
-                pair_place(partner_bits, pair_keys, one, other)
+                pair_place(partner_bits, pair_keys, first_neighbour, second_neighbour)
                 if row == 0
-                else pair_place(partner_bits, pair_keys, other, one)
+                else pair_place(partner_bits, pair_keys, second_neighbour, first_neighbour)
             )
             if place < 0:
                 continue
-            if one == a and other == b:
+            if first_neighbour == a and second_neighbour == b:
                 itself = count
             places[count] = place
             weights[count] = weight
@@ -145,20 +145,20 @@ def alike_of(  # type: ignore[no-untyped-def]
     # The branch is outside of the loop: within, numba would count references for each entity.
     if len(all_kernels) > 0:
         for number in range(len(others)):
-            other = others[number]
-            kernels[number] = all_kernels[entity, other] if other >= 0 else 0
-            cosines[number] = all_cosines[entity, other] if other >= 0 else 0
+            candidate = others[number]
+            kernels[number] = all_kernels[entity, candidate] if candidate >= 0 else 0
+            cosines[number] = all_cosines[entity, candidate] if candidate >= 0 else 0
         return
     for number in range(len(others)):
-        other = others[number]
+        candidate = others[number]
         kernel = np.float32(0)
         cosine = np.float32(0)
-        if other == entity:
+        if candidate == entity:
             kernel = np.float32(1)
             cosine = np.float32(1)
-        elif other >= 0:
-            cosine = dot(vectors, entity, other)
-            kernel = similarity(structure[other], cosine, norms[entity], norms[other])
+        elif candidate >= 0:
+            cosine = dot(vectors, entity, candidate)
+            kernel = similarity(structure[candidate], cosine, norms[entity], norms[candidate])
         kernels[number] = kernel
         cosines[number] = cosine
 
@@ -245,24 +245,24 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         with_goal = np.float32(0)
         to_goal = np.float32(0)
         for row in range(lists.used.shape[1]):
-            other = lists.used[entity, row]
-            if other < 0:
+            neighbour = lists.used[entity, row]
+            if neighbour < 0:
                 break
-            of_other = lists.used_alike[entity, row]
-            if pair_place(*hashed, goal, other) >= 0:
-                with_goal += of_other
-            to_goal += of_other * num_to_goal[other]
-            entry = entry_of[other]
+            neighbour_weight = lists.used_alike[entity, row]
+            if pair_place(*hashed, goal, neighbour) >= 0:
+                with_goal += neighbour_weight
+            to_goal += neighbour_weight * num_to_goal[neighbour]
+            entry = entry_of[neighbour]
             while entry >= 0:
                 column = entries[entry, 0]
-                weight = of_other * lists.made_alike[goal, column]
+                weight = neighbour_weight * lists.made_alike[goal, column]
                 # Neighbours come by descending similarity, so all that follow are below, too.
                 if weight < LEAST:
                     break
                 number = counts[entry]
-                of_words = lists.used_words[entity, row] * lists.made_words[goal, column]
+                word_weight = lists.used_words[entity, row] * lists.made_words[goal, column]
                 soft += number * weight
-                soft_words += number * of_words
+                soft_words += number * word_weight
                 entry = entries[entry, 1]
         exact = np.float32(0)
         entry = entry_of[entity]
@@ -461,16 +461,16 @@ def _of_pairs(lists, goal, table, pairs, slots, neighbours, results, alone, out)
             (P,); word cosines and similarities of slots, shape (A, A).
         out: shape (P, F).
     """
-    one, other = pairs
+    first_slots, second_slots = pairs
     links, counts = slots
     starts, places, weights, words = neighbours
     own_places, regression, word_regression, cosines, kernels = alone
     results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     goal_made = log1p(lists.num_makers[goal])
     goal_uses = log1p(lists.num_uses[goal])
-    for pair in range(len(one)):
-        i = one[pair]
-        j = other[pair]
+    for pair in range(len(first_slots)):
+        i = first_slots[pair]
+        j = second_slots[pair]
         if table[i] < 0 or table[j] < 0:
             continue
         features = out[pair]
@@ -523,11 +523,11 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
     kernel = lists.by_kernel
     word = lists.by_words
     # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
-    most = len(one) * lists.used.shape[1] ** 2
+    max_pairs = len(one) * lists.used.shape[1] ** 2
     known_pairs = (
-        np.empty(most, dtype=np.int64),
-        np.empty(most, dtype=np.float32),
-        np.empty(most, dtype=np.float32),
+        np.empty(max_pairs, dtype=np.int64),
+        np.empty(max_pairs, dtype=np.float32),
+        np.empty(max_pairs, dtype=np.float32),
     )
     similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
     hashed = (lists.partner_bits, lists.pair_keys)

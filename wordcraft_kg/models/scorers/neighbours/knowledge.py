@@ -151,7 +151,9 @@ class RecipeKnowledge(StoredKnowledge):
         features = torch.zeros(*a.shape, len(OF_ENCODER), device=goal.device)
         for number in model.unique().tolist():
             is_own = model == number
-            features[is_own] = self.encoder(number).features(*(each[is_own] for each in ids))
+            features[is_own] = self.encoder(number).features(
+                *(entity_ids[is_own] for entity_ids in ids)
+            )
         return features.masked_fill(is_empty[..., None], 0)
 
     def slot_scores(self, relation: int, key: Tensor, table: Tensor, model: Tensor) -> Tensor:
@@ -201,9 +203,9 @@ class RecipeKnowledge(StoredKnowledge):
         models = model.cpu().numpy()
         # Rows of a model lie together in the blocks.
         order = np.argsort(models, kind="stable")
-        rows = [each[order] for each in inputs]
-        most = self.workers or torch.get_num_threads()
-        workers = max(min(most, len(models) // _ROWS), 1)
+        rows = [array[order] for array in inputs]
+        max_workers = self.workers or torch.get_num_threads()
+        workers = max(min(max_workers, len(models) // _ROWS), 1)
         blocks: list[tuple[int, Ids]] = []
         for number in np.unique(models).tolist():
             # Made by this thread alone, once.
@@ -212,18 +214,18 @@ class RecipeKnowledge(StoredKnowledge):
             num_blocks = math.ceil(len(places) / _BLOCK) if workers > 1 else 1
             blocks += [(number, block) for block in np.array_split(places, num_blocks)]
 
-        def of_block(number: int, places: Ids) -> NDArray[Any]:
+        def block_features(number: int, places: Ids) -> NDArray[Any]:
             part = slice(places[0], places[-1] + 1)
-            return compute(self.lists(number), *(each[part] for each in rows))
+            return compute(self.lists(number), *(array[part] for array in rows))
 
         if not blocks:
             return compute(self.lists(), *rows)
         if workers == 1:
-            parts = [of_block(*block) for block in blocks]
+            parts = [block_features(*block) for block in blocks]
         else:
             # Blocks of all models together: a cross-fitted scorer's batch has few rows for each.
             with ThreadPoolExecutor(workers) as pool:
-                parts = list(pool.map(of_block, *zip(*blocks, strict=True)))
+                parts = list(pool.map(block_features, *zip(*blocks, strict=True)))
         if len(parts) == 1:
             return parts[0]
         together = np.concatenate(parts)
@@ -273,9 +275,9 @@ class RecipeKnowledge(StoredKnowledge):
         if table.numel():
             # Row = head: with candidates as heads, the entities are columns.
             by_entity = table[model].T if heads else table[model]
-            others = slice(None) if candidates is None else candidates
+            columns = slice(None) if candidates is None else candidates
             rows = entities if candidates is None else entities[:, None]
-            return by_entity[rows, others].float()
+            return by_entity[rows, columns].float()
         ranker = self.ranker(f"{RELATIONS[relation]}_").model(model)
         width = size if candidates is None else candidates.shape[1]
         scores = torch.zeros(len(entities), width)

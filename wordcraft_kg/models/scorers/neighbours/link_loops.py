@@ -115,9 +115,9 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
         # The key's row of H R, in an array of all nodes.
         for place in range(half_starts[key], half_starts[key + 1]):
             node = half_nodes[place]
-            of_node = half_values[place]
+            node_weight = half_values[place]
             for end in range(pair_starts[node], pair_starts[node + 1]):
-                reached[pair_nodes[end]] += of_node * pair_values[end]
+                reached[pair_nodes[end]] += node_weight * pair_values[end]
         for slot in range(tables.shape[1]):
             entity = tables[row, slot]
             if entity < 0:
@@ -141,14 +141,14 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
                 near += weights[number] * lists.pair_counts[places[number]]
             uses = log1p(lists.num_uses[key])
             other_uses = log1p(lists.num_uses[entity])
-            made = log1p(lists.num_makers[key])
+            num_made = log1p(lists.num_makers[key])
             other_made = log1p(lists.num_makers[entity])
             features = out[row, slot]
             features[_WORDS] = cosines[slot]
             features[_KERNEL] = kernels[slot]
             features[_USES_SUM] = uses + other_uses
             features[_USES_DIFFERENCE] = abs(uses - other_uses)
-            features[_MADE_SUM] = made + other_made
+            features[_MADE_SUM] = num_made + other_made
             features[_ITSELF] = 1 if key == entity else 0
             features[_COMPLETION] = log(FLOOR + completion)
             features[_NEAR_PAIRS_EXACT] = log(FLOOR + exact)

@@ -117,13 +117,13 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
             column = columns[place]
             if column_starts[column + 1] - column_starts[column] > common:
                 continue
-            for other in range(column_starts[column], column_starts[column + 1]):
-                row = column_rows[other]
+            for column_place in range(column_starts[column], column_starts[column + 1]):
+                row = column_rows[column_place]
                 # All values are positive, so a sum of 0 is one that has not begun.
                 if sums[row] == 0:
                     touched[number] = row
                     number += 1
-                sums[row] += data[place] * column_data[other]
+                sums[row] += data[place] * column_data[column_place]
         count = 0
         for place in range(number):
             row = touched[place]
@@ -198,21 +198,23 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
         num_used = np.int64(0)
         num_made = np.int64(0)
         for place in range(number):
-            other = listed[place]
-            is_unknown = num_uses[other] == 0 and num_makers[other] == 0
+            candidate = listed[place]
+            is_unknown = num_uses[candidate] == 0 and num_makers[candidate] == 0
             # An entity may be a neighbour of both kinds, and counts once.
-            if is_listed[other] or is_unknown:
+            if is_listed[candidate] or is_unknown:
                 continue
-            is_listed[other] = True
+            is_listed[candidate] = True
             value = np.float32(1)
-            cosines[other] = 1
-            if other != entity:
-                cosines[other] = dot(vectors, entity, other)
-                value = similarity(structure[other], cosines[other], norms[entity], norms[other])
-            if value > 0 and num_uses[other] > 0:
-                num_used = insert(used_ids[row], used_alike[row], num_used, other, value)
-            if value > 0 and num_makers[other] > 0:
-                num_made = insert(made_ids[row], made_alike[row], num_made, other, value)
+            cosines[candidate] = 1
+            if candidate != entity:
+                cosines[candidate] = dot(vectors, entity, candidate)
+                value = similarity(
+                    structure[candidate], cosines[candidate], norms[entity], norms[candidate]
+                )
+            if value > 0 and num_uses[candidate] > 0:
+                num_used = insert(used_ids[row], used_alike[row], num_used, candidate, value)
+            if value > 0 and num_makers[candidate] > 0:
+                num_made = insert(made_ids[row], made_alike[row], num_made, candidate, value)
         # Work space is cleared where it was written.
         for place in range(number):
             is_listed[listed[place]] = False
@@ -269,10 +271,10 @@ def word_cosines(vectors: Array, out: Array) -> None:
     """
     for entity in range(len(vectors)):
         out[entity, entity] = 1
-        for other in range(entity):
-            cosine = dot(vectors, entity, other)
-            out[entity, other] = cosine
-            out[other, entity] = cosine
+        for partner in range(entity):
+            cosine = dot(vectors, entity, partner)
+            out[entity, partner] = cosine
+            out[partner, entity] = cosine
 
 
 @in_place
@@ -292,7 +294,7 @@ def all_kernels(near_starts, near, near_cosines, norms, cosines, out):  # type: 
         row = out[entity]
         for place in range(near_starts[entity], near_starts[entity + 1]):
             row[near[place]] = near_cosines[place]
-        for other in range(len(norms)):
-            words = cosines[entity, other]
-            row[other] = similarity(row[other], words, norms[entity], norms[other])
+        for partner in range(len(norms)):
+            words = cosines[entity, partner]
+            row[partner] = similarity(row[partner], words, norms[entity], norms[partner])
         row[entity] = 1

@@ -215,21 +215,21 @@ def make_lists(
     used_ids, used_alike, used_words = ingredient_lists
     made_ids, made_alike, made_words = result_lists
     starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
-    most = min(support, max(len(ordered), 1))
+    max_support = min(support, max(len(ordered), 1))
     supporting, support_alike = list_loops.supporting(
         made_ids,
         made_alike,
         starts,
         _by_result(ordered),
-        most,
+        max_support,
     )
     pairs = first.astype(np.int64) * size + second
     pair_keys, pair_starts, pair_counts = hash_loops.pair_table(pairs, _table_size(len(pairs)))
     # A recipe with twice the same ingredient is one link.
     is_other = first != second
-    of_first = first.astype(np.int64) * size + result
-    of_second = second[is_other].astype(np.int64) * size + result[is_other]
-    links = np.concatenate([of_first, of_second])
+    first_links = first.astype(np.int64) * size + result
+    second_links = second[is_other].astype(np.int64) * size + result[is_other]
+    links = np.concatenate([first_links, second_links])
     by_result, part_counts = np.unique(links % size * size + links // size, return_counts=True)
     results, parts = np.divmod(by_result, size)
     part_starts = np.searchsorted(results, np.arange(size + 1))
@@ -364,7 +364,7 @@ def _merged(
         lists.append((ids, alike, np.zeros_like(alike)))
 
     def write(block: slice) -> None:
-        ingredients, results = (tuple(array[block] for array in each) for each in lists)
+        ingredients, results = (tuple(array[block] for array in arrays) for arrays in lists)
         list_loops.merged_neighbours(
             vectors,
             *neighbours,
@@ -398,11 +398,11 @@ def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:
     cells = (rows, near[is_listed])
     table = sparse.csr_array((cosines[is_listed], cells), shape=(size, size))
     # Both directions hold the same sum, added in another order: the larger one counts.
-    both = table.maximum(table.T).tocsr()
-    both.sort_indices()
-    starts = both.indptr.astype(np.int64)
-    ids = both.indices.astype(np.int32)
-    return starts, ids, both.data
+    symmetric = table.maximum(table.T).tocsr()
+    symmetric.sort_indices()
+    starts = symmetric.indptr.astype(np.int64)
+    ids = symmetric.indices.astype(np.int32)
+    return starts, ids, symmetric.data
 
 
 def _ordered(recipes: Ids) -> Ids:

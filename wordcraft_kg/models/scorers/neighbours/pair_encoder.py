@@ -72,12 +72,12 @@ class PairEncoder(NamedTuple):
 
     def with_entities(self, vectors: Tensor) -> "PairEncoder":
         """Return an encoder of n more entities, which have words alone, (n, D)."""
-        used = (vectors @ self.used_words + self.used_bias).relu()
-        made = vectors @ self.made_words + self.made_bias
+        ingredient_vectors = (vectors @ self.used_words + self.used_bias).relu()
+        result_vectors = vectors @ self.made_words + self.made_bias
         bias = vectors @ self.bias_words + self.bias_base
         return self._replace(
-            used=torch.cat([self.used, used.half()]),
-            made=torch.cat([self.made, made.half()]),
+            used=torch.cat([self.used, ingredient_vectors.half()]),
+            made=torch.cat([self.made, result_vectors.half()]),
             bias=torch.cat([self.bias, bias]),
         )
 
@@ -110,25 +110,25 @@ class PairEncoder(NamedTuple):
         size = self.used.shape[1]
         # The part of h_a + h_b is a sum of two entities' parts: a table of 10 slots has 55 pairs.
         entities, place = torch.cat([a, b]).unique(return_inverse=True)
-        used = self.used[entities].float()
-        of_sums = used @ self.first[:size]
-        of_others = self.first[size:]
+        ingredient_vectors = self.used[entities].float()
+        sum_parts = ingredient_vectors @ self.first[:size]
+        product_weights = self.first[size:]
         places = place.view(2, len(a))
         units = torch.empty(len(a), self.first.shape[1], device=a.device)
         # In blocks: the inputs of a pair take a KiB and a half.
         for start in range(0, len(a), _PAIRS):
             block = slice(start, start + _PAIRS)
-            one, other = places[:, block]
-            h_one = used[one]
-            h_other = used[other]
-            product = h_one * h_other
-            distance = (h_one - h_other).abs()
+            first_places, second_places = places[:, block]
+            h_first = ingredient_vectors[first_places]
+            h_second = ingredient_vectors[second_places]
+            product = h_first * h_second
+            distance = (h_first - h_second).abs()
             inputs = torch.cat([product, distance], dim=-1)
-            sums = of_sums[one]
-            sums.add_(of_sums[other])
+            sums = sum_parts[first_places]
+            sums.add_(sum_parts[second_places])
             sums.add_(self.first_bias)
-            of_inputs = torch.addmm(sums, inputs, of_others)
-            units[block] = of_inputs.relu_()
+            pair_units = torch.addmm(sums, inputs, product_weights)
+            units[block] = pair_units.relu_()
         return units
 
     def encode(self, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
@@ -159,27 +159,27 @@ class PairEncoder(NamedTuple):
         units = self.hidden_units(pairs // size, pairs % size)
         u_of_pairs = units @ self.pair + self.pair_bias
         u = u_of_pairs[place]
-        made = self.made[goal].float()
-        biases = self.bias[goal] + made @ self.second_bias
+        result_vectors = self.made[goal].float()
+        biases = self.bias[goal] + result_vectors @ self.second_bias
         # z · g is (units second) · g or units · (second g): the last layer is applied to pairs or
         # to goals, to whichever there are fewer of.
         if len(pairs) < len(goal):
-            of_pairs = units @ self.second
-            of_goals = made
+            pair_factors = units @ self.second
+            goal_factors = result_vectors
         else:
-            of_pairs = units
-            of_goals = made @ self.second.T
-        of_goal = torch.empty_like(u)
+            pair_factors = units
+            goal_factors = result_vectors @ self.second.T
+        goal_scores = torch.empty_like(u)
         # In blocks: a search asks for a million recipes, each of which would take up to a KiB.
         step = max(1, _RECIPES // max(place.shape[1], 1))
         for start in range(0, len(goal), step):
             rows = slice(start, start + step)
-            own_pairs = of_pairs[place[rows]]
+            own_pairs = pair_factors[place[rows]]
             # A product of a matrix and a column for each goal: (rows, P, 1).
-            products = own_pairs @ of_goals[rows, :, None]
-            of_goal[rows] = products[..., 0]
-        of_goal += biases[:, None]
-        return torch.stack([of_goal + u, of_goal, u], dim=-1)
+            products = own_pairs @ goal_factors[rows, :, None]
+            goal_scores[rows] = products[..., 0]
+        goal_scores += biases[:, None]
+        return torch.stack([goal_scores + u, goal_scores, u], dim=-1)
 
     def result_scores(self, a: Tensor, b: Tensor) -> Tensor:
         """Return s - u of all entities as results of pairs, shape (n, T).
@@ -189,8 +189,8 @@ class PairEncoder(NamedTuple):
             b: ids, shape (n,).
         """
         z, _ = self.encode(a, b)
-        made = self.made.float()
-        return z @ made.T + self.bias
+        result_vectors = self.made.float()
+        return z @ result_vectors.T + self.bias
 
 
 ENCODER = tuple(f"{_PREFIX}{name}" for name in PairEncoder._fields)

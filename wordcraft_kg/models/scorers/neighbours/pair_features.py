@@ -93,11 +93,13 @@ def pair_features(
     # Compiled loops are imported late: numba takes as long to import as all the rest.
     from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
 
-    one, other = slot_pairs
-    features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+    first_slots, second_slots = slot_pairs
+    features = np.zeros((len(goals), len(first_slots), len(FEATURES)), dtype=np.float32)
     # Arrays without gaps, for which the loop is compiled.
     table = np.ascontiguousarray(tables)
-    table_features(lists, np.ascontiguousarray(goals), table, one, other, links, features)
+    table_features(
+        lists, np.ascontiguousarray(goals), table, first_slots, second_slots, links, features
+    )
     return features
 
 
@@ -115,9 +117,9 @@ def with_link_scores(
         combines: combinesWith scores of pairs, shape (B, P); None if only recipes tell of them.
         slot_pairs: first and second slot of each pair, shape (P,) each.
     """
-    one, other = slot_pairs
-    first = component.index_select(1, one)
-    second = component.index_select(1, other)
+    first_slots, second_slots = slot_pairs
+    first = component.index_select(1, first_slots)
+    second = component.index_select(1, second_slots)
     features[..., FEATURES.index("component_sum")] = first + second
     features[..., FEATURES.index("component_min")] = torch.minimum(first, second)
     if combines is not None:
@@ -127,16 +129,16 @@ def with_link_scores(
 @lru_cache
 def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the first and second slot in each slot pair, shape (P,) each, with first <= second."""
-    one, other = torch.triu_indices(slots, slots, device=device)
-    return one, other
+    first_slots, second_slots = torch.triu_indices(slots, slots, device=device)
+    return first_slots, second_slots
 
 
 @lru_cache
 def square_of(slots: int, device: torch.device) -> Tensor:
     """Return the number of each slot pair in :func:`pairs_of`, in both orders, shape (A * A,)."""
-    one, other = pairs_of(slots, device)
-    every = torch.arange(len(one), device=device)
+    first_slots, second_slots = pairs_of(slots, device)
+    every = torch.arange(len(first_slots), device=device)
     number = torch.zeros(slots, slots, dtype=torch.int64, device=device)
-    number[one, other] = every
-    number[other, one] = every
+    number[first_slots, second_slots] = every
+    number[second_slots, first_slots] = every
     return number.view(-1)

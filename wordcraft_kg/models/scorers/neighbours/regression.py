@@ -72,21 +72,21 @@ def link_factors(
     from scipy import linalg
 
     size = len(vectors)
-    seen, counts = np.unique(recipes, return_counts=True)
+    train_ids, counts = np.unique(recipes, return_counts=True)
     nothing = np.zeros((size, 0), dtype=np.float32)
-    if not len(seen) or not rank:
+    if not len(train_ids) or not rank:
         return (Factors(nothing, nothing, nothing),) * 2
     num_landmarks = max(_FEWEST, min(LANDMARKS, _CELLS // size))
     # A stable sort, so that ties are in the order of ids.
     by_count = np.argsort(-counts, kind="stable")
-    landmarks = np.sort(seen[by_count[:num_landmarks]])
+    landmarks = np.sort(train_ids[by_count[:num_landmarks]])
     # In a large book a quarter of the landmarks: factors are most of its memory.
-    most = min(rank, max(num_landmarks // 4, 1))
+    max_rank = min(rank, max(num_landmarks // 4, 1))
     columns = rows[landmarks].T.tocsr()
     kernel = _kernel(landmarks, landmarks, columns, rows, vectors)
     # The largest eigenvalues alone: all of them would take several times as long.
     last = len(landmarks) - 1
-    largest = (max(last + 1 - most, 0), last)
+    largest = (max(last + 1 - max_rank, 0), last)
     values, basis = linalg.eigh(kernel.astype(np.float64), subset_by_index=largest)
     # Those up to rounding or below 0 have no root.
     has_root = values > 1e-6 * values[-1]
@@ -101,8 +101,8 @@ def link_factors(
     write_blocks(write, blocks_of(size))
     triples = recipe_triples(recipes)
     return (
-        _regression(coordinates, seen, triples, most),
-        _regression(vectors, seen, triples, most),
+        _regression(coordinates, train_ids, triples, max_rank),
+        _regression(vectors, train_ids, triples, max_rank),
     )
 
 
@@ -159,8 +159,8 @@ def _left_factor(
     from scipy import sparse
 
     heads, _, tails = triples.T
-    ones = np.ones(len(heads), dtype=np.float32)
-    links = sparse.csr_array((ones, (heads, tails)), shape=(len(right),) * 2)
+    link_values = np.ones(len(heads), dtype=np.float32)
+    links = sparse.csr_array((link_values, (heads, tails)), shape=(len(right),) * 2)
 
     def product(block: slice) -> Floats:
         return np.asarray(right[block].T @ (links[block] @ right))

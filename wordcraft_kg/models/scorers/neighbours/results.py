@@ -49,21 +49,21 @@ def propose_results(
 
     size = len(lists.norms)
     width = min(number, size)
-    of_lists = np.full((len(a), width), -1, dtype=np.int32)
+    list_results = np.full((len(a), width), -1, dtype=np.int32)
     # Columns of a table are strided: machine code of another kind would be compiled for them.
     first = np.ascontiguousarray(a.cpu().numpy())
     second = np.ascontiguousarray(b.cpu().numpy())
-    results_of_pairs(lists, first, second, of_lists)
-    both = torch.from_numpy(of_lists).long()
+    results_of_pairs(lists, first, second, list_results)
+    proposals = torch.from_numpy(list_results).long()
     if encoder is not None:
-        of_encoder = torch.empty(len(a), width, dtype=torch.int64)
+        encoder_results = torch.empty(len(a), width, dtype=torch.int64)
         for start in range(0, len(a), _PAIRS):
             block = slice(start, start + _PAIRS)
             scores = encoder.result_scores(a[block], b[block])
-            of_encoder[block] = scores.topk(width, dim=1).indices
-        both = torch.cat([both, of_encoder], dim=1)
+            encoder_results[block] = scores.topk(width, dim=1).indices
+        proposals = torch.cat([proposals, encoder_results], dim=1)
     # Empty places, and those of a candidate that both sides propose, go to the end.
-    ordered = both.masked_fill(both < 0, size).sort(1).values
+    ordered = proposals.masked_fill(proposals < 0, size).sort(1).values
     is_again = torch.zeros_like(ordered, dtype=torch.bool)
     previous = ordered[:, :-1]
     is_again[:, 1:] = ordered[:, 1:] == previous

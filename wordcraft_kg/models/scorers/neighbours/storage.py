@@ -180,8 +180,10 @@ class StoredKnowledge(nn.Module):
             tables: scores by relation, shape (E, E) each, row = head.
         """
         # With a first axis for the single model.
-        named = {f"{RELATIONS[key]}_table": table.half()[None] for key, table in tables.items()}
-        return self.with_tensors(named)
+        tensors_by_name = {
+            f"{RELATIONS[key]}_table": table.half()[None] for key, table in tables.items()
+        }
+        return self.with_tensors(tensors_by_name)
 
     def of_entities(self, own: Tensor) -> Self:
         """Return the knowledge about the entities ``own``, ids (n,), which get the ids from 0.
@@ -238,13 +240,15 @@ class StoredKnowledge(nn.Module):
         if model not in self._lists:
             recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
             near_words = self.near_words.cpu().numpy()
-            made = list(self._lists.values())
+            earlier_lists = list(self._lists.values())
             # All models have the same words: their lists share one copy.
-            vectors = made[0].vectors if made else self.vectors.float().cpu().numpy()
+            vectors = (
+                earlier_lists[0].vectors if earlier_lists else self.vectors.float().cpu().numpy()
+            )
             with torch_threads(1), threadpool_limits(1):
                 lists = make_lists(recipes, vectors, near_words)
-            if made:
-                lists = lists._replace(cosines=made[0].cosines)
+            if earlier_lists:
+                lists = lists._replace(cosines=earlier_lists[0].cosines)
             self._lists[model] = lists
         return self._lists[model]
 

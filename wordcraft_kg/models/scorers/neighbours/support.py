@@ -56,9 +56,9 @@ def supporting_recipes(
     evidence = like_goal * orders.sum(1)
     weights = np.minimum(like_goal * orders.max(1, initial=0), 1)
     # Without evidence all shares are 0, not NaN.
-    least = np.finfo(np.float32).tiny
-    shares = evidence / max(evidence.sum(), least)
-    strengths = evidence / max(evidence.max(initial=0), least)
+    smallest = np.finfo(np.float32).tiny
+    shares = evidence / max(evidence.sum(), smallest)
+    strengths = evidence / max(evidence.max(initial=0), smallest)
     results = lists.result[numbers]
     is_other = (results != goal) | (shares < LEAST_SHARE)
     # The last key counts first; ties stay in the order of the list.
@@ -68,8 +68,8 @@ def supporting_recipes(
         if len(supports) == limit:
             break
         number = numbers[row]
-        known = int(lists.first[number]), int(lists.second[number]), int(results[row])
-        if weights[row] > 0 and max(known) < num_entities:
+        support_ids = int(lists.first[number]), int(lists.second[number]), int(results[row])
+        if weights[row] > 0 and max(support_ids) < num_entities:
             figures = float(weights[row]), float(shares[row]), float(strengths[row])
-            supports.append(Support(known, *figures))
+            supports.append(Support(support_ids, *figures))
     return supports

@@ -207,10 +207,10 @@ def check_book(
         if path.is_dir():
             raise
         return BookCheck((_problem("unreadable", str(error)),), None, None)
-    findings = _of_bytes(rows.decoded)
+    findings = _byte_findings(rows.decoded)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
-    findings += _of_left_out(rows)
+    findings += _left_out_findings(rows)
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     findings += [_note("marks", message) for message in note_of_marks(book.entities)]
     if makes_nothing(book.recipes):
@@ -254,7 +254,7 @@ def check_book(
     )
 
 
-def _of_bytes(file: Decoded) -> list[Finding]:
+def _byte_findings(file: Decoded) -> list[Finding]:
     """Return findings about the bytes of a text: mark, line ends, encoding."""
     findings = []
     if file.encoding not in ("", "utf-8"):
@@ -324,7 +324,7 @@ def _read_rows(
     return lines_of, rows.with_facts(replace(book, base=base))
 
 
-def _of_left_out(rows: BookRows) -> Iterator[Finding]:
+def _left_out_findings(rows: BookRows) -> Iterator[Finding]:
     """Yield findings about rows that are no recipe; those with a fault have findings already."""
     for reason, places in rows.left_out.items():
         lines = _numbers(places)

@@ -66,7 +66,9 @@ def read_published_split(path: Path, graph: RecipeGraph) -> Split:
     data = read_large_file(path)
     try:
         text = data.decode("utf-8-sig")
-        entries = list(_of_json(json.loads(text)) if text.lstrip()[:1] == "{" else _of_table(text))
+        entries = list(
+            _json_entries(json.loads(text)) if text.lstrip()[:1] == "{" else _table_entries(text)
+        )
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise SplitError(
             f"{path}: no split ({type(error).__name__}: {error}); {_EXPECTED}."
@@ -99,7 +101,7 @@ def read_published_split(path: Path, graph: RecipeGraph) -> Split:
     return Split(graph, SplitConfig(kind, train, valid), Draw(parts, published=published))
 
 
-def _of_json(document: dict[str, Any]) -> Iterator[_Entry]:
+def _json_entries(document: dict[str, Any]) -> Iterator[_Entry]:
     """Yield the entries of the lists or objects below the names of parts."""
     entries_by_part = {
         _PART_OF_NAME[key]: value for key, value in document.items() if key in _PART_OF_NAME
@@ -116,7 +118,7 @@ def _of_json(document: dict[str, Any]) -> Iterator[_Entry]:
             yield ((row,) if isinstance(row, str) else tuple(row)), part
 
 
-def _of_table(text: str) -> Iterator[_Entry]:
+def _table_entries(text: str) -> Iterator[_Entry]:
     """Yield the entries of a table with a header; blank cells are no ingredients."""
     for row in csv.DictReader(io.StringIO(text)):
         cells = {name.strip(): (cell or "").strip() for name, cell in row.items() if name}

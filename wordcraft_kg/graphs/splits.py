@@ -409,7 +409,7 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
 def _why_empty(
     graph: RecipeGraph,
     config: SplitConfig,
-    needed: Sequence[Part],
+    required_parts: Sequence[Part],
     part: Part,
 ) -> str:
     """Return the message for an empty part, with its cause if it is the cover of all entities.
@@ -417,7 +417,7 @@ def _why_empty(
     Args:
         graph: the recipe graph.
         config: settings of the split.
-        needed: parts that a split with these settings has.
+        required_parts: parts that a split with these settings has.
         part: the empty part.
     """
     groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
@@ -425,7 +425,7 @@ def _why_empty(
     message = f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
     # The draw before any recipe moved, which is also the draw of by-recipe-plain.
     drawn_parts = by_groups(graph, config, np.random.default_rng(config.seed)).parts
-    sizes = {name: int(np.sum(drawn_parts == PARTS.index(name))) for name in needed}
+    sizes = {name: int(np.sum(drawn_parts == PARTS.index(name))) for name in required_parts}
     if config.kind == "by-recipe" and all(sizes.values()):
         recipes_text = counted(sizes[part], "recipe")
         return (

@@ -148,8 +148,8 @@ class SolutionSearch:
         near = self._near(have, attempts - 1)
         return self._ways(goal, near, attempts, frozenset())
 
-    def _near(self, have: frozenset[int], most: int) -> list[frozenset[int] | None]:
-        """Return the entities within reach of 0, 1, ... ``most`` attempts.
+    def _near(self, have: frozenset[int], max_attempts: int) -> list[frozenset[int] | None]:
+        """Return the entities within reach of 0, 1, ... ``max_attempts`` attempts.
 
         An entity that takes n attempts has ingredients that take n - 1 at most. So a search may
         pass over recipes with others, which are nearly all of a hub's thousands. The sets are too
@@ -158,15 +158,15 @@ class SolutionSearch:
 
         Args:
             have: ids of the entities at hand.
-            most: most attempts; the set of 0 attempts is there in any case.
+            max_attempts: most attempts; the set of 0 attempts is there in any case.
         """
         outcomes = self.graph.outcomes
         near: list[frozenset[int] | None] = [have]
         reached: frozenset[int] = frozenset()
         within = have
-        for _ in range(most):
+        for _ in range(max_attempts):
             if len(within) > _MOST_NEAR:
-                near += [None] * (most + 1 - len(near))
+                near += [None] * (max_attempts + 1 - len(near))
                 break
             new_results: set[int] = set()
             # Pairs of entities that were there one attempt before have been combined already.
@@ -271,9 +271,9 @@ class SolutionSearch:
         # The goal comes last, even among the results of its own pair.
         return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
 
-    def _rows_for(self, pair: int, wanted: set[int]) -> Rows:
+    def _rows_for(self, pair: int, result_ids: set[int]) -> Rows:
         """Return the rows of a pair with a wanted result."""
-        return tuple(row for row in self.rows_of[pair] if self.rows[row][2] in wanted)
+        return tuple(row for row in self.rows_of[pair] if self.rows[row][2] in result_ids)
 
     def ingredients(self, pair: int) -> list[int]:
         """Return the two ingredient ids for a pair number; equal for an entity with itself."""

@@ -75,10 +75,10 @@ def _is_slip(text: str, longer: str) -> bool:
     return len(longer) >= _SHORTEST and not is_derived
 
 
-def _is_swapped(label: str, other: str) -> bool:
+def _is_swapped(label: str, second_label: str) -> bool:
     """Return whether two labels differ by two neighbouring letters that changed places."""
-    if len(label) != len(other) or len(label) < _SHORTEST:
+    if len(label) != len(second_label) or len(label) < _SHORTEST:
         return False
-    first = next(place for place, letter in enumerate(label) if letter != other[place])
+    first = next(place for place, letter in enumerate(label) if letter != second_label[place])
     swapped = label[:first] + label[first : first + 2][::-1] + label[first + 2 :]
-    return swapped == other
+    return swapped == second_label

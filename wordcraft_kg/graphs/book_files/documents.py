@@ -364,11 +364,11 @@ def path_text(path: Path, is_table: bool = False) -> str:
     return "".join(steps).replace("{}{key}", KEY).removeprefix(".")
 
 
-def _step(found: Located, step: str) -> Iterator[Located]:
+def _step(located: Located, step: str) -> Iterator[Located]:
     """Yield what a step leads to, with places."""
-    place, value, _ = found
+    place, value, _ = located
     if step == KEY:
-        yield Located(place, found.key)
+        yield Located(place, located.key)
     elif step == EACH and isinstance(value, list):
         yield from (Located(f"{place}[{index}]", element) for index, element in enumerate(value))
     elif step == VALUES and isinstance(value, dict):
@@ -399,11 +399,11 @@ Columns = dict[int, list[Located]]
 """The values of each column in a row."""
 
 
-def _rows(found: Located, paths: dict[int, Path], num_parts: int) -> Iterator[Columns]:
+def _rows(located: Located, paths: dict[int, Path], num_parts: int) -> Iterator[Columns]:
     """Yield the values of columns, whose paths go through the same lists together.
 
     Args:
-        found: where the paths begin.
+        located: where the paths begin.
         paths: the rest of each column's path.
         num_parts: number of columns of ingredients, which are the first ones. A single one has a
             row for each list at its end.
@@ -417,17 +417,17 @@ def _rows(found: Located, paths: dict[int, Path], num_parts: int) -> Iterator[Co
         first = next(iter(inner))
         full_path = (*step, *inner[first])
         if not any(inner.values()):
-            bound |= {column: list(leaves(found, step)) for column in inner}
+            bound |= {column: list(leaves(located, step)) for column in inner}
         elif len(inner) > 1:
-            inner_rows = (_rows(element, inner, num_parts) for element in _step(found, step[0]))
+            inner_rows = (_rows(element, inner, num_parts) for element in _step(located, step[0]))
             several.append(list(chain.from_iterable(inner_rows)))
         elif num_parts == 1 and first == 0:
             loops = [i for i, step in enumerate(full_path) if step in LOOPS]
             last = loops[-1] if loops else len(full_path)
-            lists = leaves(found, full_path[:last])
+            lists = leaves(located, full_path[:last])
             several.append([{0: list(leaves(element, full_path[last:]))} for element in lists])
         else:
-            bound[first] = list(leaves(found, full_path))
+            bound[first] = list(leaves(located, full_path))
     if len(several) > 1 and math.prod(map(len, several)) > _MOST_ROWS:
         raise ConfigError("`columns`: these paths go through different lists; name one list.")
     for combined in product(*several):

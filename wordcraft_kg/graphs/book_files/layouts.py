@@ -115,24 +115,24 @@ def _listing(
     return source
 
 
-def _unknown(label: Any, known: Mapping[str, Any]) -> str | None:
+def _unknown(label: Any, listed_labels: Mapping[str, Any]) -> str | None:
     """Return why a value is none of the labels that a file lists; these were checked already."""
-    if isinstance(label, str) and label in known:
+    if isinstance(label, str) and label in listed_labels:
         return None
     return label_fault(label) or (
-        f"'{label}' is not among the file's entities.{nearest(label, known)}"
+        f"'{label}' is not among the file's entities.{nearest(label, listed_labels)}"
     )
 
 
 def _exact(
-    raws: Iterable[tuple[Any, ...]], known: Mapping[str, Any], expected: str
+    raws: Iterable[tuple[Any, ...]], listed_labels: Mapping[str, Any], expected: str
 ) -> Iterator[Entry]:
     """Yield the recipes of rows of labels that a file lists, with their kinds and quantities."""
     for place, row, *facts in raws:
         if not isinstance(row, list) or len(row) < 2:
             yield Fault(place, "row", f"{place} is {shown(row)}; expected {expected}.", "own row")
             continue
-        faults = [_unknown(label, known) for label in row]
+        faults = [_unknown(label, listed_labels) for label in row]
         faults += [label_fault(fact) for fact in facts if fact != ""]
         fault = next(filter(None, faults), None)
         if fault is None:

@@ -311,14 +311,14 @@ def _shown(candidate: ReadingCandidate) -> str:
 
 
 def _several(
-    path: Path, seen: str, readings: Sequence[ReadingCandidate], anchor: str
+    path: Path, problem: str, readings: Sequence[ReadingCandidate], anchor: str
 ) -> RecipeFileError:
     if not readings:
         remedy = "Name the ingredients and, last, the result with --columns."
-        return refusal(path, seen, anchor, remedy)
+        return refusal(path, problem, anchor, remedy)
     texts = list(dict.fromkeys(map(str, readings)))
     shown = " or ".join(texts[:_MOST_READINGS])
-    return refusal(path, f"{seen}: {shown}", anchor, "Choose with --columns.")
+    return refusal(path, f"{problem}: {shown}", anchor, "Choose with --columns.")
 
 
 def _told_order(orders: Sequence[ReadingCandidate]) -> ReadingCandidate | None:

@@ -425,7 +425,7 @@ def _grid(body: Sequence[Line]) -> Document | None:
 
 
 def _odd_row(
-    row: Line, names: Sequence[str], known: Set[str], delimiter: str
+    row: Line, names: Sequence[str], header_words: Set[str], delimiter: str
 ) -> Fault | LeftOut | None:
     """Return why a row below the header is no recipe, or None."""
     number, cells = row.number, _without_blanks(row.cells)
@@ -436,7 +436,7 @@ def _odd_row(
         return (
             LeftOut(number, "headers") if is_framed else Fault(number, "header", message, message)
         )
-    if not known.isdisjoint(map(str.casefold, cells)) and _are_mostly_names(cells):
+    if not header_words.isdisjoint(map(str.casefold, cells)) and _are_mostly_names(cells):
         message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
         return Fault(number, "header", message, "header")
     if names and len(cells) > len(names):
@@ -569,12 +569,14 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     return source
 
 
-def _common_mark(pattern: re.Pattern[str], ends: list[str], others: list[str]) -> str | None:
+def _common_mark(pattern: re.Pattern[str], ends: list[str], other_labels: list[str]) -> str | None:
     """Return what many labels at an end of lines have, and few other labels; None without one."""
     marks = [match[0].strip() for match in map(pattern.search, ends) if match]
-    elsewhere = sum(1 for label in others if pattern.search(label))
+    elsewhere = sum(1 for label in other_labels if pattern.search(label))
     share = len(marks) / max(len(ends), 1)
-    is_mark = len(marks) > 1 and share >= _OFTEN and elsewhere <= _SELDOM * share * len(others)
+    is_mark = (
+        len(marks) > 1 and share >= _OFTEN and elsewhere <= _SELDOM * share * len(other_labels)
+    )
     return marks[0] if is_mark else None
 
 

@@ -93,13 +93,13 @@ class _Network(nn.Module):
         self.made_ids = zeros(size, plan.made)
         self.bias_ids = zeros(size, 1)
 
-    def of_entities(self) -> list[nn.Parameter]:
+    def entity_parameters(self) -> list[nn.Parameter]:
         """Return the vectors of single entities, whose gradients are sparse."""
         return [self.used_ids, self.made_ids, self.bias_ids]
 
-    def of_all(self) -> list[nn.Parameter]:
+    def shared_parameters(self) -> list[nn.Parameter]:
         """Return the parameters that all entities share."""
-        single = {id(parameter) for parameter in self.of_entities()}
+        single = {id(parameter) for parameter in self.entity_parameters()}
         return [parameter for parameter in self.parameters() if id(parameter) not in single]
 
     def as_used(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> Tensor:
@@ -135,9 +135,9 @@ class _Network(nn.Module):
         bias = words @ self.bias_words + id_bias[:, 0]
         return result_vectors, bias
 
-    def of_pairs(self, one: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
+    def encode_pairs(self, first_vectors: Tensor, second_vectors: Tensor) -> tuple[Tensor, Tensor]:
         """Return z, shape (n, Z), and u, shape (n,), of pairs of h, shape (n, U) each."""
-        inputs = pair_inputs(one, other)
+        inputs = pair_inputs(first_vectors, second_vectors)
         units = (inputs @ self.first + self.first_bias).relu()
         z = units @ self.second + self.second_bias
         u = units @ self.pair
@@ -335,10 +335,10 @@ def fit_encoder(
     steps = len(recipes) // batch
     optimizers: list[torch.optim.Optimizer] = [
         torch.optim.AdamW(
-            network.of_all(), lr=plan.rate, weight_decay=plan.weight_decay, fused=True
+            network.shared_parameters(), lr=plan.rate, weight_decay=plan.weight_decay, fused=True
         ),
         # Most entities are in no batch: their vectors rest.
-        torch.optim.SparseAdam(network.of_entities(), lr=plan.rate),
+        torch.optim.SparseAdam(network.entity_parameters(), lr=plan.rate),
     ]
     total = steps * plan.epochs
     num_steps = 0
@@ -361,17 +361,17 @@ def fit_encoder(
         return network.fitted(words, rows)
 
 
-def _share_of_rate(done: int, total: int) -> float:
-    """Return the share of the largest step size for the step after ``done`` ones of ``total``.
+def _share_of_rate(num_steps: int, total: int) -> float:
+    """Return the share of the largest step size for the step after ``num_steps`` ones of ``total``.
 
     It rises in a line over the first tenth, and falls as half a cosine to nearly 0 (one cycle, as
     the rankers have).
     """
     rising = max(1, round(total * _RISING))
-    if done < rising:
-        return (done + 1) / rising
+    if num_steps < rising:
+        return (num_steps + 1) / rising
     falling = total - rising
-    share = (done - rising + 1) / (falling + 1)
+    share = (num_steps - rising + 1) / (falling + 1)
     return (1 + math.cos(math.pi * share)) / 2
 
 
@@ -420,7 +420,7 @@ def _loss(
 
     ingredient_vectors = network.as_used(words, used_ids, keep_used.to(device))
     first_vectors, second_vectors = ingredient_vectors[pair_places.to(device)].chunk(2)
-    z, u = network.of_pairs(first_vectors, second_vectors)
+    z, u = network.encode_pairs(first_vectors, second_vectors)
     result_vectors, bias = network.as_made(words, made_ids, keep_made.to(device))
     # A result that steps have often is no better an answer: its frequency is taken off.
     corrected = bias - log_expected[made_ids]

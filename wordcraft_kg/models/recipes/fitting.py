@@ -525,7 +525,7 @@ def _result_queries(
     lists: Lists,
     encoder: PairEncoder,
     recipes: Ids,
-    known: Ids,
+    known_recipes: Ids,
     rng: np.random.Generator,
 ) -> tuple[Tensor, Examples]:
     """Make queries for results of a fold's pairs, among the candidates that a scorer proposes.
@@ -534,7 +534,7 @@ def _result_queries(
         lists: made without the fold.
         encoder: fitted without the fold.
         recipes: the fold's recipes, ids (n, 3).
-        known: all recipes that may be known, ids (m, 3): every result of a pair is right.
+        known_recipes: all recipes that may be known, ids (m, 3): every result of a pair is right.
         rng: draws pairs.
 
     Returns:
@@ -547,14 +547,14 @@ def _result_queries(
     candidates = propose_results(lists, encoder, a, b).numpy()
     competes = candidates >= 0
     keys = _keys(lists, pairs[:, :1], pairs[:, 1:], candidates)
-    is_right = np.isin(keys, _keys(lists, *known.T)) & competes
+    is_right = np.isin(keys, _keys(lists, *known_recipes.T)) & competes
     # A pair whose result nobody proposes has nothing to teach.
     has_right = is_right.any(1)
     query_candidates = candidates[has_right]
     tables = np.repeat(pairs[has_right], query_candidates.shape[1], axis=0)
     only_pair = (np.array([0]), np.array([1]))
     goals = query_candidates.ravel()
-    links, every = table_examples(lists, encoder, tables, goals, known, only_pair)
+    links, every = table_examples(lists, encoder, tables, goals, known_recipes, only_pair)
     # (N C, 1, F) to (N, C, F).
     features = every.features.view(*query_candidates.shape, -1)
     return links, Examples(features, _tensor(competes[has_right]), _tensor(is_right[has_right]))
@@ -710,7 +710,7 @@ def _keys(lists: Lists, a: Ids, b: Ids, results: Ids) -> Ids:
 
 def _tables(
     recipes: Ids,
-    known: Ids,
+    known_recipes: Ids,
     size: int,
     distractors: int,
     rng: np.random.Generator,
@@ -722,7 +722,7 @@ def _tables(
 
     Args:
         recipes: ids, shape (n, 3).
-        known: recipes that are counted, ids (m, 3).
+        known_recipes: recipes that are counted, ids (m, 3).
         size: E.
         distractors: number of drawn entities, fewer in a small graph.
         rng: draws the entities.
@@ -731,9 +731,9 @@ def _tables(
         ids, shape (n, 2 + most distractors); -1 is an empty slot.
     """
     # In a recipe a + a, the entity counts once.
-    self_pairs = known[:, 0] == known[:, 1]
-    second = known[~self_pairs, 1]
-    users = np.concatenate([known[:, 0], second])
+    self_pairs = known_recipes[:, 0] == known_recipes[:, 1]
+    second = known_recipes[~self_pairs, 1]
+    users = np.concatenate([known_recipes[:, 0], second])
     weights = 1.0 + np.bincount(users, minlength=size)
     ends = np.cumsum(weights)
     slots = 2 + max(TABLES)

@@ -188,9 +188,9 @@ class OutsideEvidenceFinder:
         for spec in self._settings.with_:
             try:
                 if (Path(spec) / KNOWLEDGE).is_file():
-                    sources += self._of_folder(spec)
+                    sources += self._folder_sources(spec)
                 elif is_book(spec):
-                    sources.append(self._of_book(spec))
+                    sources.append(self._book_source(spec))
             except WordCraftKGError as error:
                 logging.getLogger(__name__).warning("no evidence from '%s': %s", spec, error)
         return sources
@@ -200,7 +200,7 @@ class OutsideEvidenceFinder:
         if sha256 not in self._hashes:
             raise ArtefactError("the source has changed since the model was trained.")
 
-    def _of_folder(self, spec: str) -> list[_Source]:
+    def _folder_sources(self, spec: str) -> list[_Source]:
         """Return a folder's evidence as one source: its facts, then cells of its tables."""
         files = knowledge_files(spec)
         self._check(files.run.outputs[TABLES])
@@ -210,7 +210,7 @@ class OutsideEvidenceFinder:
             parts.insert(0, _fact_evidence(files, knowledge))
         return [lambda slots: [piece for part in parts for piece in part(slots)]]
 
-    def _of_book(self, spec: str) -> _Source:
+    def _book_source(self, spec: str) -> _Source:
         # As in the training: a zero-shot scorer may use recipes of the train part.
         book = open_other_book(
             spec,

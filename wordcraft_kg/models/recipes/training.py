@@ -401,14 +401,14 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         self,
         run: RunFolder[FitDone],
         report: Progress | None,
-        kept: Checkpoints[FitDone],
+        checkpoints: Checkpoints[FitDone],
     ) -> None:
         """Make and save all fits that are not saved yet."""
         settings = self.config.settings
         folds = self.folds
         every = self._every()
         # A resumed run makes only the fits that are missing.
-        saved = set(kept.records())
+        saved = set(checkpoints.records())
         missing = [left_out for fit, left_out in enumerate(every) if fit not in saved]
         total = self._steps(every)
         steps = 0
@@ -433,9 +433,9 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                             tensors.pop(name, None)
                     trained_on = triples_hash(folds.triples(left_out))
                     progress = FitDone(trained_on=trained_on)
-                    kept.save(every.index(left_out), tensors, progress)
+                    checkpoints.save(every.index(left_out), tensors, progress)
         except KeyboardInterrupt:
-            raise self._interrupted(run, len(kept.records()), len(every)) from None
+            raise self._interrupted(run, len(checkpoints.records()), len(every)) from None
         if report:
             report(total, total, {})
 
@@ -452,7 +452,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         self,
         run: RunFolder[FitDone],
         words: Words,
-        wanted: Sequence[LeftOut],
+        missing_fits: Sequence[LeftOut],
         after: Callable[[], None],
     ) -> dict[LeftOut, PairEncoder] | PairEncoder:
         """Fit and save the pair encoders that the wanted fits need, or read those of a resumed run.
@@ -462,7 +462,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         Args:
             run: the run's folder.
             words: word vectors of all entities.
-            wanted: folds to leave out, () for none.
+            missing_fits: folds to leave out, () for none.
             after: called after each encoder.
         """
         left_outs: list[LeftOut] = []
@@ -470,7 +470,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         if self.has_encoder_of_others:
             left_outs = [()]
         elif self.has_encoder:
-            left_outs = encoders_of(self.folds, wanted)
+            left_outs = encoders_of(self.folds, missing_fits)
             every = encoders_of(self.folds, self._every())
             numbers = {left_out: number for number, left_out in enumerate(every)}
         checkpoints = _kept_encoders(run.path)
@@ -529,7 +529,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     def _fitted(
         self,
         words: Words,
-        wanted: Sequence[LeftOut],
+        missing_fits: Sequence[LeftOut],
         encoders: Mapping[LeftOut, PairEncoder] | PairEncoder,
         after: Callable[[], None],
     ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
@@ -537,7 +537,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
 
         Args:
             words: word vectors of all entities.
-            wanted: folds to leave out, () for none.
+            missing_fits: folds to leave out, () for none.
             encoders: as for :func:`~wordcraft_kg.models.recipes.fitting.fit_recipe_scorers`.
             after: called after each set of lists and each fit.
         """
@@ -548,7 +548,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         fitted = fit_recipe_scorers(
             self.folds,
             words,
-            wanted,
+            missing_fits,
             outside=self.outside.tables,
             encoders=encoders,
             seed=settings.seed,
@@ -571,14 +571,14 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     def _finish(
         self,
         run: RunFolder[FitDone],
-        kept: Checkpoints[FitDone],
+        checkpoints: Checkpoints[FitDone],
         seconds: float,
     ) -> TrainedRecipes:
         """Write the scorers from the saved fits, their metrics and the model card."""
         graph = self.opened.graph
         settings = self.config.settings
         folds = self.folds
-        tensors = kept.read(0).tensors
+        tensors = checkpoints.read(0).tensors
         write_scorer(run.path, RecipeScorer.kind, tensors, graph)
         outputs: tuple[str, ...] = OUTPUTS
         record = None
@@ -587,7 +587,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             shared = {name: tensors[name] for name in RecipeScorer.shared}
 
             def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-                fit = kept.read(fold + 1)
+                fit = checkpoints.read(fold + 1)
                 return fit.progress.trained_on, shared | fit.tensors
 
             main = RecipeScorer(tensors, graph.entities, graph.hash)

@@ -228,7 +228,7 @@ def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFe
     # Mapped into memory, so only the pages with wanted rows are read.
     matrix = np.load(_glove_folder() / "glove_6B_50d_emb.npy", mmap_mode="r")
     vectors = _WordVectors(tuple(compress(words, is_known)), matrix[rows[is_known]])
-    return _of_labels("GloVe 6B", labels, vectors, pooling)
+    return _pooled_features("GloVe 6B", labels, vectors, pooling)
 
 
 def _one_hot(size: int) -> EntityFeatures:
@@ -330,7 +330,7 @@ def _spellings(text: str) -> tuple[str, ...]:
     return text, text.lower(), joined, joined.lower(), spaced, spaced.lower()
 
 
-def _of_labels(
+def _pooled_features(
     source: str,
     labels: Sequence[str],
     by_word: _WordVectors,
@@ -434,13 +434,13 @@ def _from_file(
         raise ConfigError(
             f"{path} cannot be read: {error}. Download the file again, or use another file."
         ) from error
-    return _of_labels(source or path.name, labels, vectors, pooling)
+    return _pooled_features(source or path.name, labels, vectors, pooling)
 
 
-def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
+def _parse(path: Path, vocabulary: Set[str]) -> _WordVectors:
     """Read the vectors of wanted words line by line; of other lines only the length is checked."""
     rows: dict[str, tuple[int, list[float]]] = {}
-    spelt = {word.encode() for word in wanted}
+    spelt = {word.encode() for word in vocabulary}
     announced = None
     count = dimensions = 0
     for number, line in filter(lambda row: row[1], _lines(path)):
@@ -464,7 +464,7 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
             continue
         word, values = _divided(line, dimensions, path, number)
         # As documented, the first of several vectors counts.
-        if word in wanted and word not in rows:
+        if word in vocabulary and word not in rows:
             rows[word] = number, _numbers(values, f"{path}, line {number}", word)
     if not dimensions:
         raise ConfigError(f"{path} is empty; expected a word and a vector per line.")
@@ -508,7 +508,7 @@ def _numbers(values: Sequence[bytes], where: str, word: str) -> list[float]:
     return [float(value) for value in values]
 
 
-def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
+def _read_array(path: Path, vocabulary: Set[str]) -> _WordVectors:
     """Read the rows of an array whose labels, in a file beside it, are wanted words."""
     label_files = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
     labels = next((file for file in label_files if file.is_file()), None)
@@ -534,7 +534,7 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
     count = 0
     for count, line in _lines(labels):
         word = _decoded(line, labels, count)
-        if word in wanted:
+        if word in vocabulary:
             rows.setdefault(word, count - 1)
     if count != len(matrix):
         raise ConfigError(

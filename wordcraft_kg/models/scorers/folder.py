@@ -152,11 +152,11 @@ def _cross_fitted(
     files: RunFiles,
     scorer: Scorer,
     vocabulary: Vocabulary,
-    whole: "Tensors",
+    full_tensors: "Tensors",
 ) -> CrossFitted:
     """Add the models of the folds; each becomes a scorer when it is first needed.
 
-    ``whole`` are the tensors of ``scorer``, some of which the folds share.
+    ``full_tensors`` are the tensors of ``scorer``, some of which the folds share.
     """
     path = files.folder / FOLDS_TENSORS
     inputs = files.run.inputs
@@ -169,7 +169,7 @@ def _cross_fitted(
             f"trained with {inputs.get('folds', 'none')[:12]}. Train again, or restore a copy."
         )
     kind = SCORERS[vocabulary.scorer]
-    shared = {name: whole[name] for name in kind.shared}
+    shared = {name: full_tensors[name] for name in kind.shared}
     parts = [shared | with_prefix(tensors, f"fold{fold}.") for fold in range(record.count)]
     ids = [name for name in (OF_RECIPE, TRAIN_RESULTS) if name == OF_RECIPE or name in tensors]
     # Checked now, because a fold's scorer is made in the middle of a training.
@@ -378,7 +378,7 @@ def write_folds(
     return record
 
 
-def _mrr(scorer: Scorer, queries: Ids, known: Ids) -> float | None:
+def _mrr(scorer: Scorer, queries: Ids, known_triples: Ids) -> float | None:
     if not len(queries):
         return None
-    return mean_reciprocal_rank(rank_triples(scorer, queries, known))
+    return mean_reciprocal_rank(rank_triples(scorer, queries, known_triples))

@@ -213,17 +213,17 @@ class LinkEvidence:
         return recipes_of_ids(self.entities, listed), len(rows) - len(listed)
 
 
-def _links(others: Ids, relation: int, end: int, side: Side) -> Ids:
+def _links(side_ids: Ids, relation: int, end: int, side: Side) -> Ids:
     """Return the links between one entity and others, shape (n, 3).
 
     Args:
-        others: ids of the entities on ``side``, shape (n,).
+        side_ids: ids of the entities on ``side``, shape (n,).
         relation: relation id.
         end: id of the entity on the opposite side.
-        side: side of the others.
+        side: side of these entities.
     """
-    ends = np.full(len(others), end)
-    relations = np.full(len(others), relation)
+    ends = np.full(len(side_ids), end)
+    relations = np.full(len(side_ids), relation)
     if side == "head":
-        return np.column_stack([others, relations, ends])
-    return np.column_stack([ends, relations, others])
+        return np.column_stack([side_ids, relations, ends])
+    return np.column_stack([ends, relations, side_ids])

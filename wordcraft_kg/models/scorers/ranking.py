@@ -143,15 +143,15 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
     return pd.concat(parts, ignore_index=True)
 
 
-def _query_keys(triples: Ids, given: int, num_entities: int) -> Ids:
+def _query_keys(triples: Ids, column: int, num_entities: int) -> Ids:
     """Return each triple's query, its relation and one of its entities, as a number, shape (T,).
 
     Args:
         triples: shape (T, 3).
-        given: column of the entity in the query, 0 for the head, 2 for the tail.
+        column: column of the entity in the query, 0 for the head, 2 for the tail.
         num_entities: number of entities E.
     """
-    return triples[:, 1] * num_entities + triples[:, given]
+    return triples[:, 1] * num_entities + triples[:, column]
 
 
 def _rank_batch(

@@ -135,10 +135,10 @@ class RecipeScorer(StoredScorer, RecipeScores):
                 scores[is_own] = self.knowledge.scores_of_links(relation, own_heads, own_tails)
         return scores
 
-    def _has_table(self, relation: int, wanted: int) -> bool:
+    def _has_table(self, relation: int, num_scores: int) -> bool:
         """Return whether a look-up in a table of all scores is faster than so many scores."""
         size = len(self.entities)
-        return relation in self._tables or (has_table(size) and _MANY * wanted > size**2)
+        return relation in self._tables or (has_table(size) and _MANY * num_scores > size**2)
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         number = int(self.relation_ids(relation))

@@ -59,10 +59,10 @@ class EntityRoles:
             # A recipe scorer's factors stand for its scores, so tables come first where they fit.
             if isinstance(scorer, FactoredScorer) and not has_table(size):
                 left_factors, right = scorer.factors(relation)
-                roles = _of_factors(left_factors.cpu().numpy(), right.cpu().numpy())
+                roles = _factor_roles(left_factors.cpu().numpy(), right.cpu().numpy())
             else:
                 check_table("comparing entities by scores", size)
-                roles = _of_table(scorer.table(relation).cpu().numpy())
+                roles = _table_roles(scorer.table(relation).cpu().numpy())
             side_units = []
             for rows in roles:
                 norms = np.linalg.norm(rows, axis=1)
@@ -136,13 +136,13 @@ def centred(scores: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(by_row - by_row.mean(axis=0))
 
 
-def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
+def _table_roles(scores: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors of heads and of tails, (E, E) each: rows and columns of the centred table."""
     table = centred(scores)
     return table, np.ascontiguousarray(table.T)
 
 
-def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
+def _factor_roles(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors with the same products as rows and columns in the centred ``left rightᵀ``."""
     # Centred factors have a centred product. 64 bits, because squares of small differences follow.
     heads = left.astype(np.float64)
@@ -152,10 +152,10 @@ def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
     return _turned(heads, tails), _turned(tails, heads)
 
 
-def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
+def _turned(rows: NDArray[np.float64], opposite_rows: NDArray[np.float64]) -> _Rows:
     """Return X with ``X Xᵀ = rows (othersᵀ others) rowsᵀ``, shape (E, m)."""
     # A root of the small (m, m) matrix; rounding can make its least eigenvalues negative.
-    products = others.T @ others
+    products = opposite_rows.T @ opposite_rows
     values, vectors = np.linalg.eigh(products)
     root = vectors * np.sqrt(values.clip(min=0))
     return np.asarray(rows @ root, dtype=np.float32)

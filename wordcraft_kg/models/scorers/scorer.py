@@ -223,9 +223,9 @@ class StoredScorer(Scorer):
         return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
 
 
-def _check_range(ids: Tensor, size: int, what: str) -> None:
+def _check_range(ids: Tensor, size: int, id_kind: str) -> None:
     # Negative ids are refused too: they would index from the end without an error.
     if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) < size:
         raise UnknownEntityError(
-            f"{what} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}."
+            f"{id_kind} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}."
         )

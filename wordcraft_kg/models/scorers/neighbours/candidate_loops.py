@@ -19,7 +19,7 @@ _LEADS = np.float32(1e4)
 
 
 @in_place
-def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type: ignore[no-untyped-def]
+def _add_results(lists, a, b, factor, weights, places, pair_weights, words):  # type: ignore[no-untyped-def]
     """Add the results of a pair's neighbours to the weights of entities.
 
     Args:
@@ -29,14 +29,14 @@ def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type
         factor: weight of the attempt: 1 for the first, less for further ones.
         weights: is added to, shape (T,).
         places: work space for :func:`neighbour_pairs`.
-        of_pairs: work space likewise.
+        pair_weights: work space likewise.
         words: work space likewise.
     """
     neighbours = (lists.used, lists.used_alike, lists.used_words)
     hashed = (lists.partner_bits, lists.pair_keys)
-    count, itself = neighbour_pairs(*neighbours, *hashed, a, b, 0, places, of_pairs, words)
+    count, itself = neighbour_pairs(*neighbours, *hashed, a, b, 0, places, pair_weights, words)
     for number in range(count):
-        weight = of_pairs[number]
+        weight = pair_weights[number]
         # The pair itself, at the first attempt: its results are certain, not only likely.
         if number == itself and factor == 1:
             weight = _FIRST

@@ -291,7 +291,7 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
 
 
 @in_place
-def _of_neighbours(  # type: ignore[no-untyped-def]
+def _write_neighbour_features(  # type: ignore[no-untyped-def]
     out,
     pair_starts,
     pair_counts,
@@ -301,8 +301,8 @@ def _of_neighbours(  # type: ignore[no-untyped-def]
     words,
     first,
     last,
-    known,
-    known_words,
+    result_weights,
+    result_words,
 ):
     """Write ``makes_anything`` to ``makes_alike_words``: from known pairs of neighbours.
 
@@ -316,8 +316,8 @@ def _of_neighbours(  # type: ignore[no-untyped-def]
         words: likewise.
         first: number of the first known pair.
         last: end of the known pairs.
-        known: k² of each result and the goal, shape (T,).
-        known_words: the same by words.
+        result_weights: k² of each result and the goal, shape (T,).
+        result_words: the same by words.
     """
     anything = np.float32(0)
     alike = np.float32(0)
@@ -334,10 +334,10 @@ def _of_neighbours(  # type: ignore[no-untyped-def]
         anything_words += results * weight_by_words
         for recipe in range(start, start + results):
             result = result_of[recipe]
-            value = weight * known[result]
+            value = weight * result_weights[result]
             alike += value
             nearest = max(nearest, value)
-            alike_words += weight_by_words * known_words[result]
+            alike_words += weight_by_words * result_words[result]
     out[_MAKES_ANYTHING] = log(FLOOR + anything)
     out[_MAKES_ALIKE] = log(FLOOR + alike)
     out[_MAKES_BEST] = log(FLOOR + nearest)
@@ -346,14 +346,14 @@ def _of_neighbours(  # type: ignore[no-untyped-def]
 
 
 @in_place
-def _all_neighbour_pairs(lists, table, one, other, starts, places, weights, words):  # type: ignore[no-untyped-def]
+def _all_neighbour_pairs(lists, table, first_slots, second_slots, starts, places, weights, words):  # type: ignore[no-untyped-def]
     """Find the known pairs of neighbours of all pairs of slots.
 
     Args:
         lists: the lists.
         table: shape (A,); negative for empty slots.
-        one: first slot of each pair, shape (P,).
-        other: second slot of each pair, shape (P,).
+        first_slots: first slot of each pair, shape (P,).
+        second_slots: second slot of each pair, shape (P,).
         starts: receives where each pair's begin, and the end, shape (P + 1,).
         places: as in :func:`neighbour_pairs`, likewise the following two: with room for all pairs
             of neighbours of all pairs of slots.
@@ -361,10 +361,10 @@ def _all_neighbour_pairs(lists, table, one, other, starts, places, weights, word
         words: likewise.
     """
     end = np.int64(0)
-    for pair in range(len(one)):
+    for pair in range(len(first_slots)):
         starts[pair] = end
-        a = table[one[pair]]
-        b = table[other[pair]]
+        a = table[first_slots[pair]]
+        b = table[second_slots[pair]]
         if a < 0 or b < 0:
             continue
         end, _ = neighbour_pairs(
@@ -380,7 +380,7 @@ def _all_neighbour_pairs(lists, table, one, other, starts, places, weights, word
             weights,
             words,
         )
-    starts[len(one)] = end
+    starts[len(first_slots)] = end
 
 
 @compiled
@@ -427,7 +427,7 @@ def _end_of_table(goals, tables, start):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def _of_slots(links, counts, i, j, out):  # type: ignore[no-untyped-def]
+def _write_slot_features(links, counts, i, j, out):  # type: ignore[no-untyped-def]
     """Write the sums and minima of two slots' features, but for the score of the link ranker.
 
     Args:
@@ -445,7 +445,7 @@ def _of_slots(links, counts, i, j, out):  # type: ignore[no-untyped-def]
 
 
 @in_place
-def _of_pairs(lists, goal, table, pairs, slots, neighbours, results, alone, out):  # type: ignore[no-untyped-def]
+def _write_pair_features(lists, goal, table, pairs, slots, neighbours, results, pair_values, out):  # type: ignore[no-untyped-def]
     """Write the features of a table's pairs and a goal.
 
     Args:
@@ -457,14 +457,14 @@ def _of_pairs(lists, goal, table, pairs, slots, neighbours, results, alone, out)
             recipes that make it, shape (A,).
         neighbours: known pairs of neighbours, from :func:`_all_neighbour_pairs`.
         results: k² of each result of these and the goal, and the same by words, shape (T,).
-        alone: features of the pairs alone: places in the hash table and both regressions, shape
-            (P,); word cosines and similarities of slots, shape (A, A).
+        pair_values: features of the pairs alone: places in the hash table and both regressions,
+            shape (P,); word cosines and similarities of slots, shape (A, A).
         out: shape (P, F).
     """
     first_slots, second_slots = pairs
     links, counts = slots
     starts, places, weights, words = neighbours
-    own_places, regression, word_regression, cosines, kernels = alone
+    own_places, regression, word_regression, cosines, kernels = pair_values
     results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     goal_made = log1p(lists.num_makers[goal])
     goal_uses = log1p(lists.num_uses[goal])
@@ -474,9 +474,9 @@ def _of_pairs(lists, goal, table, pairs, slots, neighbours, results, alone, out)
         if table[i] < 0 or table[j] < 0:
             continue
         features = out[pair]
-        _of_slots(links, counts, i, j, features)
+        _write_slot_features(links, counts, i, j, features)
         known_pairs = (places, weights, words, starts[pair], starts[pair + 1])
-        _of_neighbours(features, *results_of_pairs, *known_pairs, *results)
+        _write_neighbour_features(features, *results_of_pairs, *known_pairs, *results)
         place = own_places[pair]
         is_made = place >= 0 and makes(*results_of_pairs, place, goal)
         features[_KNOWN] = 1 if place >= 0 else 0
@@ -570,7 +570,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
                 counts[slot] = 0
                 if table[slot] >= 0:
                     counts[slot] = log1p(num_links(*makers, table[slot], goal))
-            _of_pairs(
+            _write_pair_features(
                 lists,
                 goal,
                 table,

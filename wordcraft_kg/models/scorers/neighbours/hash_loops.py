@@ -65,7 +65,7 @@ def signatures(one: Array, other: Array, out: Array) -> None:
 
 
 @in_place
-def _may_hold(bits, one, other):  # type: ignore[no-untyped-def]
+def _may_hold(bits, entity, partner):  # type: ignore[no-untyped-def]
     """Return whether a signature has the bit of an id: if not, the pair is certainly unknown.
 
     Most look-ups are of unknown pairs. A signature is small enough for the fast cache, and saves
@@ -73,13 +73,13 @@ def _may_hold(bits, one, other):  # type: ignore[no-untyped-def]
 
     Args:
         bits: shape (T, bits / 8), from :func:`signatures`.
-        one: entity id.
-        other: entity id.
+        entity: entity id.
+        partner: entity id.
     """
     mask = bits.shape[1] * 8 - 1
-    bit = other & mask
+    bit = partner & mask
     # Eight bits a byte: the byte by the higher digits, the bit in it by the last three.
-    byte = bits[one, bit >> 3]
+    byte = bits[entity, bit >> 3]
     return (byte >> (bit & 7)) & 1 != 0
 
 
@@ -123,18 +123,18 @@ def num_links(result_bits, part_starts, parts, part_counts, ingredient, result):
 
 
 @in_place
-def _first_place(ids, low, high, wanted):  # type: ignore[no-untyped-def]
-    """Return the first place of ascending ids with an id of ``wanted`` or more: a binary search.
+def _first_place(ids, low, high, target):  # type: ignore[no-untyped-def]
+    """Return the first place of ascending ids with an id of ``target`` or more: a binary search.
 
     Args:
         ids: ascending from ``low`` to ``high``.
         low: first place.
         high: end of the places, which is returned if all ids are smaller.
-        wanted: entity id.
+        target: entity id.
     """
     while low < high:
         middle = (low + high) >> 1
-        if ids[middle] < wanted:
+        if ids[middle] < target:
             low = middle + 1
         else:
             high = middle

@@ -106,12 +106,12 @@ def link_factors(
     )
 
 
-def _regression(coordinates: Floats, seen: Ids, triples: Ids, rank: int) -> Factors:
+def _regression(coordinates: Floats, train_ids: Ids, triples: Ids, rank: int) -> Factors:
     """Fit the links of both relations.
 
     Args:
         coordinates: Φ, shape (T, D).
-        seen: entities with recipes: those without are no negative evidence.
+        train_ids: entities with recipes: those without are no negative evidence.
         triples: known links, shape (L, 3).
         rank: most directions Q, those with the largest g.
     """
@@ -119,12 +119,12 @@ def _regression(coordinates: Floats, seen: Ids, triples: Ids, rank: int) -> Fact
     blocks = blocks_of(size)
 
     def square(block: slice) -> NDArray[np.float64]:
-        part = coordinates[seen[block]]
+        part = coordinates[train_ids[block]]
         return np.asarray(part.T @ part, dtype=np.float64)
 
     # Sums of blocks are added in their order.
     squares = np.zeros((coordinates.shape[1],) * 2)
-    for part in of_blocks(square, blocks_of(len(seen))):
+    for part in of_blocks(square, blocks_of(len(train_ids))):
         squares += part
     weights, turn = np.linalg.eigh(squares)
     products = np.maximum(weights[-rank:], 0)
@@ -172,7 +172,7 @@ def _left_factor(
 
 
 def _kernel(
-    some: Ids,
+    entity_ids: Ids,
     landmarks: Ids,
     columns: Any,
     rows: Any,
@@ -181,16 +181,16 @@ def _kernel(
     """Return k(x, y) for N entities by rows and L landmarks by columns, shape (N, L).
 
     Args:
-        some: the N entities.
+        entity_ids: the N entities.
         landmarks: the L landmarks.
         columns: profiles of the landmarks, sparse, shape (M, L); by rows, because SciPy would turn
             another layout anew for each block of entities.
         rows: profiles of all entities, sparse, shape (T, M).
         vectors: word vectors of all entities, shape (T, D).
     """
-    structure = np.asarray((rows[some] @ columns).toarray(), dtype=np.float32)
+    structure = np.asarray((rows[entity_ids] @ columns).toarray(), dtype=np.float32)
     if not vectors.shape[1]:
         return structure
     # Clamped first, because the square of a negative cosine would count as similarity.
-    positive = np.maximum(vectors[some] @ vectors[landmarks].T, 0)
+    positive = np.maximum(vectors[entity_ids] @ vectors[landmarks].T, 0)
     return structure + np.float32(TEXT) * positive**2

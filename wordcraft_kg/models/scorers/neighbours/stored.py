@@ -49,7 +49,7 @@ _LONGEST = 1.001
 """Largest number in a word vector of length 1, rounded to half precision."""
 
 
-def _of_ranker(prefix: str, features: str) -> dict[str, str]:
+def _ranker_axes(prefix: str, features: str) -> dict[str, str]:
     """Return axis names and types of a ranker's weights, whose names begin with ``prefix``."""
     return {
         f"{prefix}first": f"models {features} {prefix}hidden float32",
@@ -66,9 +66,9 @@ _LAYOUTS = {
     "near_words": "T K int32",
     "recipes": "recipes three int32",
     "seen": "models recipes bool",
-    **_of_ranker("", "features"),
-    **_of_ranker("combinesWith_", "pairs"),
-    **_of_ranker("componentOf_", "parts"),
+    **_ranker_axes("", "features"),
+    **_ranker_axes("combinesWith_", "pairs"),
+    **_ranker_axes("componentOf_", "parts"),
     **dict.fromkeys(LINK_TABLES, "models side side float16"),
 }
 _OF_ENCODER = {
@@ -87,7 +87,7 @@ _OF_ENCODER = {
     "encoder_made_bias": "models Z float32",
     "encoder_bias_words": "models D float32",
     "encoder_bias_base": "models float32",
-    **_of_ranker("results_", "features"),
+    **_ranker_axes("results_", "features"),
 }
 
 

@@ -310,15 +310,13 @@ def passages(
         learnt: attempt of each entity, shape (..., E), from
             :class:`~wordcraft_kg.agents.discovery.Plays`.
     """
-    passages_by_bottleneck = []
+    passage_rows = []
     for bottleneck in statistics.bottlenecks:
         attempts = learnt[..., graph.id_of(bottleneck.entity)].ravel()
         passed = attempts[attempts != NEVER]
         attempt = float(np.median(passed)) if len(passed) else None
-        passages_by_bottleneck.append(
-            Passage(bottleneck.entity, len(passed) / len(attempts), attempt)
-        )
-    return tuple(passages_by_bottleneck)
+        passage_rows.append(Passage(bottleneck.entity, len(passed) / len(attempts), attempt))
+    return tuple(passage_rows)
 
 
 def explain_run(

@@ -178,7 +178,7 @@ def read_document(
         if source.numbered is not None:
             # Row by row only if somebody asks.
             source.entries = chain.from_iterable(
-                read_candidate(column_texts).entries for column_texts in [way]
+                read_candidate(only_way).entries for only_way in [way]
             )
             source.reading = replace(source.reading, columns=tuple(names_of_columns))
             return source
@@ -818,9 +818,9 @@ def _raws(document: Document, way: Way, facts: Sequence[Path]) -> Iterator[Raw]:
     # Each of several places, such as [0] and [1], is filled.
     steps = set(chain.from_iterable(way.parts if len(way.parts) > 1 else ()))
     has_places = any(step.startswith("[") and step != EACH for step in steps)
-    for place, values, result_names in rows_of_paths(document.value, way.parts, way.results):
+    for place, values, results in rows_of_paths(document.value, way.parts, way.results):
         if not has_places or len(values) == len(way.parts):
-            yield Raw(place, values, result_names)
+            yield Raw(place, values, results)
 
 
 def _exact_rows(raw: Raw) -> list[Entry]:

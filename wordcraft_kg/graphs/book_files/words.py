@@ -33,9 +33,7 @@ def words_of(name: str) -> frozenset[str]:
     parted = _BETWEEN_WORDS.sub(" ", name)
     words = re.findall(r"[^\W_]+", parted.lower())
     # East Asian words have no blanks between them.
-    inner = (
-        [] if name.isascii() else [joined_word for joined_word in _JOINED if joined_word in name]
-    )
+    inner = [] if name.isascii() else [word for word in _JOINED if word in name]
     return frozenset((*words, *inner))
 
 
@@ -246,10 +244,7 @@ def _plain_words(family: Iterable[Path]) -> frozenset[str]:
 def _common(paths: Sequence[Path]) -> Path:
     """Return the steps with which all paths begin."""
     steps = zip(*paths, strict=False)
-    return tuple(
-        steps_at_depth[0]
-        for steps_at_depth in takewhile(lambda steps_at_depth: len(set(steps_at_depth)) == 1, steps)
-    )
+    return tuple(level[0] for level in takewhile(lambda level: len(set(level)) == 1, steps))
 
 
 def _is_around(thing: Path, path: Path) -> bool:

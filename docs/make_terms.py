@@ -24,7 +24,7 @@ graph* holds all triples. A *self edge* is an entity's self score.
 
 FURTHER = {
     "Graphs": {
-        "recipe": "Two ingredients and their result. The order of the ingredients does not matter, and a pair may have several results.",
+        "recipe": "One to eight ingredients and their result; two in environments and recipe scorers. The order of the ingredients does not matter, and the same ingredients may have several results.",
         "groups": "Recipes that a split and its folds keep together: recipes of one pair, of one goal, or with a shared ingredient and result.",
     },
     "Links": {

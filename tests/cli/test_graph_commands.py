@@ -275,6 +275,8 @@ BAD_OPTIONS = {
     "no config": ("kitchen --config {home}/nowhere.toml", "nowhere.toml: no such file"),
     "endless config": ("kitchen --config /dev/zero", "--config /dev/zero: no such file"),
     "misspelt split": ("kitchen --split by-gaol", "'by-goal'"),
+    "no split file": ("kitchen --split nowhere.csv", "--split 'nowhere.csv': No such file"),
+    "seed of a split file": ("kitchen --split {home}/none.txt --seed 1", "--seed is for splits"),
 }
 NOT_BUILT = {
     **{

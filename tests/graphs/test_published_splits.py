@@ -81,12 +81,40 @@ def test_a_published_split_survives_a_folder_and_is_named_in_the_audit(tmp_path)
         ('{"train": [1]}', "no split"),
         ("part,goal\ntrain,mud\n", "no split .*result"),
         ("part,result\nlearn,mud\n", "no split .*learn"),
-        ("", "1 recipe|4 recipes of 4 without a part"),
+        ("part,result\ntrain,mud\nlearn,wall\n", "line 3: the part 'learn'"),
+        ("part,result\ntrain,mud,brick\n", "line 2 has more cells"),
+        ("part,ingredient,ingredient,result\ntrain,a,b,mud\n", "two columns"),
+        ('part,result\ntrain,"mud\n' + 200_000 * "x", "no split .*field larger"),
+        ('{"train": [[["water"], "mud"]], "test": ["wall"]}', "in place of a list of labels"),
+        ('{"train": [{"mud": 1}], "test": ["wall"]}', "in place of a list"),
+        ('{"train": [[]], "test": ["wall"]}', "in place of a list of labels"),
+        ('{"train": {"mud": [[]]}, "test": ["wall"]}', "in place of a list of labels"),
+        ('{"train": {"mud": ["water", "earth"]}, "test": ["wall"]}', "'water' in place of a list"),
+        ('{"train": ["mud"], "train": ["brick"], "test": ["wall"]}', "'train' occurs twice"),
+        ('{"train": ' + 10_000 * "[" + 10_000 * "]" + "}", "nested too deeply"),
+        ("", "no columns part and result"),
     ],
 )
 def test_a_wrong_split_file_is_refused(tmp_path, text, says):
     with pytest.raises(SplitError, match=says):
         read(tmp_path, text)
+
+
+def test_names_of_a_part_in_json_add_up_and_other_keys_are_ignored(tmp_path):
+    content = {"Train": ["mud"], "training": ["brick"], "test": ["wall"], "licence": "CC0"}
+    split = read(tmp_path, json.dumps(content))
+    assert split.parts.tolist() == read(tmp_path, FILES["results.json"]).parts.tolist()
+
+
+def test_entries_of_too_many_ingredients_are_unknown_recipes(tmp_path):
+    content = {"train": ["mud", "brick", [*9 * ["water"], "mud"]], "test": ["wall"]}
+    assert read(tmp_path, json.dumps(content)).published.unknown == 1
+
+
+def test_a_split_file_may_have_the_line_ends_of_old_systems(tmp_path):
+    text = FILES["results.csv"].replace("\n", "\r")
+    (tmp_path / "split.csv").write_bytes(text.encode())
+    assert read_published_split(tmp_path / "split.csv", GRAPH).published.unknown == 0
 
 
 def test_a_table_of_results_with_one_recipe_each_is_split_by_goal(caplog):

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Flag, Output, command_line, split_labels
+from wordcraft_kg.cli.console import Flag, Output, command_line, refuse_given, split_labels
 from wordcraft_kg.cli.graphs import (
     lines_of_graph,
     note_of_shares,
@@ -65,6 +65,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         out: folder to write. Default: graphs/<name>, or graphs/<book's name>.
     """
     from wordcraft_kg.base.artefacts import check_output, with_a_name
+    from wordcraft_kg.base.errors import ConfigError
     from wordcraft_kg.graphs.audit import view_build
     from wordcraft_kg.graphs.book_files import book_name
     from wordcraft_kg.graphs.folder import write_graph_folder
@@ -83,7 +84,12 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         if name is None
         else check_label(name, "`name`")
     )
-    if split is not None and split not in SPLITS and Path(split).is_file():
+    # With an ending it is meant to be a file, even if there is none of this name.
+    if split is not None and split not in SPLITS and (Path(split).suffix or Path(split).is_file()):
+        if not Path(split).is_file():
+            raise ConfigError(f"--split '{split}': No such file.")
+        drawn = SplitConfig(SplitConfig.kind, train_ratio, valid_ratio, seed)
+        refuse_given(drawn, "splits that are drawn, not for files")
         partition = read_published_split(Path(split), graph)
     else:
         kind = default_config(graph).kind if split is None else split

@@ -3,8 +3,8 @@
 HIF is a JSON format of libraries for hypergraphs, such as HyperNetX and XGI. A recipe is an edge of
 a directed hypergraph: its ingredients are the edge's tail, its result is the head. An ingredient
 that is combined with itself is one incidence with the weight 2, since a set holds it once. Nodes
-are entities by label, with ``base`` in their attributes; edges have the recipe's ``kind``, if any.
-So nothing of a graph is lost.
+are entities by label, with ``base`` in their attributes; edges have the recipe's ``kind`` and
+``quantities``, if any. So nothing of a graph is lost.
 
 Files of other tools are read by the same rules. Their recipes may have any number of ingredients
 and results; :func:`recipes_of_hif` returns them as they are.

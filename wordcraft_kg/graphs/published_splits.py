@@ -3,7 +3,7 @@
 A table names results or recipes, with the columns ``part``, ``result`` and perhaps the ingredient
 columns of our own table. JSON has a list for each part, or an object of results with their sets as
 in a recipe book: ``{"train": {"mud": [["water", "earth"]]}, "test": ["brick"]}``. A result stands
-for all its recipes.
+for all its recipes. Other keys and columns, such as a licence, are ignored.
 """
 
 import csv
@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.base.artefacts import read_large_file
+from wordcraft_kg.base.artefacts import check_file
 from wordcraft_kg.base.errors import SplitError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.arrays import Ids, stacked
+from wordcraft_kg.graphs.book_files.files import MAX_BOOK_SIZE, without_repeated_keys
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, shown
 from wordcraft_kg.graphs.splits import (
     PARTS,
     TEST,
@@ -59,20 +61,22 @@ def read_published_split(path: Path, graph: RecipeGraph) -> Split:
         graph: the graph whose recipes it divides.
 
     Raises:
-        ArtefactError: if the file is missing or too large.
+        ArtefactError: if the file is missing, or larger than a recipe book may be.
         SplitError: if the file has another shape, a recipe has two parts or none, or the train or
             test part is empty.
     """
-    data = read_large_file(path)
+    check_file(path, MAX_BOOK_SIZE)
+    data = path.read_bytes()
     try:
         text = data.decode("utf-8-sig")
-        entries = list(
-            _json_entries(json.loads(text)) if text.lstrip()[:1] == "{" else _table_entries(text)
-        )
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise SplitError(
-            f"{path}: no split ({type(error).__name__}: {error}); {_EXPECTED}."
-        ) from None
+        if text.lstrip()[:1] in ("{", "["):
+            entries = list(_json_entries(json.loads(text, object_pairs_hook=without_repeated_keys)))
+        else:
+            entries = list(_table_entries(text))
+    except RecursionError:
+        raise SplitError(f"{path}: no split (nested too deeply); {_EXPECTED}.") from None
+    except (ValueError, csv.Error) as error:
+        raise SplitError(f"{path}: no split ({error}); {_EXPECTED}.") from None
     parts = np.full(graph.num_recipes, _NO_PART, dtype=np.int8)
     unknown = 0
     for part in (TRAIN, VALID, TEST):
@@ -101,34 +105,63 @@ def read_published_split(path: Path, graph: RecipeGraph) -> Split:
     return Split(graph, SplitConfig(kind, train, valid), Draw(parts, published=published))
 
 
-def _json_entries(document: dict[str, Any]) -> Iterator[_Entry]:
+def _json_entries(document: Any) -> Iterator[_Entry]:
     """Yield the entries of the lists or objects below the names of parts."""
-    entries_by_part = {
-        _PART_OF_NAME[key]: value for key, value in document.items() if key in _PART_OF_NAME
-    }
-    if not entries_by_part:
-        raise KeyError("train")
-    for part, value in entries_by_part.items():
-        rows = value
+    keys = document if isinstance(document, dict) else {}
+    values = [(_PART_OF_NAME.get(key.strip().lower()), value) for key, value in keys.items()]
+    named = [(part, value) for part, value in values if part is not None]
+    if not named:
+        raise ValueError("no key is the name of a part")
+    for part, value in named:
         if isinstance(value, dict):
-            rows = [
-                [*ingredients, result] for result, sets in value.items() for ingredients in sets
-            ]
-        for row in rows:
-            yield ((row,) if isinstance(row, str) else tuple(row)), part
+            for result, sets in value.items():
+                # An empty set is no result: it would stand for all recipes of the result.
+                yield from (((*_labels(each), result), part) for each in _list(sets))
+        else:
+            for row in _list(value):
+                yield ((row,) if isinstance(row, str) else _labels(row)), part
+
+
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise ValueError(f"{shown(value)} in place of a list")
+    return value
+
+
+def _labels(value: Any) -> tuple[str, ...]:
+    labels = _list(value)
+    if not labels or not all(isinstance(label, str) for label in labels):
+        raise ValueError(f"{shown(value)} in place of a list of labels")
+    return tuple(labels)
 
 
 def _table_entries(text: str) -> Iterator[_Entry]:
     """Yield the entries of a table with a header; blank cells are no ingredients."""
-    for row in csv.DictReader(io.StringIO(text)):
-        cells = {name.strip(): (cell or "").strip() for name, cell in row.items() if name}
+    # Line ends of any system; a label holds none.
+    reader = csv.DictReader(io.StringIO(text, newline=None))
+    columns = [name.strip() for name in reader.fieldnames or ()]
+    if not {"part", "result"}.issubset(columns):
+        raise ValueError("no columns part and result")
+    if len(set(columns)) < len(columns):
+        raise ValueError("two columns have the same name")
+    reader.fieldnames = columns
+    for row in reader:
+        if None in row:
+            raise ValueError(f"line {reader.line_num} has more cells than the header")
+        cells = {name: (cell or "").strip() for name, cell in row.items()}
+        part = _PART_OF_NAME.get(cells["part"].lower())
+        if part is None:
+            seen = f"the part {shown(cells['part'])}"
+            raise ValueError(f"line {reader.line_num}: {seen} is not train, valid or test")
         ingredients = (cell for name, cell in cells.items() if name.startswith("ingredient"))
-        yield (*filter(None, ingredients), cells["result"]), _PART_OF_NAME[cells["part"].lower()]
+        yield (*filter(None, ingredients), cells["result"]), part
 
 
 def _rows(graph: RecipeGraph, entries: list[tuple[str, ...]]) -> tuple[Ids, int]:
     """Return the rows of results and recipes in the graph, and the number of unknown entries."""
-    known_entries = [labels for labels in entries if all(label in graph for label in labels)]
+    # Longer rows are no recipes, and one of a million labels would widen the table for all.
+    short = (labels for labels in entries if len(labels) <= MOST_INGREDIENTS + 1)
+    known_entries = [labels for labels in short if all(label in graph for label in labels)]
     results = [labels[0] for labels in known_entries if len(labels) == 1]
     recipes = [labels for labels in known_entries if len(labels) > 1]
     ids = graph.ids_of(label for labels in recipes for label in labels)

@@ -76,7 +76,9 @@ def test_a_pair_makes_what_the_book_says_with_the_part(neighbours):
     for a, b, _ in graph.recipe_labels()[::13]:
         for one, other in ((a, b), (b, a)):
             view = view_of(explored, PairState(one, other))
-            assert tuple(row.result for row in view.makes) == graph.labels(graph.results(a, b))
+            assert tuple(row.recipe.result for row in view.makes) == graph.labels(
+                graph.results(a, b)
+            )
             assert (view.link, view.results, view.model) == (None, None, "")
 
 
@@ -88,7 +90,7 @@ def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers
     assert [row.probability for row in view.results] == pytest.approx(best)
     assert any(row.because for row in view.results)
     assert not any(row.in_sample for row in view.results if row.known != "train")
-    assert [row.part for row in view.makes if row.result == result] == ["test"]
+    assert [row.part for row in view.makes if row.recipe.result == result] == ["test"]
 
 
 def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers):
@@ -167,7 +169,7 @@ def test_a_book_without_a_split_has_pages_too(of_recipes):
     )
     assert "are in the training data" in look(explored, EntityState("a")).text
     pair = view_by(predictor, PairState("b", "a"))
-    assert [(row.result, row.part) for row in pair.makes] == [("c", "train"), ("d", "train")]
+    assert [(row.recipe.result, row.part) for row in pair.makes] == [("c", "train"), ("d", "train")]
     assert pair.has_seen_the_test_recipes
 
 

@@ -18,6 +18,7 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, Relation, is_in
 from wordcraft_kg.models.model import Model
@@ -41,20 +42,18 @@ class PlacedRecipe(Record):
     """A recipe and its split part.
 
     Attributes:
-        ingredient_a: label of an ingredient.
-        ingredient_b: label of the other ingredient, which may be the same.
-        result: label of the result.
+        recipe: recipe by labels.
         part: split part, such as test.
     """
 
-    ingredient_a: str
-    ingredient_b: str
-    result: str
+    recipe: Recipe
     part: Part
 
-    def partner(self, entity: str) -> str:
-        """Return the other ingredient, which may be the same entity."""
-        return self.ingredient_b if self.ingredient_a == entity else self.ingredient_a
+    def partners(self, entity: str) -> tuple[str, ...]:
+        """Return the other ingredients; an entity that is needed twice is its own partner."""
+        others = list(self.recipe.ingredients)
+        others.remove(entity)
+        return tuple(others)
 
 
 class ScoredLink(Record):
@@ -400,24 +399,22 @@ def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> I
         tail: id of the tail.
 
     Returns:
-        rows of ``graph.recipes``, shape (n,), ascending; none for a link that is not in the book.
+        rows of ``graph.sets``, shape (n,), ascending; none for a link that is not in the book.
     """
     if relation != COMBINES_WITH:
         return np.intersect1d(graph.uses_of(head), graph.recipes_of(tail))
     rows = graph.uses_of(head)
-    # Ingredients are sorted by id in the graph, heads and tails are not.
-    pairs = graph.recipes[rows, :2]
-    return rows[(pairs == sorted((head, tail))).all(axis=1)]
+    # An entity with itself stands twice in a recipe.
+    least = 2 if head == tail else 1
+    is_tail = graph.sets[rows, :-1] == tail
+    return rows[is_tail.sum(axis=1) >= least]
 
 
 def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
     """Return recipes by their rows in the graph, shape (n,), with their parts."""
-    recipes = split.graph.recipe_labels(split.graph.recipes[rows])
+    recipes = split.graph.recipe_labels(split.graph.sets[rows])
     parts = (PARTS[part] for part in split.parts[rows].tolist())
-    return tuple(
-        PlacedRecipe(one, other, result, part)  # type: ignore[arg-type]
-        for (one, other, result), part in zip(recipes, parts, strict=True)
-    )
+    return tuple(map(PlacedRecipe, recipes, parts))  # type: ignore[arg-type]
 
 
 def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:

@@ -391,7 +391,7 @@ def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
             an object with a key twice.
     """
     try:
-        return json.loads(text, object_pairs_hook=_without_repeated_keys)
+        return json.loads(text, object_pairs_hook=without_repeated_keys)
     except json.JSONDecodeError as error:
         position = f"line {line or error.lineno}, column {error.colno}"
         raise RecipeFileError(f"{path}, {position}: not JSON ({error.msg}).") from None
@@ -401,7 +401,15 @@ def parsed_json(path: Path | str, text: str, line: int | None = None) -> Any:
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
 
 
-def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a JSON object, for ``object_pairs_hook``.
+
+    Args:
+        pairs: keys and values of the object.
+
+    Raises:
+        ValueError: if a key occurs twice.
+    """
     value = dict(pairs)
     if len(value) < len(pairs):
         counts = Counter(key for key, _ in pairs)

@@ -352,20 +352,24 @@ def _shown_partners(graph: RecipeGraph, partners: Ids, number_of: Mapping[int, i
 
 def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
     """Return an entity's partners, products and ingredients, as ids, each the most used first."""
-    recipes = graph.recipes[graph.uses_of(entity)]
-    # The sum of both ingredients without the entity is the other one, also for an entity with
-    # itself.
-    partners = recipes[:, :2].sum(axis=1) - entity
-    made_of = graph.recipes[graph.recipes_of(entity), :2]
+    recipes = graph.sets[graph.uses_of(entity)]
+    ingredients = recipes[:, :-1]
+    # Without the entity once: one that is needed twice is its own partner.
+    is_partner = np.ones(ingredients.shape, dtype=bool)
+    is_partner[np.arange(len(recipes)), (ingredients == entity).argmax(axis=1)] = False
+    partners = ingredients[is_partner]
+    made_of = graph.sets[graph.recipes_of(entity), :-1]
     return (
         _most_used(graph, partners),
-        _most_used(graph, recipes[:, 2]),
+        _most_used(graph, recipes[:, -1]),
         _most_used(graph, made_of),
     )
 
 
 def _most_used(graph: RecipeGraph, ids: Ids) -> Ids:
     distinct = np.unique(ids)
+    # The padding of small recipes is no entity.
+    distinct = distinct[distinct < graph.num_entities]
     order = np.argsort(-graph.use_counts[distinct], kind="stable")
     return distinct[order]
 

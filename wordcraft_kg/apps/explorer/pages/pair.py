@@ -44,7 +44,7 @@ class PairProfile(Record):
     Attributes:
         a: label of an ingredient.
         b: label of the other ingredient.
-        makes: recipes of the pair in the book.
+        makes: recipes in the book with both ingredients, perhaps among others.
         model: name of the model; empty without one.
         has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
             model.
@@ -105,7 +105,9 @@ def _pair(
     split = explored.opened.split
     graph = explored.opened.graph
     # A model has not seen the test recipes, so they make the better examples.
-    recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
+    recipes = split.sets("test") if split.is_in("test").any() else graph.sets
+    # The first two ingredients; the padding of a recipe of one is no entity.
+    recipes = recipes[recipes[:, 1] != graph.num_entities]
     # Evenly spread, because neighbouring recipes share an ingredient.
     every = max(math.ceil(len(recipes) / EXAMPLES), 1)
     pairs = [graph.labels(pair) for pair in recipes[::every, :2].tolist()]

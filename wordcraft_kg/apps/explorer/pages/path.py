@@ -206,7 +206,7 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
                 giving = recipes_giving(graph, head, COMPONENT_OF, tail)
                 # Part numbers ascend from train; argmin takes the first of equal ones.
                 rows.append(int(giving[split.parts[giving].argmin()]))
-            steps = _steps(split, tuple(graph.recipe_labels(graph.recipes[rows])))
+            steps = _steps(split, tuple(graph.recipe_labels(graph.sets[rows])))
             return Chain(graph.entities[source], graph.entities[target], steps)
     return Chain(graph.entities[start], graph.entities[goal], ())
 
@@ -229,14 +229,14 @@ def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
     """Return the recipes of a derivation, in execution order, with their parts and layers."""
     # Forward: the earliest layer of each result, and with it the number of layers.
     earliest: dict[str, int] = {}
-    for a, b, result in recipes:
-        before = max(earliest.get(a, 0), earliest.get(b, 0))
+    for *ingredients, result in recipes:
+        before = max(earliest.get(ingredient, 0) for ingredient in ingredients)
         earliest[result] = before + 1
     layer = dict.fromkeys(earliest, max(earliest.values(), default=0))
     # Backward: each ingredient as late as its uses allow, so that lines are short. Base entities
     # have no layer.
-    for a, b, result in reversed(recipes):
-        for ingredient in (a, b):
+    for *ingredients, result in reversed(recipes):
+        for ingredient in ingredients:
             if ingredient in layer:
                 layer[ingredient] = min(layer[ingredient], layer[result] - 1)
     return tuple(
@@ -252,10 +252,11 @@ def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
 
 def _part_of(split: Split, recipe: Recipe) -> Part:
     graph = split.graph
-    ids = [graph.id_of(label) for label in recipe]
-    rows = graph.recipes_of(ids[2])
+    *ingredients, result = (graph.id_of(label) for label in recipe)
+    padding = [graph.num_entities] * (graph.sets.shape[1] - len(recipe))
+    rows = graph.recipes_of(result)
     # The graph has each recipe once, with ingredients in the order of ids, which is that of labels.
-    is_wanted = (graph.recipes[rows] == ids).all(axis=1)
+    is_wanted = (graph.sets[rows] == [*ingredients, *padding, result]).all(axis=1)
     (row,) = rows[is_wanted].tolist()
     return PARTS[split.parts[row]]  # type: ignore[return-value]
 
@@ -269,11 +270,11 @@ def _last(steps: tuple[PathStep, ...]) -> tuple[PathStep, ...]:
 def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
     """Return some recipes of a goal that cannot be made, with their missing ingredients."""
     graph = planner.graph
-    rows = graph.recipes[graph.recipes_of(goal)[:LISTED]]
+    rows = graph.sets[graph.recipes_of(goal)[:LISTED]]
     blocked = []
-    for recipe, row in zip(graph.recipe_labels(rows), rows.tolist(), strict=True):
-        # An entity may be both ingredients; it is missing once.
-        ingredients = dict.fromkeys(row[:2])
+    for recipe in graph.recipe_labels(rows):
+        # An entity that is needed twice is missing once.
+        ingredients = map(graph.id_of, dict.fromkeys(recipe.ingredients))
         missing = [entity for entity in ingredients if planner.costs[entity] == math.inf]
         blocked.append(Blocked(recipe, graph.labels(missing)))
     return tuple(blocked)
@@ -287,10 +288,11 @@ def _sources(planner: Planner, goal: int) -> list[int]:
     stack = [goal]
     while stack:
         entity = stack.pop()
-        recipes = graph.recipes[graph.recipes_of(entity)]
+        recipes = graph.sets[graph.recipes_of(entity)]
         if not len(recipes):
             sources.append(entity)
-        ingredients = set(recipes[:, :2].ravel().tolist())
+        # The padding of small recipes is no entity.
+        ingredients = set(recipes[:, :-1].ravel().tolist()) - {graph.num_entities}
         # Recipes may form a cycle: an entity is followed once.
         unreachable = {i for i in ingredients if planner.costs[i] == math.inf} - visited
         visited |= unreachable
@@ -314,7 +316,7 @@ def _drawn(
 ) -> Markup:
     crafts = []
     for step in steps:
-        a, b, result = step.recipe
+        *ingredients, result = step.recipe
         styles = []
         if result == goal:
             styles.append("goal")
@@ -325,9 +327,9 @@ def _drawn(
                 label=result,
                 href=address(PAGE, PathState(entity=result)),
                 layer=step.layer,
-                of=(a, b),
+                of=tuple(ingredients),
                 style=" ".join(styles),
-                title=f"{a} + {b} → {result} ({step.part})",
+                title=f"{' + '.join(ingredients)} → {result} ({step.part})",
             )
         )
     return charts.layered(crafts, given, f"Crafts that lead to {goal}, in layers")

@@ -15,7 +15,7 @@ COMMANDS = (
     ("describe",),
     ("discover", "--attempts", "5", "--runs", "1"),
     ("evaluate-agent", "--distractors", "1", "--distractor-seeds", "1"),
-    ("tasks", "--depth", "2", "--distractors", "4"),
+    ("describe", "--tasks", "--depth", "2", "--distractors", "4"),
 )
 MEASURE = """
 import resource, sys

@@ -446,7 +446,7 @@ def test_a_limit_beyond_the_tasks_shows_each_once(shown):
 @pytest.mark.slow
 def test_without_options_the_environments_tasks_are_played(shown):
     """Without options the tasks are those of the environment without settings."""
-    values, env = shown(), WordCraftEnv("everyday")
+    values, env = shown("everyday"), WordCraftEnv("everyday")
     assert (values["graph"], values["tasks"]) == ("everyday", len(env.tasks))
     assert (values["depth"], values["part"]) == (env.config.depth, env.config.part)
     assert {len(task["distractors"]) for task in values["shown"]} == {env.config.num_distractors}

@@ -472,6 +472,10 @@ IN_ORDER = (
 def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recipes.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,dough\n")
+    (tmp_path / "recipes.json").write_text(
+        '{"dough": [["flour", "water"]], "bread": [["dough", "fire"]]}'
+    )
+    (tmp_path / "folds.csv").write_text("part,result\ntrain,dough\ntest,bread\n")
     (tmp_path / "pairs.csv").write_text("head,relation,tail\nflour,combinesWith,water\n")
     rows = ["item1;item2;product", *(";".join(recipe) for recipe in open_book("kitchen").recipes)]
     (tmp_path / "recipes.txt").write_text("\n".join(rows))

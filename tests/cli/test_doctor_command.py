@@ -62,5 +62,5 @@ def test_an_old_package_a_changed_book_and_folders_without_permission_fail(
         "error",
         "error",
     )
-    assert "scipy has version 1.0, expected >=1.11" in checks["packages"][1]
+    assert "scipy has version 1.0, expected >=1.12" in checks["packages"][1]
     assert "44136fa355b3, expected 757422df36f8" in checks["little-alchemy-2"][1]

@@ -103,7 +103,7 @@ def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
         ),
         pytest.param(
             ["evaluate-agent", "kitchen"],
-            ["playing recipe oracle, 8 distractors: 5 of 5"],
+            ["playing recipe oracle, 8 distractors: 4 of 5"],
             marks=pytest.mark.slow,
         ),
     ],

@@ -1,6 +1,7 @@
 """Charts for data series: curves, and estimates with intervals."""
 
 import math
+import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -41,6 +42,8 @@ _SMALL_LETTER = 5.7
 """Mean widths of letters, of usual and of small size, in points."""
 _LONGEST_NAME = 32
 """Most letters of a name."""
+_MOST_LINES = 3
+"""Most lines of a category's label below an axis."""
 _MOST_BOUNDS = 100
 """Most points at an edge of a band: more look the same, and make the page large."""
 
@@ -138,7 +141,7 @@ def dots(
                     markers[name] = _draw_estimate(axes, (x, None, None), share, number)
         # Half of the chart's width may be names of series.
         letters = int(WIDTH / 2 / num_places / _LETTER)
-        axes.set_xticks(range(len(labels)), [_clean(label, letters) for label in labels])
+        axes.set_xticks(range(len(labels)), [_in_lines(label, letters) for label in labels])
         axes.set_xlim(-0.5, num_places - 0.5)
         _share_axis(axes, 1)
         names = [_clean(name) for name in markers]
@@ -269,6 +272,12 @@ def log_reliability(
         _write_titles(axes, "probability", "share of true triples")
 
     return Chart(description, draw)
+
+
+def _in_lines(label: str, letters: int) -> str:
+    """Return a label on at most ``_MOST_LINES`` lines of at most so many letters."""
+    lines = textwrap.wrap(for_terminal(label), letters, max_lines=_MOST_LINES, placeholder=" …")
+    return "\n".join(lines)
 
 
 def _clean(name: str, letters: int = _LONGEST_NAME) -> str:

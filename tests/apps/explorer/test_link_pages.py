@@ -76,7 +76,9 @@ def test_a_pair_makes_what_the_book_says_with_the_part(neighbours):
     for a, b, _ in graph.recipe_labels()[::13]:
         for one, other in ((a, b), (b, a)):
             view = view_of(explored, PairState(one, other))
-            assert tuple(row.recipe.result for row in view.makes) == graph.labels(graph.results(a, b))
+            assert tuple(row.recipe.result for row in view.makes) == graph.labels(
+                graph.results(a, b)
+            )
             assert (view.link, view.results, view.model) == (None, None, "")
 
 

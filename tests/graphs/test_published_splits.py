@@ -111,6 +111,11 @@ def test_entries_of_too_many_ingredients_are_unknown_recipes(tmp_path):
     assert read(tmp_path, json.dumps(content)).published.unknown == 1
 
 
+def test_a_split_file_may_have_blank_columns_and_rows(tmp_path):
+    text = FILES["results.csv"].replace("\n", ",,\n") + ",,,\n"
+    assert read(tmp_path, text, name="split.csv").published.unknown == 0
+
+
 def test_a_split_file_may_have_the_line_ends_of_old_systems(tmp_path):
     text = FILES["results.csv"].replace("\n", "\r")
     (tmp_path / "split.csv").write_bytes(text.encode())

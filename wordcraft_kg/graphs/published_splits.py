@@ -141,13 +141,17 @@ def _of_table(text: str) -> Iterator[_Entry]:
     columns = [name.strip() for name in reader.fieldnames or ()]
     if not {"part", "result"}.issubset(columns):
         raise ValueError("no columns part and result")
-    if len(set(columns)) < len(columns):
+    # Spreadsheets leave columns and rows of blanks.
+    named = [name for name in columns if name]
+    if len(set(named)) < len(named):
         raise ValueError("two columns have the same name")
     reader.fieldnames = columns
     for row in reader:
         if None in row:
             raise ValueError(f"line {reader.line_num} has more cells than the header")
         cells = {name: (cell or "").strip() for name, cell in row.items()}
+        if not any(cells.values()):
+            continue
         part = _PART_OF_NAME.get(cells["part"].lower())
         if part is None:
             seen = f"the part {shown(cells['part'])}"

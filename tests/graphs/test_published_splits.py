@@ -111,6 +111,19 @@ def test_entries_of_too_many_ingredients_are_unknown_recipes(tmp_path):
     assert read(tmp_path, json.dumps(content)).published.unknown == 1
 
 
+def test_labels_of_a_split_are_folded_with_those_of_the_book(tmp_path):
+    path = tmp_path / "split.csv"
+    path.write_text(FILES["results.csv"].replace("mud", "Mud"))
+    assert read_published_split(path, GRAPH, fold=True).published.unknown == 0
+    with pytest.raises(SplitError, match="without a part"):
+        read_published_split(path, GRAPH)
+
+
+def test_a_split_file_may_have_blank_columns_and_rows(tmp_path):
+    text = FILES["results.csv"].replace("\n", ",,\n") + ",,,\n"
+    assert read(tmp_path, text, name="split.csv").published.unknown == 0
+
+
 def test_a_split_file_may_have_the_line_ends_of_old_systems(tmp_path):
     text = FILES["results.csv"].replace("\n", "\r")
     (tmp_path / "split.csv").write_bytes(text.encode())

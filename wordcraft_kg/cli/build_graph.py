@@ -90,7 +90,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
             raise ConfigError(f"--split '{split}': No such file.")
         drawn = SplitConfig(SplitConfig.kind, train_ratio, valid_ratio, seed)
         refuse_given(drawn, "splits that are drawn, not for files")
-        partition = read_published_split(Path(split), graph)
+        partition = read_published_split(Path(split), graph, fold=file.case == "fold")
     else:
         kind = default_config(graph).kind if split is None else split
         partition = make_split(graph, SplitConfig(kind, train_ratio, valid_ratio, seed))

@@ -44,8 +44,8 @@ EXAMPLES = {
 
 
 @dataclass(frozen=True)
-class TaskOptions:
-    """Options for tasks.
+class ListedTaskOptions:
+    """Options of --tasks.
 
     Attributes:
         depth: recipes in the shortest plan, 1 to 5.
@@ -69,8 +69,8 @@ def describe(
     entity: str | None = None,
     tasks: Flag = False,
     options: Annotated[
-        TaskOptions, Parameter(name="*", group="Options of --tasks")
-    ] = TaskOptions(),
+        ListedTaskOptions, Parameter(name="*", group="Options of --tasks")
+    ] = ListedTaskOptions(),
     output: Output = Output(),
 ) -> None:
     """Audit a graph: ambiguity, reachability, layers, degrees, coverage, leaks.
@@ -103,7 +103,7 @@ def describe(
     output.result(audited, [title, *lines_of_graph(audited), *note_of_shares(audited.split)])
 
 
-def _describe_tasks(graph: str, options: TaskOptions, output: Output) -> None:
+def _describe_tasks(graph: str, options: ListedTaskOptions, output: Output) -> None:
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
     from wordcraft_kg.evaluation.books import view_tasks
 

@@ -77,5 +77,7 @@ def import_knowledge(
         )
     triples_and_facts = f"{counted(view.triples, 'triple')}, {counted(view.facts, 'fact')}"
     text.append(f"{triples_and_facts}, tables: {', '.join(view.tables)}")
-    text.append(f"wrote {out}/   next: {command_line('train-recipes', graph, '--with', out)}")
+    # Recipe scorers take pairs.
+    train = "train-recipes" if (opened.graph.sizes == 2).all() else "train-complex"
+    text.append(f"wrote {out}/   next: {command_line(train, graph, '--with', out)}")
     output.result(view, text)

@@ -252,7 +252,7 @@ class GraphCounts(Record, omit_defaults=True, kw_only=True):
         half_products: number of half-products of chains, which no other figure here counts but
             the triples of all and of train recipes.
         recipes: number of recipes, without those that make half-products.
-        pairs: number of distinct unordered ingredient pairs.
+        pairs: number of distinct ingredient sets, which are pairs in most books.
         base: labels of the base entities.
         base_is_inferred: whether the base is the entities without a recipe, because no base was
             given.

@@ -50,7 +50,7 @@ _Entry = tuple[tuple[str, ...], int]
 """Labels (*ingredients, result) or (result,) and the part."""
 
 
-def read_published_split(path: Path, graph: RecipeGraph) -> Split:
+def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) -> Split:
     """Read a split from a file.
 
     The split is by-goal if the file holds out whole results, else by-recipe-plain; its ratios are
@@ -59,6 +59,7 @@ def read_published_split(path: Path, graph: RecipeGraph) -> Split:
     Args:
         path: a CSV or JSON file.
         graph: the graph whose recipes it divides.
+        fold: whether labels are folded to lower case, as those of the graph were.
 
     Raises:
         ArtefactError: if the file is missing, or larger than a recipe book may be.
@@ -77,6 +78,8 @@ def read_published_split(path: Path, graph: RecipeGraph) -> Split:
         raise SplitError(f"{path}: no split (nested too deeply); {_EXPECTED}.") from None
     except (ValueError, csv.Error) as error:
         raise SplitError(f"{path}: no split ({error}); {_EXPECTED}.") from None
+    if fold:
+        entries = [(tuple(map(str.lower, labels)), part) for labels, part in entries]
     parts = np.full(graph.num_recipes, _NO_PART, dtype=np.int8)
     unknown = 0
     for part in (TRAIN, VALID, TEST):
@@ -142,13 +145,17 @@ def _table_entries(text: str) -> Iterator[_Entry]:
     columns = [name.strip() for name in reader.fieldnames or ()]
     if not {"part", "result"}.issubset(columns):
         raise ValueError("no columns part and result")
-    if len(set(columns)) < len(columns):
+    # Spreadsheets leave columns and rows of blanks.
+    named = [name for name in columns if name]
+    if len(set(named)) < len(named):
         raise ValueError("two columns have the same name")
     reader.fieldnames = columns
     for row in reader:
         if None in row:
             raise ValueError(f"line {reader.line_num} has more cells than the header")
         cells = {name: (cell or "").strip() for name, cell in row.items()}
+        if not any(cells.values()):
+            continue
         part = _PART_OF_NAME.get(cells["part"].lower())
         if part is None:
             seen = f"the part {shown(cells['part'])}"

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,12 @@ from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_spli
 from wordcraft_kg.graphs.export import export_graph
 from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.models.knowledge import surroundings
-from wordcraft_kg.models.knowledge.alignment import Override, align, with_overrides
+from wordcraft_kg.models.knowledge.alignment import (
+    Override,
+    _neighbours,
+    align,
+    with_overrides,
+)
 from wordcraft_kg.models.knowledge.folder import read_knowledge
 from wordcraft_kg.models.knowledge.importing import import_knowledge
 from wordcraft_kg.models.knowledge.network import plain
@@ -255,6 +261,30 @@ def test_overrides_that_do_not_exist_are_refused(opened, triples, tmp_path):
         import_knowledge(
             opened, "triples", triples, tmp_path / "out", overrides=tmp_path / "nodes.tsv"
         )
+
+
+def test_neighbours_share_a_recipe_of_any_size():
+    # a + b -> c, d + d + e -> f, and g alone -> a; 7 is the padding.
+    recipes = np.array([[0, 1, 7, 2], [3, 3, 4, 5], [6, 7, 7, 0]])
+    is_whole = [True, True, True, True, False, True, True]
+    weights = _neighbours(recipes, is_whole).toarray()
+    expected = np.zeros((7, 7))
+    expected[0, [1, 2, 6]] = 1 / 3
+    expected[1, [0, 2]] = 1 / 2
+    expected[2, [0, 1]] = 1 / 2
+    expected[3, 5] = expected[5, 3] = expected[6, 0] = 1
+    expected[4, [3, 5]] = 1 / 2
+    np.testing.assert_array_equal(weights, expected)
+
+
+def test_knowledge_is_imported_for_a_book_of_sets(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    book = "ingredient_a,ingredient_b,ingredient_c,result\nflour,water,salt,dough\ndough,,,bread\n"
+    Path("book.csv").write_text(book)
+    Path("triples.tsv").write_text("flour\tisa\tfood\nbread\tmadeof\tflour\n")
+    assert run("build-graph", "book.csv", "--split", "none", "--out", "graph").code == 0
+    result = run("import-knowledge", "graph", "--triples", "triples.tsv", "--out", "knowledge")
+    assert "next: wordcraft-kg train-complex graph --with knowledge" in result.out
 
 
 def test_walks_are_those_of_a_slow_reference(triples, opened):

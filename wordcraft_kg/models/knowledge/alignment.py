@@ -91,7 +91,7 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
     Args:
         network: the graph from outside the book.
         entities: labels in id order.
-        recipes: train recipes, ids of shape (n, 3), which are the contexts of senses.
+        recipes: train recipes, rows of ``graph.sets``, which are the contexts of senses.
 
     Returns:
         The likeliest sense of each entity, of equally likely ones the last in the network's order.
@@ -252,21 +252,20 @@ def _neighbours(recipes: Ids, is_whole: Sequence[bool]) -> sparse.csr_array:
     """Return weights of means over neighbours (entities with a shared recipe), shape (E, E).
 
     Args:
-        recipes: ids, shape (n, 3).
+        recipes: ids, shape (n, columns), rows (ingredients, padding, result); the padding is E.
         is_whole: for each entity, whether its whole label was aligned. The others do not count as
             neighbours: a head word says nothing about the sense.
     """
     size = len(is_whole)
-    a, b, result = recipes.T
-    # The three pairs of a recipe's entities.
-    rows = np.concatenate([a, a, b])
-    columns = np.concatenate([b, result, result])
-    cells = (rows, columns)
-    counts = np.ones(len(rows))
-    links = sparse.csr_array((counts, cells), shape=(size, size))
-    both_ways = links + links.T
+    is_entity = recipes < size
+    cells = (np.nonzero(is_entity)[0], recipes[is_entity])
+    counts = np.ones(len(cells[0]))
+    # Which recipes have an entity, as ingredient or result; the product has all pairs of them.
+    members = sparse.csr_array((counts, cells), shape=(len(recipes), size))
+    shared = sparse.csr_array(members.T @ members)
+    shared.sort_indices()  # the order in which sums round
     # Each neighbour counts once, however many recipes are shared.
-    links = (both_ways > 0).astype(float)
+    links = (shared > 0).astype(float)
     links.setdiag(0)
     weights = np.array(is_whole, dtype=float)
     links = links @ sparse.diags_array(weights)

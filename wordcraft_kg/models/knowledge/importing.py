@@ -132,7 +132,7 @@ def import_knowledge(
     """
     entities = opened.graph.entities
     # The part train alone: a choice by test recipes would leak these into the tables.
-    recipes = opened.split.recipes("train")
+    recipes = opened.split.sets("train")
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
     overriding = {} if overrides is None else read_overrides(overrides)

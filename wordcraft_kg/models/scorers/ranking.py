@@ -315,7 +315,7 @@ def with_interval(
 
     Args:
         ranks: rows of :func:`rank_triples`.
-        clusters: shape (rows,): clusters of dependent queries, from :func:`recipe_clusters`.
+        clusters: shape (rows,): clusters of dependent queries, from :func:`triple_groups`.
         resamples: number of bootstrap samples.
         seed: seed of the samples.
 

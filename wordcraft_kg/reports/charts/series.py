@@ -42,6 +42,8 @@ _SMALL_LETTER = 5.7
 """Mean widths of letters, of usual and of small size, in points."""
 _LONGEST_NAME = 32
 """Most letters of a name."""
+_FEWEST_LETTERS = 6
+"""Letters on a line of a category's label that is never shorter."""
 _MOST_LINES = 3
 """Most lines of a category's label below an axis."""
 _MOST_BOUNDS = 100
@@ -276,7 +278,9 @@ def log_reliability(
 
 def _in_lines(label: str, letters: int) -> str:
     """Return a label on at most ``_MOST_LINES`` lines of at most so many letters."""
-    lines = textwrap.wrap(for_terminal(label), letters, max_lines=_MOST_LINES, placeholder=" …")
+    # Of many categories each has less room than a word; their labels may touch.
+    width = max(letters, _FEWEST_LETTERS)
+    lines = textwrap.wrap(for_terminal(label), width, max_lines=_MOST_LINES, placeholder=" …")
     return "\n".join(lines)
 
 

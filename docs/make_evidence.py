@@ -142,7 +142,7 @@ def finding() -> Iterator[str]:
     """Yield the lines of README's finding: what each part adds on the paper's book."""
     yield (
         "**What each part adds.** Goals made on Little Alchemy 2, with 8 *distractors* (further "
-        "items; [intervals](docs/evidence/parts.md)):"
+        "items; two attempts: with 4; [intervals](docs/evidence/parts.md)):"
     )
     yield ""
     yield from parts_in_short()

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -472,6 +473,9 @@ IN_ORDER = (
 def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recipes.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,dough\n")
+    player = Path(__file__).parents[2] / "examples" / "line_player.py"
+    (tmp_path / "examples").mkdir()
+    shutil.copy(player, tmp_path / "examples")
     (tmp_path / "recipes.json").write_text(
         '{"dough": [["flour", "water"]], "bread": [["dough", "fire"]]}'
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
-    "wordcraft-kg discover everyday --scorer models/everyday --out discovery.html",
+    "wordcraft-kg discover everyday --scorer models/everyday-recipes --out discovery.html",
     "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 --runs "
     "20",
     "wordcraft-kg discover everyday --book little-alchemy-2 --attempts 500 --runs 10",

@@ -83,7 +83,8 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
     parts = np.full(graph.num_recipes, _NO_PART, dtype=np.int8)
     unknown = 0
     for part in (TRAIN, VALID, TEST):
-        rows, num_unknown = _rows(graph, [labels for labels, of in entries if of == part])
+        entries_of_part = [labels for labels, entry_part in entries if entry_part == part]
+        rows, num_unknown = _rows(graph, entries_of_part)
         unknown += num_unknown
         conflicts = rows[(parts[rows] != _NO_PART) & (parts[rows] != part)]
         if len(conflicts):
@@ -158,8 +159,8 @@ def _table_entries(text: str) -> Iterator[_Entry]:
             continue
         part = _PART_OF_NAME.get(cells["part"].lower())
         if part is None:
-            seen = f"the part {shown(cells['part'])}"
-            raise ValueError(f"line {reader.line_num}: {seen} is not train, valid or test")
+            cell = f"the part {shown(cells['part'])}"
+            raise ValueError(f"line {reader.line_num}: {cell} is not train, valid or test")
         ingredients = (cell for name, cell in cells.items() if name.startswith("ingredient"))
         yield (*filter(None, ingredients), cells["result"]), part
 

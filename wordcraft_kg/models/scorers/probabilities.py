@@ -241,7 +241,7 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
 
 
 def kinds_of(knowledge: "RecipeKnowledge", features: Tensor) -> Tensor:
-    """Return each recipe's kind, see :data:`KINDS`, from its features (F, ...)."""
+    """Return each recipe's kind, see :data:`KINDS`, from its features, shape (..., F)."""
     return (knowledge.feature(features, "goal_made") > 0).long()
 
 

@@ -178,11 +178,16 @@ class RecipeScores(TripleScorer, Protocol):
     ) -> list[Witness]:
         """Return training recipes that support a recipe: those for ``result`` first.
 
+        The recipe itself is among them if the model was trained on it.
+
         Args:
             ingredient: label of an ingredient.
             other: label of the other ingredient.
             result: label of the result.
             limit: maximum number of recipes.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
         """
         ...
 

@@ -233,26 +233,13 @@ class RecipeScorer(StoredScorer, RecipeScores):
         features = self.knowledge.features(goal, table, model, pairs)
         return self.knowledge.scores(features, model), kinds_of(self.knowledge, features)
 
-    def supporting_recipes(
+    def supporting_recipes(  # noqa: D102 - inherited
         self,
         ingredient: str,
         other: str,
         result: str,
         limit: int = 5,
     ) -> list[Witness]:
-        """Return training recipes that support a recipe: those for ``result`` first.
-
-        The recipe itself is among them if the model was trained on it.
-
-        Args:
-            ingredient: label of an ingredient.
-            other: label of the other ingredient.
-            result: label of the result.
-            limit: maximum number of recipes.
-
-        Raises:
-            UnknownEntityError: for a label that the scorer does not know.
-        """
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
         supports = self.knowledge.supporting_recipes(a, b, goal, limit=limit)
         return [Witness.of(support, self.entities) for support in supports]

@@ -16,7 +16,7 @@ from wordcraft_kg.envs.config import RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
 
 DEVICES = ("cpu", "torch:cpu")
 SEEN = ("goal", "task", "selection", "attempts_left", "table")
@@ -46,6 +46,24 @@ def ambiguous():
     ]
     graph = RecipeGraph.from_recipes(rows)
     return OpenedGraph(graph, make_split(graph, SplitConfig()), "ambiguous")
+
+
+@pytest.fixture(scope="module")
+def sets():
+    """Few entities, sets of one to four ingredients with repetitions, some with two results."""
+    rng = np.random.default_rng(3)
+    rows = [
+        [f"e{entity:02d}" for entity in rng.integers(0, 24, size=rng.integers(2, 6))]
+        for _ in range(200)
+    ]
+    rows += [[*ingredients, f"e{rng.integers(24):02d}"] for *ingredients, _ in rows[:60]]
+    graph = RecipeGraph.from_recipes(rows)
+    return OpenedGraph(graph, make_split(graph, SplitConfig()), "sets")
+
+
+@pytest.fixture(scope="module")
+def opened_sets():
+    return open_graph("examples/kitchen-sets.csv")
 
 
 def batch(opened, num_envs, seed=0, *, device="cpu", first_env=0, **settings):
@@ -107,18 +125,22 @@ class Twins:
         return count
 
     def wise(self, i, seen, rng):
-        """A legal slot, mostly the one that the first plan needs next."""
+        """A legal action, mostly the one that the first plan needs next."""
         slots = np.flatnonzero(seen["action_mask"]).tolist()
-        table = [int(seen["table"][slot]) for slot in slots]
-        plan = self.state.world.tasks.plans[self.envs[i].task][0]
-        rows = self.state.world.graph.recipes[list(plan)].tolist()
-        a, b, _ = next((row for row in rows if row[2] not in table), rows[-1])
-        wanted = b if seen["selection"] == a else a
-        return (
-            table.index(wanted)
-            if wanted in table and rng.random() < 0.8
-            else int(rng.choice(slots))
-        )
+        table = seen["table"].tolist()
+        env = self.envs[i]
+        graph = self.state.world.graph
+        plan = self.state.world.tasks[env.task].plans[0]
+        recipe = next((row for row in plan if graph.id_of(row.result) not in table), plan[-1])
+        missing = [graph.id_of(label) for label in recipe.ingredients]
+        for pick in env.picks:
+            if pick in missing:
+                missing.remove(pick)
+        if not missing and env.combine in slots and rng.random() < 0.8:
+            return env.combine
+        if missing and missing[-1] in table and rng.random() < 0.9:
+            return table.index(missing[-1])
+        return int(rng.choice(slots))
 
 
 @pytest.fixture(params=DEVICES)
@@ -155,9 +177,54 @@ def test_a_batch_does_step_for_step_what_the_reference_does(ambiguous, depth, am
     assert depth == 1 or ambiguity == "last" or count["other way"] > 0
 
 
-def test_torch_arrays_give_the_same_as_numpy_arrays(opened_kitchen):
+@pytest.mark.parametrize("depth", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
+def test_a_batch_of_sets_does_step_for_step_what_the_reference_does(sets, depth):
+    settings = {"part": "all", "depth": depth, "num_tasks": 50, "reward": SHAPED}
+    twins = Twins(sets, 12, seed=depth, num_distractors=2, max_attempts=depth + 1, **settings)
+    count = twins.run(100, np.random.default_rng(0), legal=0.97)
+    assert min(count["goal"], count["over"], count["illegal"]) > 3
+
+
+@pytest.mark.parametrize("part", ["train", "test"])
+def test_only_a_complete_set_in_any_order_makes_the_goal(opened_sets, part):
+    world = World(opened_sets, WordCraftConfig(part=part, num_distractors=1, max_attempts=3))
+    env = WordCraftEnv(world)
+    combine = env.num_slots - 1
+    rng = np.random.default_rng(0)
+    for task in range(len(world.tasks)):
+        ingredients = world.tasks[task].plans[0][0].ingredients
+        for is_complete in (False, True):
+            observation, _ = env.reset(seed=task, options={"task": task})
+            assert not observation["action_mask"][combine]
+            picks = rng.permutation(ingredients if is_complete else ingredients[1:])
+            table = list(world.graph.labels(env.state.table))
+            rewards = [env.step(table.index(label))[1] for label in picks]
+            if len(picks) < world.graph.most_ingredients:
+                assert env.action_masks()[combine] == bool(len(picks))
+                rewards.append(env.step(combine)[1])
+            assert rewards[:-1] == [0] * (len(rewards) - 1)
+            assert (rewards[-1] == 1) == is_complete
+
+
+def test_a_set_knows_how_often_an_entity_was_picked(sets):
+    lookup = BatchEngine(World(sets, WordCraftConfig(part="all", num_distractors=0)), 1).pairs
+    graph = sets.graph
+    rng = np.random.default_rng(0)
+    picks = rng.integers(0, graph.num_entities + 1, (20_000, graph.most_ingredients))
+    picks[: graph.num_recipes] = rng.permuted(graph.sets[:, :-1], axis=1)
+    expected = [
+        graph.outcomes.get(tuple(sorted(pick for pick in row if pick < graph.num_entities)), ())
+        for row in picks.tolist()
+    ]
+    results = lookup.results[lookup(picks)].tolist()
+    assert [tuple(x for x in row if x < graph.num_entities) for row in results] == expected
+
+
+@pytest.mark.parametrize(("book", "fewest_goals"), [("opened_kitchen", 25), ("opened_sets", 2)])
+def test_torch_arrays_give_the_same_as_numpy_arrays(request, book, fewest_goals):
     settings = {"depth": 2, "num_distractors": 6, "reward": "official", "task_weighting": "goal"}
-    one, other = (batch(opened_kitchen, 16, 3, device=device, **settings) for device in DEVICES)
+    opened = request.getfixturevalue(book)
+    one, other = (batch(opened, 16, 3, device=device, **settings) for device in DEVICES)
     rng = np.random.default_rng(0)
     goals = 0
     for turn in range(100):
@@ -177,7 +244,7 @@ def test_torch_arrays_give_the_same_as_numpy_arrays(opened_kitchen):
         for name in GIVEN:
             np.testing.assert_allclose(getattr(b, name).numpy(), getattr(a, name), atol=1e-6)
         goals += int((a.outcome == 1).sum())
-    assert goals > 25
+    assert goals > fewest_goals
 
 
 def episodes(state, steps, rng_of):

@@ -103,7 +103,8 @@ class Evaluation:
         by_plan: shape (N, D), bool: a plan's last pair made the goal.
         actions: shape (N, D), int64: episode length in actions.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
-        last: shape (N, D, 2), int64: ids of the last pair, in order of actions.
+        last: shape (N, D, 2), int64: ids of the last pair, in order of actions; for recipes of
+            other sizes, of the last set, with as many places as the largest recipe.
         decisions: shape (N, D), int64: hash of the attempted pairs, in order of attempts but not of
             actions.
     """
@@ -180,11 +181,12 @@ class Evaluator:
         self.engine = BatchEngine(world, len(self.tasks))
         self._seed = seed
         # The ingredients in the last recipes of a task's plans, shape (N, P), padded with -1.
-        pairs = world.graph.recipes[:, :2].tolist()
+        nothing = world.nothing
+        ingredients = world.graph.sets[:, :-1].tolist()
         parts = []
         for task in self.tasks.tolist():
-            last_pairs = [pairs[plan[-1]] for plan in world.tasks.plans[task]]
-            parts.append(sorted(set(chain.from_iterable(last_pairs))))
+            last_sets = [ingredients[plan[-1]] for plan in world.tasks.plans[task]]
+            parts.append(sorted(set(chain.from_iterable(last_sets)) - {nothing}))
         self._parts = padded(parts, -1)
 
     def __call__(
@@ -210,53 +212,48 @@ class Evaluator:
         by_plan = np.zeros(shape, dtype=bool)
         actions = np.zeros(shape, dtype=np.int64)
         terminations = np.zeros(shape, dtype=np.int8)
-        last = np.zeros((*shape, 2), dtype=np.int64)
+        last = np.zeros((*shape, self.engine.world.graph.most_ingredients), dtype=np.int64)
         decisions = np.zeros(shape, dtype=np.int64)
         engine = self.engine
-        rows = np.arange(len(self.tasks))
         for distractor_seed in steps(stage, range(self.distractor_seeds)):
             state = engine.pose(self.tasks, distractor_seed, seed=self._seed)
             choices = rng or np.random.default_rng([EVALUATION_SEED, distractor_seed])
             while (running := state.attempts_left > 0).any():
                 # A step clears the selection at the end of an attempt, so the state before it tells
-                # the pair. The step comes first: it refuses a number that is not a slot.
+                # what was combined. The step comes first: it refuses a number that is not a slot.
                 before = state
                 slots = player(before, choices)
                 state, step = engine.step_once(before, slots)
-                selection = before.selection
-                action = before.table[rows, slots]
+                picks = before.picked(slots)
                 actions[running, distractor_seed] += 1
                 success[:, distractor_seed] |= step.outcome == GOAL
                 by_plan[:, distractor_seed] |= step.by_plan
-                is_attempt = running & (selection != engine.nothing)
-                # The pair as one number, equal for both orders.
-                first = np.minimum(selection, action)
-                second = np.maximum(selection, action)
-                pair = first * engine.nothing + second
-                # A polynomial of the pairs in turn, so the order of attempts counts.
+                is_attempt = running & before.has_selection() & ~state.has_selection()
+                # The picks as one number, equal for all orders.
+                set_number = np.zeros(len(self.tasks), dtype=np.int64)
+                for column in np.sort(picks, axis=1).T:
+                    set_number = set_number * engine.nothing + column
+                # A polynomial of the sets in turn, so the order of attempts counts.
                 decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
-                decisions[is_attempt, distractor_seed] += 1 + pair[is_attempt]
+                decisions[is_attempt, distractor_seed] += 1 + set_number[is_attempt]
                 over = step.over
-                failed = self._termination(selection, action)
-                ended = np.where(step.outcome == GOAL, 0, failed)
+                ended = np.where(step.outcome == GOAL, 0, self._termination(picks))
                 terminations[over, distractor_seed] = ended[over]
-                pairs = np.column_stack([selection, action])
-                last[over, distractor_seed] = pairs[over]
+                last[over, distractor_seed] = picks[over]
         groups = engine.world.groups[self.tasks]
         return Evaluation(
             self.tasks, groups, success, by_plan, actions, terminations, last, decisions
         )
 
-    def _termination(self, selection: Ids, action: Ids) -> NDArray[np.int64]:
+    def _termination(self, picks: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""
-        is_twice = (selection == action) & (action != self.engine.nothing)
-        # Shape (N, P): whether an ingredient of a plan's last recipe is one of the pair.
-        is_selected = self._parts == selection[:, None]
-        is_added = self._parts == action[:, None]
-        is_right = (is_selected | is_added).any(1)
+        is_twice = (picks == picks[:, :1]).all(1) & (picks[:, 0] != self.engine.nothing)
+        # Whether an ingredient of a plan's last recipe is among the picks, in blocks of (N, P).
+        is_right = np.zeros(len(picks), dtype=bool)
+        for entities in picks.T:
+            is_right |= (self._parts == entities[:, None]).any(1)
         # One above all pairs stands for a pair without a result.
-        no_pair = self.engine.world.graph.num_pairs
-        makes = self.engine.pairs(selection, action) != no_pair
+        makes = self.engine.pair_numbers(picks) != self.engine.pairs.no_pair
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
 
 

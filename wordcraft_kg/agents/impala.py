@@ -166,8 +166,11 @@ class Impala:
         check_memory("policy_lag", config.policy_lag, "that many policies", num_bytes)
         # A choice never needs the slots that are free for the results of the last attempt.
         self._slots = envs.engine.num_slots
-        if policy.num_slots is None:
+        # The action to combine is the last slot, and stays.
+        if policy.num_slots is None and not policy.most_picks:
             self._slots -= envs.world.max_results
+        # The memory holds pairs.
+        self._remembers = bool(config.memory_weight) and not policy.most_picks
         self.successes = Successes(policy.num_entities, self.device)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
@@ -239,12 +242,14 @@ class Impala:
         if self.policy.noise_size:
             noise = self._empty(time + 1, batch, self.policy.noise_size)
         remembered = None
-        if self.config.memory_weight:
+        if self._remembers:
             remembered = self._empty(time, batch, choices, dtype=torch.bool)
         return _Unroll(
             states=States(
                 goal=self._empty(time + 1, batch, dtype=torch.int64),
-                selection=self._empty(time + 1, batch, dtype=torch.int64),
+                selection=self._empty(
+                    time + 1, batch, *self.envs.selection.shape[1:], dtype=torch.int64
+                ),
                 table=self._empty(time + 1, batch, slots, dtype=torch.int64),
                 attempts=Attempts(self._empty(time + 1, batch, dtype=torch.int64)),
             ),
@@ -384,8 +389,8 @@ class Impala:
         """Return mean mixing weights in the last unroll by source and action of the attempt."""
         metrics: dict[str, float | None] = {}
         # Without the states after the last step, in the order of the rows of `lambdas`.
-        selections = self._unroll.states.selection[:-1].reshape(-1)
-        is_first = selections == self.policy.num_entities
+        states = self._unroll.states.of(slice(-1)).flattened()
+        is_first = states.num_selected(self.policy.num_entities) == 0
         for action, rows in (("first", is_first), ("second", ~is_first)):
             means: list[float | None] = [None] * lambdas.shape[1]
             if rows.any():

@@ -2,6 +2,10 @@
 
 A player is a function ``(state, rng) -> slots``: from a batched state and a random generator to the
 chosen slot in each environment, shape (N,).
+
+If recipes have other sizes than two, the last slot is the action to combine. Players without
+knowledge of recipes combine as many entities as most train recipes have. A player of scores
+combines once no entity on the table has a score above 0, the mean of all, and picks none twice.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -59,15 +63,13 @@ def random_entity(state: State, rng: np.random.Generator) -> Ids:
 
 def random_distinct(state: State, rng: np.random.Generator) -> Ids:
     """Choose uniformly among the slots, without repeating the selected entity if possible."""
-    is_other = state.table != state.selection[:, None]
     # Without another entity, repeat the selection.
-    return _best(state, np.where(is_other, 1.0, 0.0), rng)
+    return _best(state, np.where(_is_selected(state), 0.0, 1.0), rng)
 
 
 def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
     """Choose the ingredients in the task's first plan, recipe by recipe."""
-    tasks = state.world.tasks
-    recipes = state.world.search.rows
+    world = state.world
     slots = np.zeros(state.num_envs, dtype=np.int64)
     for i in range(state.num_envs):
         if not state.attempts_left[i]:
@@ -75,12 +77,15 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
         table = state.table[i].tolist()
         # The next recipe of the plan is the first whose result is not on the table; after the last
         # one, for an episode that goes on, the last is repeated.
-        first_plan = tasks.plans[state.task[i]][0]
-        plan = [recipes[row] for row in first_plan]
-        missing = (recipe for recipe in plan if recipe[2] not in table)
-        a, b, _ = next(missing, plan[-1])
-        target = b if state.selection[i] == a else a
-        slots[i] = table.index(target)
+        plan = [world.search.rows[row] for row in world.tasks.plans[state.task[i]][0]]
+        missing_recipes = (recipe for recipe in plan if recipe[-1] not in table)
+        *targets, _ = next(missing_recipes, plan[-1])
+        for pick in np.atleast_1d(state.selection[i]).tolist():
+            if pick in targets:
+                targets.remove(pick)
+        targets = [target for target in targets if target != world.nothing]
+        # Only a larger set is complete before it is combined.
+        slots[i] = table.index(targets[0]) if targets else world.num_slots - 1
     return slots
 
 
@@ -101,6 +106,10 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
             rows = inputs.rows(start, end)
             for source in sources:
                 scores[start:end] += source(rows).numpy()
+        if state.world.has_combine:
+            # None twice, and of equal scores to combine comes first.
+            scores[_is_selected(state)] = -np.inf
+            scores[:, -1] = np.finfo(float).tiny
         return _best(state, scores, rng)
 
     return choose
@@ -226,12 +235,11 @@ def nearest_words(vectors: NDArray[np.float32]) -> Player:
     unit = np.pad(vectors, ((0, 1), (0, 0)))
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
-        is_selected = state.table == state.selection[:, None]
         # Cosines differ by at most 2, so the selection is repeated only if alone on the table.
         goal_vectors = unit[state.goal]
         slot_vectors = unit[state.table]
         cosines = np.einsum("nd,nsd->ns", goal_vectors, slot_vectors)
-        return _best(state, cosines - 3.0 * is_selected, rng)
+        return _best_of_usual_size(state, cosines - 3.0 * _is_selected(state), rng)
 
     return choose
 
@@ -246,12 +254,11 @@ def fewest_uses(split: Split) -> Player:
     uses = np.append(split.train_uses, 0)  # the last is for empty slots, which are never chosen
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
-        is_selected = state.table == state.selection[:, None]
         # Any other entity comes before the selection, which is repeated only if alone on the table.
         lowest = -1.0 - uses.max()
         rarity = -uses[state.table].astype(float)
-        scores = np.where(is_selected, lowest, rarity)
-        return _best(state, scores, rng)
+        scores = np.where(_is_selected(state), lowest, rarity)
+        return _best_of_usual_size(state, scores, rng)
 
     return choose
 
@@ -288,7 +295,9 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
         return scores
 
     return {
-        "u": lambda states: linked(COMBINES_WITH, states.selection, states.table),
+        "u": lambda states: states.mean_over_selection(
+            lambda selected: linked(COMBINES_WITH, selected, states.table), nothing
+        ),
         "v": lambda states: linked(COMPONENT_OF, states.goal, states.table),
     }
 
@@ -334,8 +343,17 @@ def knowledge_players(split: Split, knowledge: RecipeKnowledge | None = None) ->
     heads, relations, tails = graph.triples.T
     is_self_pair = (relations == COMBINES_WITH) & (heads == tails)
     no_self = fact_sources(graph, graph.triples[~is_self_pair])
-    train = split.recipes("train")
-    plans = BestPlan.of_recipes(graph.num_entities, train)
+    # Players of pairs: votes, plans and the pair with the most known triples.
+    pairs_by_train: dict[str, Player] = {}
+    best_pair: dict[str, Player] = {}
+    if graph.has_pairs_only:
+        train = split.recipes("train")
+        plans = BestPlan.of_recipes(graph.num_entities, train)
+        pairs_by_train = {
+            "partial KG, votes": pair_player(VoteScorer(graph, train).score_recipes),
+            "partial KG, planner": knowledge_player([plans]),
+        }
+        best_pair = {"full KG, best pair": pair_player(fact_recipes(graph, graph.triples))}
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
@@ -343,13 +361,12 @@ def knowledge_players(split: Split, knowledge: RecipeKnowledge | None = None) ->
         **words_player(graph, knowledge),
         "partial KG, v": knowledge_player([train_sources["v"]]),
         "partial KG, u+v": knowledge_player([train_sources["u"], train_sources["v"]]),
-        "partial KG, votes": pair_player(VoteScorer(graph, train).score_recipes),
-        "partial KG, planner": knowledge_player([plans]),
+        **pairs_by_train,
         "full KG, v": knowledge_player([everything["v"]]),
         "full KG, u": knowledge_player([everything["u"]]),
         "full KG, u+v": knowledge_player([everything["u"], everything["v"]]),
         "full KG, u+v, no self edges": knowledge_player([no_self["u"], no_self["v"]]),
-        "full KG, best pair": pair_player(fact_recipes(graph, graph.triples)),
+        **best_pair,
         **{name: make(split) for name, make in PLAYERS.items()},
         "recipe oracle": recipe_oracle,
     }
@@ -400,9 +417,9 @@ def scorer_players(
         "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
     # The sources w and p refuse train tasks, where scores would be in-sample.
-    if BestRecipe.serves(scorer):
+    if BestRecipe.serves(scorer) and graph.has_pairs_only:
         players[BEST_PAIR] = of("w")
-    if plans and BestPlan.serves(scorer):
+    if plans and BestPlan.serves(scorer) and graph.has_pairs_only:
         players[PLANNER] = of("p")
     return players
 
@@ -414,3 +431,23 @@ def _best(state: State, scores: NDArray[np.float64], rng: np.random.Generator) -
     # Ties at random: the first slot would favour starting ingredients or distractors by position.
     order = np.where(is_best, rng.random(scores.shape), -1.0)
     return np.asarray(order.argmax(axis=1))
+
+
+def _best_of_usual_size(state: State, scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:
+    """Return a best slot as :func:`_best`, or combine as many as most train recipes have."""
+    world = state.world
+    if world.has_combine:
+        train_sizes = world.graph.sizes[world.split.is_in("train")]
+        usual_size = np.bincount(train_sizes).argmax()
+        num_selected = (state.selection != state.nothing).sum(axis=1)
+        scores[:, -1] = np.where(num_selected >= usual_size, np.inf, -np.inf)
+    return _best(state, scores, rng)
+
+
+def _is_selected(state: State) -> NDArray[np.bool_]:
+    """Return which slots hold a selected entity, shape (N, A); in empty slots it means nothing."""
+    selected_ids = state.selection.reshape(state.num_envs, 1, -1)
+    is_selected = (state.table[:, :, None] == selected_ids).any(axis=2)
+    if state.world.has_combine:
+        is_selected[:, -1] = False
+    return np.asarray(is_selected)

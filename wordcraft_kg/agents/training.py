@@ -191,7 +191,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         # First: tasks that the graph cannot pose are no question of memory.
         world = World(self.opened, config.tasks.environment("train"))
         # Bytes of tables (int64), and of activations for the gradients (float32).
-        slots = config.tasks.distractors + config.tasks.depth + 1
+        slots = world.num_given
         units = config.policy.value_size
         if config.policy.policy == "pairs":
             # A few for each pair, but for two steps together.

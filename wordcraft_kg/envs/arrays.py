@@ -1,4 +1,4 @@
-"""Arrays and look-ups of pairs for the batched engine: NumPy on the CPU, torch on a device.
+"""Arrays and look-ups of recipes for the batched engine: NumPy on the CPU, torch on a device.
 
 The engine is written once, with operators, indexing and functions that both libraries share; this
 module holds the rest. On the CPU, NumPy is twice as fast as torch, because a step is some thirty
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 Array = NDArray[Any]
@@ -137,12 +138,31 @@ def arrays_of(device: str) -> Arrays:
     return Arrays() if device == "cpu" else _TorchArrays(device.removeprefix("torch:"))
 
 
+STRIDE = -7046029254386353131
+"""Keys that differ by multiples of this odd number, 2**64 / golden ratio, hash independently."""
+
+
+def mixed(x: Array) -> Array:
+    """Hash 64-bit integers with the finaliser of SplitMix64 (Steele et al. 2014).
+
+    Products wrap around at 64 bits.
+    """
+    # Shifts of signed integers copy the sign, so the masks make them shifts of unsigned ones, which
+    # torch lacks.
+    x = x ^ ((x >> 30) & 0x3FFFFFFFF)
+    x *= -4658895280553007687
+    x ^= (x >> 27) & 0x1FFFFFFFFF
+    x *= -7723592293110705685
+    x ^= (x >> 31) & 0x1FFFFFFFF
+    return x
+
+
 # Largest number of entities for a square table of all pairs, with 4 bytes a cell: 64 MiB.
 _DENSE_LIMIT = 4_096
 
 
-class Pairs:
-    """Numbers of pairs by entity ids: a table for a small graph, otherwise a binary search.
+class _Results:
+    """Results by number of a pair or set, as in ``graph.pair_of_recipe``.
 
     Attributes:
         no_pair: the number of all pairs without a result, equal to the graph's number of pairs.
@@ -158,7 +178,7 @@ class Pairs:
         *,
         keeps_last: bool = False,
     ):
-        """Look up pairs of a graph by some of its recipes.
+        """Store the results of some recipes of a graph.
 
         Args:
             graph: the recipe graph, whose pair numbers count.
@@ -167,13 +187,12 @@ class Pairs:
             keeps_last: whether a pair makes its last result only.
         """
         self._arrays = arrays
-        self.size = graph.num_entities + 1
         self.no_pair = graph.num_pairs
         rows = np.flatnonzero(usable)
         if keeps_last:
             pair = graph.pair_of_recipe[rows]
             rows = rows[np.append(pair[1:] != pair[:-1], True)[: len(rows)]]
-        a, b, result = graph.recipes[rows].T
+        result = graph.sets[rows, -1]
         pair, first, counts = np.unique(
             graph.pair_of_recipe[rows], return_index=True, return_counts=True
         )
@@ -182,18 +201,42 @@ class Pairs:
         results = np.full((self.no_pair + 1, counts.max(initial=1)), graph.num_entities)
         results[np.repeat(pair, counts), place] = result
         self.results = arrays.array(results)
+        # The numbers of pairs with a result, ascending, and the first recipe of each.
+        self._pair: Ids = pair
+        self._first_rows: Ids = rows[first]
+
+
+class Pairs(_Results):
+    """Numbers of pairs by entity ids: a table for a small graph, otherwise a binary search."""
+
+    def __init__(
+        self,
+        graph: RecipeGraph,
+        usable: NDArray[np.bool_],
+        arrays: Arrays,
+        *,
+        keeps_last: bool = False,
+    ):
+        """Look up pairs of a graph; arguments as of the base class.
+
+        Raises:
+            GraphError: if a recipe has more than two ingredients, or one.
+        """
+        super().__init__(graph, usable, arrays, keeps_last=keeps_last)
+        self.size = graph.num_entities + 1
+        a, b, _ = graph.recipes[self._first_rows].T
         self.is_dense = graph.num_entities <= _DENSE_LIMIT
         if self.is_dense:
             # Row and column E, of nothing, keep `no_pair`, so callers need no mask.
             table = np.full((self.size, self.size), self.no_pair, dtype=np.int32)
-            table[a[first], b[first]] = pair
-            table[b[first], a[first]] = pair
+            table[a, b] = self._pair
+            table[b, a] = self._pair
             self._table = arrays.array(table.reshape(-1))
         else:
             # A sentinel at the end, so that a search for any key ends at a valid index.
             sentinel = np.iinfo("int64").max
-            self._keys = arrays.array(np.append(a[first] * self.size + b[first], sentinel))
-            self._numbers = arrays.array(np.append(pair, self.no_pair))
+            self._keys = arrays.array(np.append(a * self.size + b, sentinel))
+            self._numbers = arrays.array(np.append(self._pair, self.no_pair))
 
     def __call__(self, first: Array, second: Array) -> Array:
         """Return pair numbers, for ids of equal shapes, in any order."""
@@ -205,3 +248,39 @@ class Pairs:
         places = self._arrays.xp.searchsorted(self._keys, keys)
         has_result = self._keys[places] == keys
         return self._arrays.xp.where(has_result, self._numbers[places], self.no_pair)
+
+
+class Sets(_Results):
+    """Numbers of ingredient sets, by a binary search for the sum of their entities' hashes."""
+
+    def __init__(
+        self,
+        graph: RecipeGraph,
+        usable: NDArray[np.bool_],
+        arrays: Arrays,
+        *,
+        keeps_last: bool = False,
+    ):
+        """Look up sets of a graph; arguments as of the base class."""
+        super().__init__(graph, usable, arrays, keeps_last=keeps_last)
+        # A sum does not depend on the order, and counts an entity as often as it is there. Nothing,
+        # the padding, adds 0. Sums wrap around at 64 bits.
+        hashes = mixed(np.arange(1, graph.num_entities + 2) * STRIDE)
+        hashes[-1] = 0
+        members = graph.sets[self._first_rows, :-1]
+        keys = hashes[members].sum(axis=1)
+        order = np.argsort(keys)
+        # A last row that no picks have, so that a search for any key ends at a valid index.
+        unreal = np.full((1, members.shape[1]), -1)
+        self._hashes = arrays.array(hashes)
+        self._keys = arrays.array(np.append(keys[order], np.iinfo("int64").max))
+        self._members = arrays.array(np.concatenate([members[order], unreal]))
+        self._numbers = arrays.array(np.append(self._pair[order], self.no_pair))
+
+    def __call__(self, picks: Array) -> Array:
+        """Return the numbers of picked sets (R, S), padded with nothing, in any order: (R,)."""
+        keys = self._hashes[picks].sum(1)
+        places = self._arrays.xp.searchsorted(self._keys, keys)
+        # Equal sums are no proof of equal sets.
+        is_equal = (self._members[places] == self._arrays.sorted_rows(picks)).all(1)
+        return self._arrays.xp.where(is_equal, self._numbers[places], self.no_pair)

@@ -6,7 +6,9 @@ NumPy and torch, see :mod:`~wordcraft_kg.envs.arrays`.
 Read :meth:`BatchEngine.step` first. It is the rules (:meth:`BatchEngine.step_env`, ``_results``,
 ``_put_on_table`` and ``_shaping``, without new episodes) and then :meth:`BatchEngine.begin_where`,
 which replaces finished episodes. Below, N is the number of environments, r the largest number of
-results of a pair, R a number of environments in which something happens.
+results of a pair, R a number of environments in which something happens. On a graph of pairs the
+second selection ends an attempt; if recipes have other sizes, an attempt has up to S selections, as
+many as the largest recipe has ingredients, and the last action, *combine*, ends it before.
 
 Speed bends the code in three places. On the CPU, rows in which nothing happens are left out, and a
 table is not written if its episode ends anyway. On a device, reading a value would wait for all
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.envs.arrays import Array, Pairs, arrays_of
+from wordcraft_kg.envs.arrays import Array, Pairs, Sets, arrays_of
 from wordcraft_kg.envs.draws import Ahead, Draws
 from wordcraft_kg.envs.world import World
 
@@ -63,13 +65,15 @@ class State(NamedTuple):
         age: steps since episodes were last drawn, counted on a device only.
         goal: id of the entity to make.
         task: index into the world's tasks.
-        selection: id of the selected entity, or of nothing.
+        selection: id of the selected entity, or of nothing; for recipes of other sizes than two,
+            shape (N, S): ids in the order of selection, padded with nothing.
         attempts_left: attempts left in the episode; 0 after the end.
-        wide: shape (N, num_slots + 1), ids: the table, and a spare column for writes without
-            effect, when nothing new is made and the table is full.
+        wide: shape (N, num_entity_slots + 1), ids: the table, and a spare column for writes without
+            effect, when nothing new is made and the table is full. The action *combine* has the
+            number of this column.
         count: number of entities on the table; these come first.
-        tried: shape (N, attempts, 2): ids of the pairs combined in the episode, padded with the id
-            of nothing; not kept for episodes of one attempt.
+        tried: shape (N, attempts, 2 or S): ids of the pairs or sets combined in the episode, padded
+            with the id of nothing; not kept for episodes of one attempt.
         episode: number of the next episode.
     """
 
@@ -103,17 +107,48 @@ class State(NamedTuple):
 
     @property
     def table(self) -> Array:
-        """Ids of the entities in the slots, (N, num_slots); empty slots hold the id of nothing."""
-        return self.wide[:, :-1]
+        """Ids of the entities in the slots, (N, num_slots); empty slots hold the id of nothing.
+
+        So does the slot of *combine*.
+        """
+        return self.wide if self.world.has_combine else self.wide[:, :-1]
+
+    def has_selection(self) -> Array:
+        """Return whether something is selected, shape (N,), bool."""
+        is_entity = self.selection != self.engine.nothing
+        return is_entity.any(1) if self.world.has_combine else is_entity
+
+    def picked(self, actions: Array) -> Array:
+        """Return what the attempts have picked after actions (N,): ids, shape (N, 2 or S), padded.
+
+        An attempt is not over with *combine* alone, so a place of a selection (N, S) is free.
+        """
+        entities = self.table[self.engine.rows, actions]
+        if not self.world.has_combine:
+            return self.engine.arrays.xp.stack([self.selection, entities], 1)
+        picks = self.engine.arrays.copy(self.selection)
+        # *Combine* and empty slots hold nothing, the padding.
+        picks[self.engine.rows, (picks != self.engine.nothing).sum(1)] = entities
+        return picks
 
     def action_masks(self) -> Array:
-        """Return which slots hold an entity, shape (N, num_slots), bool."""
-        return self.table != self.engine.nothing
+        """Return which slots hold an entity, shape (N, num_slots), bool.
+
+        *Combine* is possible once something is selected.
+        """
+        masks = self.table != self.engine.nothing
+        if self.world.has_combine:
+            masks[:, -1] = self.has_selection()
+        return masks
 
     def random_actions(self, numbers: Array) -> Array:
         """Return a legal action for each environment, by uniform numbers in [0, 1), shape (N,)."""
-        # Entities fill the first slots, so any slot below the count is legal.
-        return self.engine.arrays.cast(numbers * self.count, "int64")
+        arrays = self.engine.arrays
+        if not self.world.has_combine:
+            # Entities fill the first slots, so any slot below the count is legal.
+            return arrays.cast(numbers * self.count, "int64")
+        actions = arrays.cast(numbers * (self.count + self.has_selection()), "int64")
+        return arrays.xp.where(actions == self.count, self.engine.num_slots - 1, actions)
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """Return the state as NumPy copies by name, for :meth:`restored`."""
@@ -162,6 +197,28 @@ class _Begun(NamedTuple):
     tried: Array
 
 
+class _Picked(NamedTuple):
+    """What the actions of N environments pick; all arrays have shape (N,) unless stated.
+
+    Attributes:
+        illegal: bool, whether the action chose an empty slot.
+        ends_attempt: bool, whether the action ends the attempt.
+        is_pair: bool, whether entities are combined; only shaped rewards and later attempts read
+            it.
+        pair: number of the combined pair or set; ``no_pair`` where nothing is combined.
+        selection: as in :class:`State`, after the action.
+        picks: shape (N, 2 or S): ids picked in the attempt, padded with nothing; None for episodes
+            of one attempt on pairs.
+    """
+
+    illegal: Array
+    ends_attempt: Array
+    is_pair: Array
+    pair: Array
+    selection: Array
+    picks: Array | None
+
+
 class _Made(NamedTuple):
     """Attempts that make something.
 
@@ -206,10 +263,13 @@ class BatchEngine:
         config: the world's settings.
         num_envs: N.
         first_env: number of the first environment.
-        num_slots: size of a table.
+        num_slots: number of actions: size of a table, and the action *combine* if recipes have
+            other sizes than two.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
         arrays: array operations by NumPy or torch.
-        pairs: pair numbers and results; ``num_pairs`` for pairs without a result.
+        rows: numbers of the environments, shape (N,).
+        pairs: pair numbers and results; ``num_pairs`` for pairs without a result. Larger sets have
+            such numbers, too.
 
     Example:
         >>> engine = BatchEngine(World.open("kitchen", WordCraftConfig(num_distractors=2)), 4)
@@ -256,7 +316,9 @@ class BatchEngine:
         # Shared, because a loop over single environments has an engine for each.
         self.pairs = world.shared(
             ("pairs", keeps_last, device),
-            lambda: Pairs(world.graph, world.usable, self.arrays, keeps_last=keeps_last),
+            lambda: (Sets if world.has_combine else Pairs)(
+                world.graph, world.usable, self.arrays, keeps_last=keeps_last
+            ),
         )
         self._draws = Draws(world, self.arrays, whole("repeat", repeat, 0))
         array = self.arrays.array
@@ -269,10 +331,11 @@ class BatchEngine:
             rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward
         )
         self._reward_dtype = reward_dtype
-        self._rows = array(np.arange(self.num_envs))
+        self.rows = array(np.arange(self.num_envs))
         self._attempt_numbers = array(np.arange(self.config.attempts))
         # Where each environment's table begins in the flat view of `State.wide`.
-        self._offsets = self._rows * (self.num_slots + 1)
+        self._offsets = self.rows * (world.num_entity_slots + 1)
+        self._most_picks = world.graph.most_ingredients
 
     # --- episodes ---------------------------------------------------------------------------------
 
@@ -372,7 +435,7 @@ class BatchEngine:
     def _begin(self, keys: Array, episode: Array) -> State:
         """Begin the episodes with the given numbers, shape (N,), in all environments."""
         ahead = Ahead(self._draws, keys, episode)
-        begun = self._begun(*ahead.take(self._rows, episode))
+        begun = self._begun(*ahead.take(self.rows, episode))
         # The cache has already given its first episode, hence age 1.
         return State(self, keys, ahead, 1, *begun, episode + 1)
 
@@ -380,21 +443,22 @@ class BatchEngine:
         """Return the first states of R episodes, from tables (R, at most num_slots) and tasks."""
         full = self.arrays.full
         size = (len(tables),)
-        wide = full((len(tables), self.num_slots + 1), self.nothing)
+        wide = full((len(tables), self.world.num_entity_slots + 1), self.nothing)
         wide[:, : tables.shape[1]] = tables
         # Most tables are full at depth 1, so only the others are counted.
         count = full(size, tables.shape[1])
         rows = self.arrays.rows(tables[:, -1] == self.nothing)
         if len(rows):
             count[rows] = (tables[rows] != self.nothing).sum(1)
+        picks = (self._most_picks,)
         return _Begun(
             goal=self._goals[tasks],
             task=tasks,
-            selection=full(size, self.nothing),
+            selection=full(size + picks if self.world.has_combine else size, self.nothing),
             attempts_left=full(size, self.config.attempts),
             wide=wide,
             count=count,
-            tried=full((*size, self.config.attempts, 2), self.nothing),
+            tried=full((*size, self.config.attempts, *picks), self.nothing),
         )
 
     def begin_where(
@@ -436,7 +500,7 @@ class BatchEngine:
 
     def _begin_where_on_device(self, state: State, over: Array) -> State:
         """Write every environment, with the old state or the next episode, to read no count."""
-        begun = self._begun(*state.ahead.take(self._rows, state.episode))
+        begun = self._begun(*state.ahead.take(self.rows, state.episode))
         current: Any = state[_GOAL:-1]
         merged = []
         for new, old in zip(begun, current, strict=True):
@@ -512,29 +576,16 @@ class BatchEngine:
         # One index into the flat tables: faster than an index along two axes.
         entities = state.wide.take(self._offsets + actions)
         running = state.attempts_left > 0
-        is_empty = entities == self.nothing
-        illegal = is_empty & running
-        if self.config.illegal_action == "raise" and bool(illegal.any()):
-            raise self._illegal(state, actions, illegal)
-
-        # The second action of an attempt, and any choice of an empty slot, ends the attempt.
-        is_second = state.selection != self.nothing
-        ends_attempt = is_second | is_empty
-        # Two entities are combined; only shaped rewards and later attempts read it.
-        is_pair = is_second
-        if self._is_shaped or self.config.attempts > 1:
-            is_pair = is_second & ~is_empty & running
-        attempts_left = state.attempts_left - cast(ends_attempt & running, "int64")
-        selection = self.arrays.xp.where(ends_attempt, self.nothing, entities)
-
-        # Without a selection or with an empty slot nothing is made: pairs with nothing have no
-        # results.
-        pair = self.pairs(state.selection, entities)
-        results = self._results(state, pair, running, is_replaced=is_replaced)
+        pick = self._pick_sets if self.world.has_combine else self._pick_pairs
+        picked = pick(state, actions, entities, running)
+        if self.config.illegal_action == "raise" and bool(picked.illegal.any()):
+            raise self._illegal(state, actions, picked.illegal)
+        attempts_left = state.attempts_left - cast(picked.ends_attempt & running, "int64")
+        results = self._results(state, picked.pair, running, is_replaced=is_replaced)
         over = running & (results.made_goal | (attempts_left == 0))
         # A goal is also over: 2 - 1 is GOAL, 2 - 0 is OUT_OF_ATTEMPTS, 0 is IN_PROGRESS.
         outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(results.made_goal, "int8")
-        reward = self._reward(results, pair, is_pair)
+        reward = self._reward(results, picked)
         # Not by `_replace`, which takes as long as three operations on short arrays.
         after = State(
             self,
@@ -543,14 +594,48 @@ class BatchEngine:
             state.age,
             state.goal,
             state.task,
-            selection,
+            picked.selection,
             attempts_left,
             results.wide,
             results.count,
-            self._noted(state, entities, is_pair),
+            self._noted(state, picked),
             state.episode,
         )
-        return after, Step(reward, over, outcome, results.by_plan, illegal, state.task)
+        return after, Step(reward, over, outcome, results.by_plan, picked.illegal, state.task)
+
+    def _pick_pairs(self, state: State, actions: Array, entities: Array, running: Array) -> _Picked:
+        """Return what actions pick on a graph of pairs; ``entities`` are in the chosen slots."""
+        is_empty = entities == self.nothing
+        # The second action of an attempt, and any choice of an empty slot, ends the attempt.
+        is_second = state.selection != self.nothing
+        ends_attempt = is_second | is_empty
+        # Without a selection or with an empty slot nothing is made: pairs with nothing have no
+        # results.
+        pair = self.pairs(state.selection, entities)
+        selection = self.arrays.xp.where(ends_attempt, self.nothing, entities)
+        picks = None
+        is_pair = is_second
+        if self._is_shaped or self.config.attempts > 1:
+            is_pair = is_second & ~is_empty & running
+            picks = self.arrays.xp.stack([state.selection, entities], 1)
+        return _Picked(is_empty & running, ends_attempt, is_pair, pair, selection, picks)
+
+    def _pick_sets(self, state: State, actions: Array, entities: Array, running: Array) -> _Picked:
+        """Return what actions pick if recipes have other sizes than two."""
+        where = self.arrays.xp.where
+        is_empty = entities == self.nothing
+        combines = (actions == self.num_slots - 1) & state.has_selection()
+        picks = state.picked(actions)
+        # A largest set is complete without *combine*.
+        is_full = picks[:, -1] != self.nothing
+        is_complete = (combines | is_full) & running
+        pair = self.arrays.full((self.num_envs,), self.pairs.no_pair)
+        rows = self.arrays.rows(is_complete)
+        pair[rows] = where(is_complete[rows], self.pairs(picks[rows]), self.pairs.no_pair)
+        ends_attempt = is_empty | is_full
+        selection = where(ends_attempt[:, None], self.nothing, picks)
+        illegal = is_empty & ~combines & running
+        return _Picked(illegal, ends_attempt, is_complete, pair, selection, picks)
 
     def _results(self, state: State, pair: Array, running: Array, *, is_replaced: bool) -> _Results:
         """Return what the pairs, shape (N,), make: goals, new tables and shaped rewards."""
@@ -574,12 +659,13 @@ class BatchEngine:
                     shaped[rows] = self._shaping(state, attempts, news)
         return _Results(made_goal, by_plan, wide, count, shaped)
 
-    def _reward(self, results: _Results, pair: Array, is_pair: Array) -> Array:
-        """Return the rewards, shape (N,); ``is_pair`` marks actions that combine two entities."""
+    def _reward(self, results: _Results, picked: _Picked) -> Array:
+        """Return the rewards, shape (N,)."""
         reward = self.arrays.cast(results.made_goal, self._reward_dtype)
         if results.shaped is None:
             return reward
-        is_wrong = self.arrays.cast(is_pair & (pair == self.pairs.no_pair), self._reward_dtype)
+        makes_nothing = picked.is_pair & (picked.pair == self.pairs.no_pair)
+        is_wrong = self.arrays.cast(makes_nothing, self._reward_dtype)
         return reward + results.shaped - self.config.rewards.wrong_pair_penalty * is_wrong
 
     def _combine(
@@ -614,8 +700,8 @@ class BatchEngine:
         """Put new results into the first free slots.
 
         Returns:
-            Tables with the spare column, (N, num_slots + 1), and their counts, (N,), as copies;
-            and for each of r results whether it is new, (R,), bool.
+            Tables with the spare column, (N, num_entity_slots + 1), and their counts, (N,), as
+            copies; and for each of r results whether it is new, (R,), bool.
         """
         rows = attempts.rows
         tables = state.wide[rows]
@@ -660,20 +746,18 @@ class BatchEngine:
         is_irrelevant = cast(attempts.makes & ~is_relevant, self._reward_dtype)
         return reward - self.config.rewards.irrelevant_penalty * is_irrelevant
 
-    def _noted(
-        self,
-        state: State,
-        entities: Array,
-        is_tried: Array,
-    ) -> Array:
-        """Return the tried pairs with those of this step, shape (N, attempts, 2)."""
+    def _noted(self, state: State, picked: _Picked) -> Array:
+        """Return the tried pairs with those of this step, shape (N, attempts, 2 or S)."""
         attempts = self.config.attempts
-        if attempts == 1:
+        if attempts == 1 or picked.picks is None:
             return state.tried  # no later attempt could read them
         number = attempts - state.attempts_left  # of the current attempt, from 0
-        is_now = is_tried[:, None] & (self._attempt_numbers == number[:, None])
-        pairs = self.arrays.xp.stack([state.selection, entities], 1)
-        return self.arrays.xp.where(is_now[:, :, None], pairs[:, None], state.tried)
+        is_now = picked.is_pair[:, None] & (self._attempt_numbers == number[:, None])
+        return self.arrays.xp.where(is_now[:, :, None], picked.picks[:, None], state.tried)
+
+    def pair_numbers(self, picks: Array) -> Array:
+        """Return the numbers of picked pairs or sets (N, 2 or S): ``num_pairs`` without results."""
+        return self.pairs(picks) if self.world.has_combine else self.pairs(*picks.T)
 
     # --- checks -----------------------------------------------------------------------------------
 
@@ -702,7 +786,16 @@ class BatchEngine:
         illegal: Array,
     ) -> ActionError:
         env = int(illegal.nonzero()[0][0])
-        return ActionError(
-            f"action {int(actions[env])} of environment {env}: the slot is empty; slots 0 to "
-            f"{int(state.count[env]) - 1} hold entities."
+        return empty_slot(
+            f"action {int(actions[env])} of environment {env}", int(state.count[env]) - 1
         )
+
+
+def empty_slot(action: str, last: int) -> ActionError:
+    """Return the error for the choice of an empty slot.
+
+    Args:
+        action: names the action.
+        last: last slot with an entity.
+    """
+    return ActionError(f"{action}: the slot is empty; slots 0 to {last} hold entities.")

@@ -17,7 +17,7 @@ import logging
 import numpy as np
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.envs.arrays import Array, Arrays, Pairs, arrays_of
+from wordcraft_kg.envs.arrays import STRIDE, Array, Arrays, Pairs, arrays_of, mixed
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 
@@ -31,28 +31,11 @@ _CHUNK = 8_192
 # Up to so many tables are checked by comparing all candidates at once.
 _FEW = 64
 _LAST_31_BITS = 0x7FFFFFFF
-# Keys that differ by multiples of these hash independently; both are odd, the first is
-# 2**64 / golden ratio.
-_STRIDE = -7046029254386353131
+# Like STRIDE, an odd number.
 _EPISODE_STRIDE = -3335678366873096957
 # Number 0 of a key draws the task, numbers from 1 draw candidates, numbers from _PLACES draw
 # places.
 _PLACES = 1 << 20
-
-
-def mixed(x: Array) -> Array:
-    """Hash 64-bit integers with the finaliser of SplitMix64 (Steele et al. 2014).
-
-    Products wrap around at 64 bits.
-    """
-    # Shifts of signed integers copy the sign, so the masks make them shifts of unsigned ones, which
-    # torch lacks.
-    x = x ^ ((x >> 30) & 0x3FFFFFFFF)
-    x *= -4658895280553007687
-    x ^= (x >> 27) & 0x1FFFFFFFFF
-    x *= -7723592293110705685
-    x ^= (x >> 31) & 0x1FFFFFFFF
-    return x
 
 
 class Draws:
@@ -90,7 +73,10 @@ class Draws:
         self._lots = arrays.array(lots)
         self._task_ends = arrays.array(np.cumsum(tasks.weights(world.config.task_weighting)))
         self._shortcuts: Pairs | None = None
-        if world.config.distractor_policy != "any":
+        avoids_shortcuts = world.config.distractor_policy != "any"
+        # Longer shortcuts, and those by larger sets, take a search for each table.
+        self._searches = avoids_shortcuts and (world.config.attempts > 1 or world.has_combine)
+        if avoids_shortcuts and not world.has_combine:
             self._shortcuts = Pairs(world.graph, world.shortcut_search.usable, arrays)
             near = np.concatenate([tasks.starts, world.makeable], axis=1)
             self._near = arrays.array(near.T)
@@ -118,7 +104,7 @@ class Draws:
         sequence = np.random.SeedSequence(whole("seed", seed, 0))
         words = sequence.generate_state(1, np.uint64).view(np.int64)
         environments = np.arange(first, first + count)
-        return mixed(self.arrays.array(environments * _STRIDE + words))
+        return mixed(self.arrays.array(environments * STRIDE + words))
 
     def keys(self, env_keys: Array, episodes: Array) -> Array:
         """Return the key of each episode, for :meth:`env_keys` and episode numbers."""
@@ -138,7 +124,7 @@ class Draws:
         """
         # A hash of 64 bits gives two numbers.
         half = (count + 1) // 2
-        strides = np.arange(first, first + half) * _STRIDE
+        strides = np.arange(first, first + half) * STRIDE
         hashed = mixed(keys[None, :] + self.arrays.array(strides[:, None]))
         numbers = self.arrays.full((2 * half, len(keys)), 0)
         numbers[::2] = (hashed >> 33) & _LAST_31_BITS
@@ -222,7 +208,7 @@ class Draws:
             distractors = self._pick(keys, tasks, excluded, 8 * self.most_drawn + 16)
         else:
             distractors = self._drawn_in_rounds(keys, tasks, excluded)
-        if self._shortcuts is not None and self.world.config.attempts > 1:
+        if self._searches:
             self._avoid_shortcuts(keys, tasks, excluded, distractors)
         return distractors
 

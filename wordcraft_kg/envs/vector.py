@@ -124,9 +124,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         self.engine = BatchEngine(world, num_envs)
         self.num_envs = self.engine.num_envs
         self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": self._mode}
-        self.single_observation_space = observation_space(
-            world.nothing, world.num_slots, self.config.attempts
-        )
+        self.single_observation_space = observation_space(world)
         self.single_action_space = spaces.Discrete(world.num_slots)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -312,7 +310,7 @@ def _observed(state: State, rows: Any) -> Arrays:
     """Return the observations of some environments: their numbers, or a slice."""
     # Copies, because callers may keep observations, and the engine's arrays are shared.
     return {
-        "action_mask": (state.table[rows] != state.nothing).astype(np.int8),
+        "action_mask": state.action_masks()[rows].astype(np.int8),
         "attempts_left": np.array(state.attempts_left[rows]),
         "goal": np.array(state.goal[rows]),
         "selection": np.array(state.selection[rows]),

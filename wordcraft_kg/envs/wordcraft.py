@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
+from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, empty_slot
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids
@@ -29,25 +29,19 @@ Info = dict[str, Any]
 _DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
 
 
-def observation_space(
-    num_entities: int,
-    num_slots: int,
-    attempts: int,
-) -> spaces.Dict:
-    """Return the crafting environment's observation space: ids and masks.
-
-    Args:
-        num_entities: number of entities, which is also the id of nothing.
-        num_slots: size of the table.
-        attempts: attempts in an episode.
-    """
+def observation_space(world: World) -> spaces.Dict:
+    """Return the space of a world's observations: ids and masks."""
+    num_ids = world.nothing + 1
+    selection: spaces.Space[Any] = spaces.Discrete(num_ids)
+    if world.has_combine:
+        selection = spaces.MultiDiscrete(np.full(world.graph.most_ingredients, num_ids))
     return spaces.Dict(
         {
-            "goal": spaces.Discrete(num_entities),
-            "table": spaces.MultiDiscrete(np.full(num_slots, num_entities + 1)),
-            "selection": spaces.Discrete(num_entities + 1),
-            "attempts_left": spaces.Discrete(attempts + 1),
-            "action_mask": spaces.MultiBinary(num_slots),
+            "goal": spaces.Discrete(world.nothing),
+            "table": spaces.MultiDiscrete(np.full(world.num_slots, num_ids)),
+            "selection": selection,
+            "attempts_left": spaces.Discrete(world.config.attempts + 1),
+            "action_mask": spaces.MultiBinary(world.num_slots),
         }
     )
 
@@ -59,7 +53,7 @@ class EnvState(NamedTuple):
         task: index into the world's tasks, -1 before the first episode.
         goal: entity to make.
         table: entities in the slots, without empty slots.
-        selection: selected entity, or the id of nothing.
+        selection: selected entities in order, those of the current attempt.
         attempts_left: attempts left, including the current attempt.
         outcome: ``not_begun``, ``in_progress``, ``goal`` or ``out_of_attempts``.
     """
@@ -67,7 +61,7 @@ class EnvState(NamedTuple):
     task: int
     goal: int
     table: list[int]
-    selection: int
+    selection: tuple[int, ...]
     attempts_left: int
     outcome: str
 
@@ -81,11 +75,16 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     an attempt. All results of the pair join the table (each once), and nothing is used up. In the
     train part train recipes apply, in all other parts all recipes.
 
+    If recipes of the graph have other sizes than two, an attempt ends with the action *combine*, or
+    when as many entities are chosen as the largest recipe has ingredients (S). Their order does not
+    matter, and an entity that is needed twice is chosen twice.
+
     ## Action space
     ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot
     wastes the attempt: nothing is made, the selection is cleared, ``info["illegal_action"]`` is
     set; with ``illegal_action="raise"`` an error is raised. A number outside the space always
-    raises an error.
+    raises an error. *Combine*, if there, is the last action, whose slot holds no entity; it is
+    masked, and as illegal as an empty slot, until an entity is chosen.
 
     ## Observation space
     ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` is the id of nothing.
@@ -99,7 +98,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     | action_mask | (num_slots,) | 1 for slots with an entity |
 
     ``num_slots = (depth + 1) + num_distractors + r * attempts``, where a pair has at most r
-    results.
+    results. With *combine*, ``num_slots = (depth * (S - 1) + 1) + num_distractors + r * attempts +
+    1``, and the selection has shape (S,).
 
     ## Rewards
     +1 when the goal is made. A :class:`~wordcraft_kg.envs.config.RewardConfig` may add shaped
@@ -108,8 +108,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     ## Starting state
     A task from the chosen part of the split, and distractors drawn without replacement. Goal,
     starting ingredients and intermediates of the task's plans are never distractors. All tables
-    begin with ``depth + 1 + num_distractors`` entities: a task with fewer starting ingredients,
-    whose plan uses an entity twice, has more distractors.
+    begin with ``depth + 1 + num_distractors`` entities (``depth * (S - 1) + 1`` ingredients with
+    *combine*): a task with fewer starting ingredients, such as one whose plan uses an entity twice,
+    has more distractors.
     ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets the entities in
     the first slots, by id or label.
 
@@ -155,16 +156,12 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.tasks = self.world.tasks
         self.num_slots = self.world.num_slots
         self.action_space = spaces.Discrete(self.num_slots)
-        self.observation_space = observation_space(
-            self.world.nothing, self.num_slots, self.config.attempts
-        )
+        self.observation_space = observation_space(self.world)
         self.engine = BatchEngine(self.world, 1, reward_dtype="float64")
         self._nothing = self.world.nothing
         # The engine takes an array of actions, here of length 1.
         self._actions = np.arange(self.num_slots)[:, None]
         # Plain lists, because single look-ups in arrays are slow.
-        # Half-products have no weight: counted as taken, they do not keep a draw waiting for them.
-        self._never = np.flatnonzero(self.world.distractor_weights == 0).tolist()
         self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
         self._task_ends = list(accumulate(self.tasks.weights(self.config.task_weighting).tolist()))
         self._uniform: list[float] = []
@@ -174,7 +171,11 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self._num_drawn: list[int] = self.world.num_drawn.tolist()
         self._intermediates = self._unpadded(self.tasks.intermediates)
         self._makeable: list[list[int]] = [[] for _ in self._starts]
-        if self.config.distractor_policy != "any":
+        avoids_shortcuts = self.config.distractor_policy != "any"
+        # Longer shortcuts, and those by larger sets, take a search.
+        has_larger_sets = self.world.has_combine
+        self._searches = avoids_shortcuts and (self.config.attempts > 1 or has_larger_sets)
+        if avoids_shortcuts and not has_larger_sets:
             is_shortcut = self.world.shortcut_search.usable
             self._shortcuts.update(map(tuple, self.world.graph.recipes[is_shortcut].tolist()))
             self._makeable = self._unpadded(self.world.makeable)
@@ -218,7 +219,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return self._seen(), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, Info]:
-        """Choose the entity in a slot; every second action completes an attempt.
+        """Choose the entity in a slot; every second action, or *combine*, completes an attempt.
 
         Returns:
             Observation, reward, whether the episode is over, False (never truncated), and info.
@@ -263,7 +264,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def state(self) -> EnvState:
         """The state of the episode."""
         if self._outcome == "not_begun":
-            return EnvState(-1, self._nothing, [], self._nothing, 0, self._outcome)
+            return EnvState(-1, self._nothing, [], (), 0, self._outcome)
         # Kept until the next action, since games in words read it several times.
         if self._state is None:
             batch = self._batch
@@ -271,7 +272,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
                 int(batch.task[0]),
                 int(batch.goal[0]),
                 batch.wide[0, : batch.count[0]].tolist(),
-                int(batch.selection[0]),
+                tuple(self._without_nothing(np.atleast_1d(batch.selection[0]).tolist())),
                 int(batch.attempts_left[0]),
                 self._outcome,
             )
@@ -293,15 +294,14 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             raise ActionError(
                 f"action {slot}: expected 0 to {self.num_slots - 1}, a slot of the table."
             )
-        if self.config.illegal_action == "raise" and slot >= self._batch.count[0]:
-            last = self._batch.count[0] - 1
-            raise ActionError(f"action {slot}: the slot is empty; slots 0 to {last} hold entities.")
+        if self.config.illegal_action == "raise" and not self.action_masks()[slot]:
+            raise empty_slot(f"action {slot}", self._batch.count[0] - 1)
         return slot
 
     def _checked_table(self, table: Iterable[Entity]) -> list[int]:
         ids = [self.world.graph.id_of(entity) for entity in table]
         # All results of all attempts must fit behind the given entities.
-        max_size = self.num_slots - self.world.max_results * self.config.attempts
+        max_size = self.world.num_given
         if not 1 <= len(ids) <= max_size:
             raise ConfigError(
                 f"`table` of {len(ids)} entities: expected 1 to {max_size}, which leaves room for "
@@ -335,7 +335,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _draw_distractors(self, task: int) -> list[int]:
         """Draw distractors, again and again while they open a longer shortcut to the goal."""
         distractors = self._draw_once(task)
-        if self.config.distractor_policy != "any" and self.config.attempts > 1:
+        if self._searches:
             tries = 0
             while self.world.has_shortcut(task, distractors):
                 tries += 1
@@ -347,7 +347,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         """Draw distractors by weight, skipping those that are not allowed on this table."""
         goal = self._goals[task]
         start = self._starts[task]
-        excluded = {goal, self._nothing, *start, *self._intermediates[task], *self._never}
+        excluded = {goal, self._nothing, *start, *self._intermediates[task]}
         # On the table, or to be made; only a distractor policy reads it.
         near = {*start, *self._makeable[task]} if self._shortcuts else set()
         distractors: list[int] = []
@@ -383,7 +383,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _words(self) -> str:
         names = self.world.graph.entities
         state = self.state
-        selected = names[state.selection] if state.selection != self._nothing else "nothing"
+        selected = " + ".join(map(names.__getitem__, state.selection)) or "nothing"
         table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
         return (
             f"goal: {names[state.goal]}   selection: {selected}   "
@@ -396,9 +396,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return {
             "goal": batch.goal[0],
             "table": table,
-            "selection": batch.selection[0],
+            "selection": batch.selection[0].copy(),
             "attempts_left": batch.attempts_left[0],
-            "action_mask": (table != self._nothing).astype(np.int8),
+            "action_mask": batch.action_masks()[0].astype(np.int8),
         }
 
     def _info(self, *, illegal: bool, by_plan: bool) -> Info:

@@ -113,29 +113,25 @@ def combined(
 
 def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]:
     """Return the labels on an observed table, in slot order, without empty slots."""
-    return env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
+    table = observation["table"]
+    return env.world.graph.labels(table[table != env.world.nothing])
 
 
-def results_of(
-    env: WordCraftEnv,
-    first: Entity,
-    second: Entity,
-) -> tuple[str, ...]:
-    """Return the labels of all results of a pair of entities.
+def results_of(env: WordCraftEnv, *ingredients: Entity) -> tuple[str, ...]:
+    """Return the labels of all results of a pair or set of entities.
 
     Args:
         env: environment whose setting ``ambiguity`` applies.
-        first: label or id.
-        second: label or id; the order of the two does not matter.
+        ingredients: labels or ids, in any order.
 
     Returns:
-        Labels in alphabetical order; empty if the pair makes nothing.
+        Labels in alphabetical order; empty if they make nothing.
 
     Raises:
         UnknownEntityError: for a label or id that the graph lacks.
     """
-    a, b = sorted(map(env.world.graph.id_of, (first, second)))
-    return env.world.graph.labels(env.world.outcomes.get((a, b), ()))
+    ids = tuple(sorted(map(env.world.graph.id_of, ingredients)))
+    return env.world.graph.labels(env.world.outcomes.get(ids, ()))
 
 
 def characters(graph: RecipeGraph) -> frozenset[str]:

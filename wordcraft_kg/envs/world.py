@@ -97,7 +97,11 @@ class World:
             task.
         num_given: entities on each starting table, whatever the task: the starting ingredients of
             the largest plan, and the distractors.
-        num_slots: table size, fixed: ``num_given``, and room for all results of all attempts.
+        has_combine: whether recipes may have other sizes than two, so that the last action is to
+            combine the selected entities.
+        num_entity_slots: slots for entities, fixed: ``num_given``, and room for all results of all
+            attempts.
+        num_slots: number of actions: slots for entities, and one more to combine.
 
     Example:
         >>> world = World.open("kitchen", WordCraftConfig(num_distractors=8))
@@ -137,9 +141,10 @@ class World:
             self._derived[("tasks", self.has_train_recipes_only, *settings)] = tasks
         self.nothing = self.graph.num_entities
         self.max_results = max(map(len, self.outcomes.values()), default=1)
-        # A plan of depth d starts with at most d + 1 ingredients.
-        self.num_given = config.depth + 1 + config.num_distractors
-        self.num_slots = self.num_given + self.max_results * config.attempts
+        self.num_given = self.graph.most_leaves(config.depth) + config.num_distractors
+        self.num_entity_slots = self.num_given + self.max_results * config.attempts
+        self.has_combine = not self.graph.has_pairs_only
+        self.num_slots = self.num_entity_slots + self.has_combine
         self.max_distractors = int(self._num_free.min())
         if config.distractor_policy == "no_train_shortcut" and self.split.is_in("train").all():
             raise ConfigError(
@@ -148,11 +153,10 @@ class World:
                 "`distractor_policy` no_shortcut."
             )
         if config.num_distractors > self.max_distractors:
-            things = int((~self.graph.is_half_product).sum())
             raise ConfigError(
                 f"`num_distractors` {config.num_distractors}: {self.graph.name} has "
-                f"{things} entities, of which a task needs up to {things - self.max_distractors}; "
-                f"expected at most {self.max_distractors}."
+                f"{self.nothing} entities, of which a task needs up to "
+                f"{self.nothing - self.max_distractors}; expected at most {self.max_distractors}."
             )
 
     @classmethod
@@ -278,10 +282,8 @@ class World:
         """Number of entities that may be distractors, by task, shape (N,)."""
         # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
         plan_ids = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
-        # Half-products of chains are none either, whether a plan needs them or not.
-        is_thing = np.append(~self.graph.is_half_product, False)
-        num_needed = 1 + is_thing[plan_ids].sum(axis=1)
-        return frozen(is_thing.sum() - num_needed)
+        num_needed = 1 + (plan_ids != self.nothing).sum(axis=1)
+        return frozen(self.nothing - num_needed)
 
     @_derived_from(*_TASKS)
     def groups(self) -> Ids:
@@ -292,13 +294,13 @@ class World:
         return self.tasks.groups_in(self.split)
 
     @_derived_from("ambiguity")
-    def outcomes(self) -> Mapping[tuple[int, int], tuple[int, ...]]:
-        """Results by pair of ids ``(a, b)`` with ``a <= b``, ascending."""
+    def outcomes(self) -> Mapping[tuple[int, ...], tuple[int, ...]]:
+        """Results by ingredient ids, both ascending: by pairs, or by larger sets."""
         outcomes = self.graph.outcomes
         if not self.usable.all():
-            outcomes = outcomes_of(self.graph.recipes[self.usable])
+            outcomes = outcomes_of(self.graph.sets[self.usable], self.nothing)
         if self.config.ambiguity == "last":
-            return {pair: results[-1:] for pair, results in outcomes.items()}
+            return {picks: results[-1:] for picks, results in outcomes.items()}
         return outcomes
 
     @_derived_from("distractor_weighting")
@@ -309,15 +311,14 @@ class World:
             # Train recipes only: weights by all recipes would reveal which entities test recipes
             # use.
             weights += self.split.train_uses
-        # Half-products of chains are on a table only if a player has made them.
-        weights[self.graph.is_half_product] = 0
         return frozen(weights)
 
     @_derived_from(*_TASKS, "attempts", "ambiguity")
     def makeable(self) -> Ids:
         """Ids makeable from each task's start in all attempts but the last: (N, W), padded.
 
-        With a distractor policy, a distractor must not make the goal with any of these.
+        With a distractor policy, a distractor must not make the goal with any of these. Of pairs
+        alone: for larger sets, :meth:`has_shortcut` decides about all distractors together.
         """
         rows = [self._makeable(start) for start in self.tasks.starts.tolist()]
         return frozen(padded(rows, self.nothing))

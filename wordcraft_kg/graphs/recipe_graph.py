@@ -229,6 +229,21 @@ class RecipeGraph:
         return len(self.entities)
 
     @cached_property
+    def has_pairs_only(self) -> bool:
+        """Whether each recipe has two ingredients."""
+        return bool(np.all(self.sizes == 2))
+
+    @property
+    def most_ingredients(self) -> int:
+        """Places for ingredients in :attr:`sets`: the largest recipe's number, 2 or more."""
+        return self.sets.shape[1] - 1
+
+    def most_leaves(self, attempts: int) -> int:
+        """Return the most starting ingredients of a plan with so many attempts."""
+        # Each further attempt makes one ingredient of another.
+        return attempts * (self.most_ingredients - 1) + 1
+
+    @cached_property
     def recipes(self) -> Ids:
         """All recipes of a graph of pairs, shape (num_recipes, 3), rows (a, b, result), as sorted.
 
@@ -447,13 +462,9 @@ class RecipeGraph:
         return frozen(self.sets[rows[is_equal], -1])
 
     @cached_property
-    def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
-        """Result ids by ingredient ids ``(a, b)`` with ``a <= b``, for many fast lookups.
-
-        Raises:
-            GraphError: if a recipe has more than two ingredients, or one.
-        """
-        return outcomes_of(self.recipes)
+    def outcomes(self) -> dict[tuple[int, ...], tuple[int, ...]]:
+        """Result ids by ingredient ids, ascending with repetitions, for many fast lookups."""
+        return outcomes_of(self.sets, self.num_entities)
 
     def rows_of(self, recipes: Ids) -> Ids:
         """Return the row of each recipe in :attr:`sets`, or -1 for a recipe that is not there.
@@ -518,12 +529,18 @@ class RecipeGraph:
         return triples_by_recipe(self.sets[is_chosen], self.num_entities)
 
 
-def outcomes_of(recipes: Ids) -> dict[tuple[int, int], tuple[int, ...]]:
-    """Return result ids by ingredient ids ``(a, b)``, of sorted recipes, shape (n, 3)."""
-    results_of: dict[tuple[int, int], list[int]] = {}
-    for a, b, result in recipes.tolist():
-        results_of.setdefault((a, b), []).append(result)
-    return {pair: tuple(results) for pair, results in results_of.items()}
+def outcomes_of(recipes: Ids, padding: int) -> dict[tuple[int, ...], tuple[int, ...]]:
+    """Return result ids by ingredient ids, ascending with repetitions.
+
+    Args:
+        recipes: shape (n, columns), rows (ingredients, padding, result), sorted.
+        padding: value after the last ingredient.
+    """
+    results_of: dict[tuple[int, ...], list[int]] = {}
+    for *ids, result in recipes.tolist():
+        ingredients = tuple(entity for entity in ids if entity != padding)
+        results_of.setdefault(ingredients, []).append(result)
+    return {ingredients: tuple(results) for ingredients, results in results_of.items()}
 
 
 def _told(recipes: Iterable[Recipe], texts: Iterable[str]) -> dict[Recipe, str]:

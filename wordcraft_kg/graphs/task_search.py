@@ -1,8 +1,8 @@
 """Search for crafting tasks (a goal and starting ingredients), and for plans that make the goal.
 
-Three words recur. An *attempt* combines an ingredient pair; it is numbered as in
+Three words recur. An *attempt* combines an ingredient pair, or a larger set; it is numbered as in
 ``graph.pair_of_recipe``. A *way* is a set of attempts that makes a goal in some order. A *plan* is
-a way in order of execution, as rows in ``graph.recipes`` with needed results.
+a way in order of execution, as rows in ``graph.sets`` with needed results.
 
 Read :class:`SolutionSearch` first (all shortest ways to a goal), then :func:`make_tasks`, which
 lists candidate tasks and keeps those of one depth and part.
@@ -35,7 +35,7 @@ In a book it is between a twentieth and a fourth, so that a player does well who
 entity twice. All such tasks stay in a set, and of the others as many as this share allows.
 """
 _ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
-_MOST_NEAR = 128  # most entities of which all pairs are looked up, about a millisecond
+_MOST_NEAR = 128  # most entities whose recipes are looked up, about a millisecond
 _TRIES = 2_000  # draws without a new task after which drawing stops
 
 _Candidate = tuple[int, Rows]
@@ -53,11 +53,11 @@ class SolutionSearch:
 
     Attributes:
         graph: the recipe graph.
-        rows: all recipes, as lists (ingredient, ingredient, result) of ids.
+        rows: all recipes, as lists (ingredients, padding, result) of ids.
         usable: shape (num_recipes,), bool, True for recipes that make something.
         rows_of: by pair number, the rows of its usable recipes; no other pair is a key.
         recipes_of: by entity id, the usable recipes that make the entity, as (pair number,
-            ingredient, ingredient). None of them uses its own result.
+            different ingredients). None of them uses its own result.
     """
 
     def __init__(self, graph: RecipeGraph, usable: NDArray[np.bool_] | None = None):
@@ -68,21 +68,29 @@ class SolutionSearch:
             usable: shape (num_recipes,), True for recipes that make something; None for all.
         """
         self.graph = graph
-        self.rows: list[list[int]] = graph.recipes.tolist()
+        self.rows: list[list[int]] = graph.sets.tolist()
         self.rows_of: dict[int, list[int]] = {}
-        self.recipes_of: list[list[tuple[int, int, int]]] = []
+        self.recipes_of: list[list[tuple[int, Rows]]] = []
+        # Usable recipes by their rarest ingredient: a hub's thousands stand under their partners.
+        self._by_rarest: list[list[tuple[Rows, int]]] = []
         for _ in range(graph.num_entities):
             self.recipes_of.append([])
+            self._by_rarest.append([])
         if usable is None:
             usable = np.ones(graph.num_recipes, dtype=bool)
         self.usable = usable
         pair_of = graph.pair_of_recipe.tolist()
+        num_uses = graph.use_counts.tolist()
         for row in np.flatnonzero(usable).tolist():
-            a, b, result = self.rows[row]
-            self.rows_of.setdefault(pair_of[row], []).append(row)
+            result = self.rows[row][-1]
+            pair = pair_of[row]
+            self.rows_of.setdefault(pair, []).append(row)
+            ingredients = tuple(dict.fromkeys(self.ingredients(pair)))
             # A recipe that needs its own result is part of no shortest plan.
-            if result not in (a, b):
-                self.recipes_of[result].append((pair_of[row], a, b))
+            if result not in ingredients:
+                self.recipes_of[result].append((pair, ingredients))
+                rarest = min(ingredients, key=num_uses.__getitem__)
+                self._by_rarest[rarest].append((ingredients, result))
 
     def plans(
         self,
@@ -153,28 +161,24 @@ class SolutionSearch:
 
         An entity that takes n attempts has ingredients that take n - 1 at most. So a search may
         pass over recipes with others, which are nearly all of a hub's thousands. The sets are too
-        large, by recipes that are not usable and by two ingredients that take an attempt each, and
-        never too small; None stands for all entities.
+        large, by two ingredients that take an attempt each, and never too small; None stands for
+        all entities.
 
         Args:
             have: ids of the entities at hand.
             max_attempts: most attempts; the set of 0 attempts is there in any case.
         """
-        outcomes = self.graph.outcomes
         near: list[frozenset[int] | None] = [have]
-        reached: frozenset[int] = frozenset()
         within = have
         for _ in range(max_attempts):
             if len(within) > _MOST_NEAR:
                 near += [None] * (max_attempts + 1 - len(near))
                 break
             new_results: set[int] = set()
-            # Pairs of entities that were there one attempt before have been combined already.
-            for new in within - reached:
-                for partner in within:
-                    pair = (new, partner) if new <= partner else (partner, new)
-                    new_results.update(outcomes.get(pair, ()))
-            reached = within
+            for entity in within:
+                for ingredients, result in self._by_rarest[entity]:
+                    if within.issuperset(ingredients):
+                        new_results.add(result)
             within = within | new_results
             near.append(within)
         return near
@@ -201,30 +205,31 @@ class SolutionSearch:
         recipes = self.recipes_of[goal]
         if attempts <= 0:
             return set()
-        if attempts == 1:  # the last attempt: both ingredients are at hand, or it is none
-            return {frozenset((pair,)) for pair, a, b in recipes if a in have and b in have}
+        if attempts == 1:  # the last attempt: all ingredients are at hand, or it is none
+            return {
+                frozenset((pair,)) for pair, ingredients in recipes if have.issuperset(ingredients)
+            }
         within = near[attempts - 1]
-        if within is not None:
-            recipes = [(pair, a, b) for pair, a, b in recipes if a in within and b in within]
         # A way through an entity that needs this one would go round in a circle.
         above = above | {goal}
         ways: set[_Way] = set()
-        for pair, a, b in recipes:
-            if not above.isdisjoint((a, b)):
+        for pair, ingredients in recipes:
+            if within is not None and not within.issuperset(ingredients):
                 continue
-            ways_to_a = self._ways(a, near, attempts - 1, above)
-            if not ways_to_a:  # then the other ingredient does not matter
+            if not above.isdisjoint(ingredients):
                 continue
-            pair_way = frozenset((pair,))
-            if a == b:
-                # One way to the ingredient serves both places.
-                whole_ways = [way | pair_way for way in ways_to_a]
-            else:
-                ways_to_b = self._ways(b, near, attempts - 1, above)
-                way_pairs = itertools.product(ways_to_a, ways_to_b)
-                whole_ways = [way_a | way_b | pair_way for way_a, way_b in way_pairs]
-            # Two ways may share attempts, so that their union is within the number after all.
-            ways.update(way for way in whole_ways if len(way) <= attempts)
+            whole_ways: set[_Way] = {frozenset((pair,))}
+            for ingredient in ingredients:
+                if ingredient in have:
+                    continue
+                ingredient_ways = self._ways(ingredient, near, attempts - 1, above)
+                way_pairs = itertools.product(whole_ways, ingredient_ways)
+                unions = (whole_way | way for whole_way, way in way_pairs)
+                # Two ways may share attempts, so that their union is within the number after all.
+                whole_ways = {union for union in unions if len(union) <= attempts}
+                if not whole_ways:  # then the further ingredients do not matter
+                    break
+            ways |= whole_ways
         return ways
 
     def ordered(
@@ -269,19 +274,21 @@ class SolutionSearch:
             plan += self._rows_for(pair, needed_ids - at_hand)
             at_hand |= self.results(pair)
         # The goal comes last, even among the results of its own pair.
-        return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
+        return tuple(sorted(plan, key=lambda row: self.rows[row][-1] == goal))
 
     def _rows_for(self, pair: int, result_ids: set[int]) -> Rows:
         """Return the rows of a pair with a wanted result."""
-        return tuple(row for row in self.rows_of[pair] if self.rows[row][2] in result_ids)
+        return tuple(row for row in self.rows_of[pair] if self.rows[row][-1] in result_ids)
 
     def ingredients(self, pair: int) -> list[int]:
-        """Return the two ingredient ids for a pair number; equal for an entity with itself."""
-        return self.rows[self.rows_of[pair][0]][:2]
+        """Return the ingredient ids for a pair number; one that is needed twice stands twice."""
+        *ids, _ = self.rows[self.rows_of[pair][0]]
+        padding = self.graph.num_entities
+        return [entity for entity in ids if entity != padding]
 
     def results(self, pair: int) -> set[int]:
         """Return the result ids of the usable recipes for a pair number."""
-        return {self.rows[row][2] for row in self.rows_of[pair]}
+        return {self.rows[row][-1] for row in self.rows_of[pair]}
 
 
 @stage("finding tasks")
@@ -318,9 +325,8 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
         seed: random seed of a random set.
         search: an existing search for the graph; None makes one by the recipes that the part knows.
         twice_share: share of the tasks of depth 2 and more whose plans use an entity twice, above 0
-            and below 1; None for the share in the book.
-
-    Half-products of chains are neither goals nor starting ingredients, only intermediate results.
+            and below 1; None for the share in the book, as always if a recipe is larger than a
+            pair.
 
     Raises:
         ConfigError: for a depth or part outside the range.
@@ -336,10 +342,12 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
         usable = split.is_in("train") if part == "train" and split is not None else None
         search = SolutionSearch(graph, usable)
     accept = _Filter(search, depth, split, part)
-    # At depth 2 a plan is a recipe, and a recipe for an ingredient.
-    recipes = graph.recipes[search.usable]
-    counts = np.bincount(recipes[:, 2], minlength=graph.num_entities)
-    most_plans = counts[recipes[:, :2]].sum()
+    if not graph.has_pairs_only:
+        twice_share = None
+    # At depth 2 a plan is a recipe, and a recipe for an ingredient; nothing makes the padding.
+    recipes = graph.sets[search.usable]
+    counts = np.bincount(recipes[:, -1], minlength=graph.num_entities + 1)
+    most_plans = counts[recipes[:, :-1]].sum()
     are_few = depth == 1 or bool(most_plans <= MAX_ENUMERATED)
     is_complete = depth <= _ENUMERATED_DEPTH and are_few
     if is_complete:
@@ -356,8 +364,7 @@ def make_tasks(  # noqa: PLR0913 - all that decides a set of tasks, with default
             part_note = f" in the {part} part ({len(accept.mixed)} belong to no part)"
         raise TaskError(f"{graph.name} has no task of depth {depth}{part_note}.")
     goals = np.array([goal for goal, _ in tasks], dtype=np.int64)
-    # A plan of n attempts has n + 1 leaves at most.
-    starts = padded([start for _, start in tasks], graph.num_entities, depth + 1)
+    starts = padded([start for _, start in tasks], graph.num_entities, graph.most_leaves(depth))
     return TaskSet(
         graph,
         depth,
@@ -377,7 +384,6 @@ class _Filter:
         search: finds the plans.
         depth: attempts that a task takes.
         part: part of an accepted task.
-        halves: ids of the half-products of chains.
         parts: each recipe's part, in the order of the recipes; None if tasks of all parts count.
         mixed: tasks of the depth that were met and belong to no part.
     """
@@ -392,8 +398,6 @@ class _Filter:
         self.search = search
         self.depth = depth
         self.part = part
-        halves = np.flatnonzero(search.graph.is_half_product)
-        self.halves = frozenset(halves.tolist())
         self.parts: list[int] | None = None
         if split is not None and part != "all":
             self.parts = split.parts.tolist()
@@ -402,8 +406,6 @@ class _Filter:
     def __call__(self, candidate: _Candidate) -> Plans:
         """Return an accepted task's plans, otherwise an empty tuple."""
         goal, start = candidate
-        if self.halves and not self.halves.isdisjoint((goal, *start)):
-            return ()
         have = frozenset(start)
         ways = self.search.shortest_ways(goal, have, self.depth)
         if any(len(way) < self.depth for way in ways):
@@ -464,23 +466,28 @@ def _enumerated(search: SolutionSearch, depth: int) -> Iterator[_Candidate]:
     A candidate may come several times, in no fixed order.
     """
     for goal, recipes in enumerate(search.recipes_of):
-        for _, x, y in recipes:
+        for _, ingredients in recipes:
             if depth == 1:
-                yield goal, tuple(sorted({x, y}))
+                yield goal, tuple(sorted(ingredients))
                 continue
-            # Of the last pair, either ingredient may be made; the other is at hand or made too.
-            for crafted, partner in {(x, y), (y, x)}:
-                for pair, a, b in search.recipes_of[crafted]:
-                    leaves = {a, b}
-                    # A self pair takes the made entity twice, and nothing else.
-                    if partner != crafted:
-                        leaves.add(partner)
+            # Of the last set, any ingredient may be made; the others are at hand or made too.
+            for crafted in ingredients:
+                partners = {*ingredients} - {crafted}
+                for pair, crafted_ingredients in search.recipes_of[crafted]:
+                    leaves = partners.union(crafted_ingredients)
                     if goal in leaves or crafted in leaves:
                         continue
-                    yield goal, tuple(sorted(leaves))
-                    # One attempt may make both ingredients of the last pair.
-                    if partner in search.results(pair):
-                        yield goal, tuple(sorted({a, b}))
+                    # One attempt may make several ingredients of the last set.
+                    made = sorted(partners & search.results(pair))
+                    for spared in _subsets(made):
+                        starts = (partners - {*spared}).union(crafted_ingredients)
+                        yield goal, tuple(sorted(starts))
+
+
+def _subsets(items: Sequence[int]) -> Iterator[Rows]:
+    """Yield all subsets of items, the empty one first."""
+    for size in range(len(items) + 1):
+        yield from itertools.combinations(items, size)
 
 
 class _Draw:
@@ -509,22 +516,25 @@ class _Draw:
         self.depth = accept.depth
         self.weighting = weighting
         self.rng = np.random.default_rng(seed)
-        last: dict[int, list[tuple[int, int]]] = {}
+        last: dict[int, list[Rows]] = {}
         for row in np.flatnonzero(accept.search.usable).tolist():
-            a, b, result = accept.search.rows[row]
-            if result not in accept.halves and result not in (a, b):
-                last.setdefault(result, []).append((a, b))
+            *ids, result = accept.search.rows[row]
+            if result not in ids:
+                ingredients = (
+                    entity for entity in ids if entity != accept.search.graph.num_entities
+                )
+                last.setdefault(result, []).append(tuple(ingredients))
         # Goals in the order of their first recipe: the order decides what a seed draws.
         self.by_goal = list(last.items())
-        self.last_steps: list[tuple[int, tuple[int, int]]] = []
-        for goal, pairs in self.by_goal:
-            self.last_steps += [(goal, pair) for pair in pairs]
+        self.last_steps: list[tuple[int, Rows]] = []
+        for goal, ingredient_sets in self.by_goal:
+            self.last_steps += [(goal, ingredients) for ingredients in ingredient_sets]
 
     def __call__(self) -> _Candidate | None:
         """Draw once; None if the drawn steps are no plan of this depth."""
-        goal, (a, b) = self._last_step()
+        goal, ingredients = self._last_step()
         crafted_ids = {goal}
-        leaves = {a, b}
+        leaves = {*ingredients}
         for _ in range(self.depth - 1):
             # Sorted, because no promise of Python fixes the order of a set.
             open_leaves = sorted(leaf for leaf in leaves if self.recipes_of[leaf])
@@ -532,19 +542,19 @@ class _Draw:
                 return None
             leaf = open_leaves[self.rng.integers(len(open_leaves))]
             recipes = self.recipes_of[leaf]
-            _, a, b = recipes[self.rng.integers(len(recipes))]
+            _, ingredients = recipes[self.rng.integers(len(recipes))]
             crafted_ids.add(leaf)
-            leaves = (leaves | {a, b}) - crafted_ids
-            if crafted_ids & {a, b}:
+            leaves = leaves.union(ingredients) - crafted_ids
+            if not crafted_ids.isdisjoint(ingredients):
                 return None  # a circle, or an entity that is made already
         return goal, tuple(sorted(leaves))
 
-    def _last_step(self) -> tuple[int, tuple[int, int]]:
+    def _last_step(self) -> tuple[int, Rows]:
         """Draw a goal and the ingredients that make it."""
         if self.weighting == "task":
             return self.last_steps[self.rng.integers(len(self.last_steps))]
-        goal, pairs = self.by_goal[self.rng.integers(len(self.by_goal))]
-        return goal, pairs[self.rng.integers(len(pairs))]
+        goal, ingredient_sets = self.by_goal[self.rng.integers(len(self.by_goal))]
+        return goal, ingredient_sets[self.rng.integers(len(ingredient_sets))]
 
 
 def _drawn(

@@ -1,10 +1,10 @@
 """Crafting tasks: make a goal from starting ingredients, with a known least number of attempts.
 
-An *attempt* combines two entities at hand; all results become entities at hand, and nothing is used
-up. A *plan* is a set of attempts that makes the goal. A task at depth n has a plan with n attempts
-whose leaves are exactly the starting ingredients, and no plan with fewer attempts. Plans of train
-tasks are those of the train recipes, plans of all other tasks those of all recipes;
-:mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
+An *attempt* combines two entities at hand, or as many as a recipe has ingredients; all results
+become entities at hand, and nothing is used up. A *plan* is a set of attempts that makes the goal.
+A task at depth n has a plan with n attempts whose leaves are exactly the starting ingredients, and
+no plan with fewer attempts. Plans of train tasks are those of the train recipes, plans of all other
+tasks those of all recipes; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.splits import Split
 
 Rows = tuple[int, ...]
-"""A plan: rows in ``graph.recipes`` in order of execution."""
+"""A plan: rows in ``graph.sets`` in order of execution."""
 TaskPart = Literal["all", "train", "valid", "test"]
 """Part of a split that tasks belong to; all: whatever recipes their plans use."""
 TaskWeighting = Literal["task", "goal"]
@@ -60,9 +60,10 @@ class TaskSet:
         depth: fewest attempts that make the goal, the same for all tasks.
         part: part of the split that the tasks belong to, or ``all``.
         goals: shape (N,), entity ids.
-        starts: shape (N, depth + 1), starting ingredient ids, ascending, padded with
-            ``num_entities``.
-        plans: each task's shortest plans, as rows in ``graph.recipes``.
+        starts: shape (N, L), starting ingredient ids, ascending, padded with ``num_entities``; L is
+            :meth:`~wordcraft_kg.graphs.recipe_graph.RecipeGraph.most_leaves`, ``depth + 1`` for
+            pairs.
+        plans: each task's shortest plans, as rows in ``graph.sets``.
         is_complete: whether all tasks are included; otherwise the tasks were drawn at random.
         mixed: number of tasks that are neither train, valid nor test tasks by all recipes, because
             their plans use recipes from several parts (when drawing: among the tasks met so far); 0
@@ -106,7 +107,7 @@ class TaskSet:
         graph = self.graph
         # Starting ingredients are padded with num_entities.
         start = [entity for entity in self.starts[index].tolist() if entity < graph.num_entities]
-        plans = [graph.recipe_labels(graph.recipes[list(rows)]) for rows in self.plans[index]]
+        plans = [graph.recipe_labels(graph.sets[list(rows)]) for rows in self.plans[index]]
         return CraftingTask(
             graph.entities[self.goals[index]],
             graph.labels(start),
@@ -128,7 +129,16 @@ class TaskSet:
     @cached_property
     def uses_twice(self) -> NDArray[np.bool_]:
         """Whether all plans of a task use an entity twice, shape (N,): its start is shorter."""
-        return self.starts[:, -1] == self.graph.num_entities
+        pair_of = self.graph.pair_of_recipe.tolist()
+        # Each attempt but the last puts one entity, its result, in the place of its ingredients.
+        num_leaves = (self.graph.sizes - 1).tolist()
+        fewest = []
+        for plans in self.plans:
+            # An attempt may give several recipes of a plan, and takes its ingredients once.
+            attempts = [{pair_of[row]: num_leaves[row] for row in plan} for plan in plans]
+            fewest.append(1 + min(sum(leaves.values()) for leaves in attempts))
+        num_starts = np.sum(self.starts != self.graph.num_entities, axis=1)
+        return np.asarray(num_starts < np.array(fewest, dtype=np.int64))
 
     @cached_property
     def intermediates(self) -> Ids:
@@ -136,7 +146,7 @@ class TaskSet:
 
         Padded with ``num_entities``, which is no entity.
         """
-        result_of = self.graph.recipes[:, 2].tolist()
+        result_of = self.graph.sets[:, -1].tolist()
         intermediates = []
         for plans in self.plans:
             # A plan ends in its goal; all results before are intermediate.
@@ -147,7 +157,7 @@ class TaskSet:
 
     @cached_property
     def final_pairs(self) -> Ids:
-        """Numbers of the ingredient pairs that make each task's goal in a plan, shape (N, F).
+        """Numbers of the pairs or sets that make each task's goal in a plan, shape (N, F).
 
         Ascending, padded with -1, which is no pair.
         """

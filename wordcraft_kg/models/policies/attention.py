@@ -54,6 +54,9 @@ class AttentionPolicy(Policy):
     learned terms for the phase of the episode (:class:`Phases`) are added to
     ``Kᵀ Q([x_g; x_s]) / √d``, to V and to λ.
 
+    If recipes have other sizes than two, x_s is the mean over the selected entities, and
+    :class:`Combine` gives the action to combine its α; sources give it 0.
+
     Permuting the slots permutes the logits and leaves the value as it is, so the policy takes any
     table size.
 
@@ -66,6 +69,8 @@ class AttentionPolicy(Policy):
         config: PolicyConfig,
         vectors: EntityVectors,
         sources: Iterable[Source] = (),
+        *,
+        most_picks: int = 0,
     ):
         """Draw a network by torch's global generator.
 
@@ -73,6 +78,7 @@ class AttentionPolicy(Policy):
             config: settings.
             vectors: entity vectors.
             sources: knowledge sources in mixing order; without sources there is no mixture.
+            most_picks: S, if recipes have other sizes than two; 0 for pairs.
 
         Raises:
             ConfigError: for ``kg_only`` without sources.
@@ -91,6 +97,9 @@ class AttentionPolicy(Policy):
         if config.sees_attempts:
             # Zeros, so that a policy starts like one that does not see attempts.
             self.phases = Phases(vectors.dim, len(self.labels))
+        self.most_picks = most_picks
+        if most_picks:
+            self.combine = Combine(vectors.dim, most_picks)
 
     @torch.no_grad()
     def _set_first_lambdas(self) -> None:
@@ -114,12 +123,14 @@ class AttentionPolicy(Policy):
         elif self.sources:
             mixture = _head_weights("mixture", self.mixture)
         phases = self.phases.weights() if self.config.sees_attempts else {}
+        combine = self.combine.weights() if self.most_picks else {}
         return {
             **self.vectors.weights(),
             **_head_weights("value", self.value),
             **mixture,
             **self.attention.weights(),
             **phases,
+            **combine,
         }
 
     def output(  # noqa: D102 - inherited
@@ -129,7 +140,7 @@ class AttentionPolicy(Policy):
         external_scores: Tensor | None,
     ) -> PolicyOutput:
         table = states.table
-        mask = table != self.num_entities
+        mask = states.slot_mask(self.num_entities)
         slots = Slots(weights.get("vectors"), table)
         # Attention logits, shape (B, A). Empty slots have zero vectors, so their α is 0 until
         # masked.
@@ -139,6 +150,11 @@ class AttentionPolicy(Policy):
             phases = phases_of(states, self.num_entities)
             rows = rows + weights["phases.rows"].index_select(0, phases)
         alpha = slots.dot(rows)
+        if self.most_picks:
+            combine_alpha = (rows @ weights["combine.key"]) + weights[
+                "combine.counts"
+            ].index_select(0, states.num_selected(self.num_entities))
+            alpha = torch.cat([alpha[:, :-1], combine_alpha[:, None]], dim=1)
         is_softmax = self.config.value_readout == "softmax"
         readout = masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0)
         # The state's encoding before W, shape (B, F): the readout pools the slots' vectors. The
@@ -187,6 +203,25 @@ class SourceWeights(nn.Module):
         return self.first + SPEED * self.step
 
 
+class Combine(nn.Module):
+    """What the action to combine has in place of an entity.
+
+    Attributes:
+        key: shape (F,): takes the place of the entity's vector.
+        counts: shape (S + 1,): added to α, by the number of selected entities.
+    """
+
+    def __init__(self, dim: int, most_picks: int):
+        """Start with zeros, for vectors of length ``dim`` (F) and ``most_picks`` (S) selections."""
+        super().__init__()
+        self.key = nn.Parameter(torch.zeros(dim))
+        self.counts = nn.Parameter(torch.zeros(most_picks + 1))
+
+    def weights(self) -> Weights:
+        """Return both terms by name."""
+        return {f"combine.{name}": parameter for name, parameter in self.named_parameters()}
+
+
 class Phases(nn.Module):
     """Learned terms for each phase of an episode: attempts left, and whether a slot is selected.
 
@@ -227,7 +262,7 @@ def phases_of(states: States, nothing: int) -> Tensor:
     if states.attempts is None:
         raise ConfigError("a policy with `sees_attempts` needs the attempts left in its states.")
     attempts_left = states.attempts.left.clamp(1, MOST_ATTEMPTS)
-    return 2 * (attempts_left - 1) + (states.selection != nothing)
+    return 2 * (attempts_left - 1) + (states.num_selected(nothing) > 0)
 
 
 def mix_logits(
@@ -309,7 +344,8 @@ class TableAttention(nn.Module):
         Args:
             weights: results of :meth:`weights` and :meth:`EntityVectors.weights`.
             goal: shape (B,), int64.
-            selection: shape (B,), int64; E, whose vector is zero, without a selection.
+            selection: shape (B,), int64; E, whose vector is zero, without a selection. Of shape
+                (B, S), the mean vector of the selected entities counts.
 
         Returns:
             shape (B, F).
@@ -319,7 +355,11 @@ class TableAttention(nn.Module):
         vectors = weights.get("vectors")
         if vectors is not None:
             # Both vectors side by side, shape (B, 2 F).
-            query_inputs = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
+            if selection.ndim == 1:
+                query_inputs = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
+            else:
+                mean_vector = _mean_row(vectors, selection)
+                query_inputs = torch.cat([look_up(vectors, goal), mean_vector], dim=1)
             projected = torch.addmm(bias, query_inputs, query)
         else:
             # One-hot vectors: the query's upper half has a row for each goal, the lower half for
@@ -327,7 +367,10 @@ class TableAttention(nn.Module):
             halves = query.view(2, -1, query.shape[1])
             by_goal, by_selection = nn.functional.pad(halves, (0, 0, 0, 1))
             goal_rows = by_goal.index_select(0, goal)
-            selection_rows = by_selection.index_select(0, selection)
+            if selection.ndim == 1:
+                selection_rows = by_selection.index_select(0, selection)
+            else:
+                selection_rows = _mean_row(by_selection, selection)
             projected = bias + goal_rows + selection_rows
         return projected @ weights["key"] if "key" in weights else projected
 
@@ -365,6 +408,12 @@ class Slots:
         # Weights of one-hot vectors are added up by entity; the column of E is cut off.
         sums = weights.new_zeros(len(weights), num_entities + 1)
         return sums.scatter_add(1, self.table, weights)[:, :-1]
+
+
+def _mean_row(rows: Tensor, selection: Tensor) -> Tensor:
+    """Return the mean row of selected entities (B, S): (B, n) from rows (E + 1, n); E has zeros."""
+    num_selected = (selection != len(rows) - 1).sum(1, keepdim=True)
+    return look_up(rows, selection).sum(1) / num_selected.clamp(min=1)
 
 
 def _head(

@@ -5,7 +5,7 @@ Parts that never change during training (features, scores) lie in ``constants.sa
 once at the start; trained parameters in ``policy.safetensors``.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -33,6 +33,7 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
+from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, share_lists
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
@@ -126,7 +127,8 @@ def make_policy(
         )
         learned_dim = config.embedding_size if config.features == LEARNED else 0
         entities = EntityVectors(graph.num_entities, vectors, learned_dim=learned_dim)
-        policy = _policy(config, entities, num_slots, sources)
+        most_picks = 0 if graph.has_pairs_only else graph.most_ingredients
+        policy = _policy(config, entities, num_slots, sources, most_picks)
     policy.entities = graph.entities
     policy.graph_hash = graph.hash
     return policy, features
@@ -136,13 +138,25 @@ def _policy(
     config: PolicyConfig,
     vectors: EntityVectors,
     num_slots: int,
-    sources: Iterable[Source],
+    sources: list[Source],
+    most_picks: int,
 ) -> Policy:
+    if most_picks and config.policy != "attention":
+        raise ConfigError(
+            f"`policy` {config.policy} takes recipes of two ingredients, and the graph has others. "
+            "Choose `policy` attention."
+        )
+    pair_sources = [source.name for source in sources if not source.takes_sets]
+    if most_picks and pair_sources:
+        raise ConfigError(
+            f"`use` {with_letters(pair_sources)} takes recipes of two ingredients so far, and the "
+            "graph has others. Choose `use` combines,component."
+        )
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)
     if config.policy == "pairs":
         return PairPolicy(config, vectors, sources)
-    return AttentionPolicy(config, vectors, sources)
+    return AttentionPolicy(config, vectors, sources, most_picks=most_picks)
 
 
 def write_constants(folder: Path, policy: Policy) -> None:
@@ -233,7 +247,9 @@ def read_policy(
             dim = description.dim
             constant = torch.zeros(size, dim) if dim and not is_learned else None
             vectors = EntityVectors(size, constant, learned_dim=dim if is_learned else 0)
-            policy = _policy(config, vectors, num_slots or 0, sources)
+            # A learned term for each number of selections, if recipes have other sizes than two.
+            most_picks = len(parameters.get("combine.counts", (0,))) - 1
+            policy = _policy(config, vectors, num_slots or 0, sources, most_picks)
         # Constants, which have been checked, come before parameters of the same name.
         weights = {**parameters, **tensors}
         for name, expected in policy.state_dict().items():

@@ -48,7 +48,7 @@ class Action(NamedTuple):
 
     Attributes:
         slot: index of the slot on the table.
-        entity: label of the slot's entity.
+        entity: label of the slot's entity; empty for the action to combine.
         probability: the slot's probability under the policy.
     """
 
@@ -149,6 +149,8 @@ class Policy(nn.Module):
     Attributes:
         steps_per_choice: environment steps that a choice takes.
         num_slots: slots of all tables; None for tables of any size.
+        most_picks: S, the most selections of an attempt, if recipes have other sizes than two; 0
+            for pairs.
         noise_size: random numbers that :meth:`choose` needs for each state; 0 for none.
         config: settings.
         num_entities: E, the number of entities.
@@ -162,6 +164,7 @@ class Policy(nn.Module):
 
     steps_per_choice: ClassVar[int] = 1
     num_slots: int | None = None
+    most_picks: int = 0
     noise_size: int = 0
 
     def __init__(
@@ -375,7 +378,7 @@ class Policy(nn.Module):
         self,
         goal: Entity,
         table: Sequence[Entity | None],
-        selection: Entity | None = None,
+        selection: Entity | Sequence[Entity] | None = None,
         *,
         attempts_left: int = 1,
         generator: torch.Generator | None = None,
@@ -385,7 +388,8 @@ class Policy(nn.Module):
         Args:
             goal: entity to make; like all entities here, a label or an id.
             table: entities on the table; None for an empty slot.
-            selection: the selected entity; None without a selection.
+            selection: the selected entity; None without a selection. If recipes have other sizes
+                than two, the selected entities; the action to combine is the slot after the table.
             attempts_left: attempts left, including the current attempt, for sources that look
                 ahead.
             generator: samples the slot, on the CPU. By default, the most probable slot is chosen,
@@ -408,17 +412,31 @@ class Policy(nn.Module):
             return torch.tensor([numbers], device=device)
 
         goal_id = self.id_of(goal)
-        selection_id = self.id_of(selection)
         slots = [self.id_of(entity) for entity in table]
+        selected: int | list[int]
+        if self.most_picks:
+            picks = () if selection is None else selection
+            selected = [
+                self.id_of(entity)
+                for entity in ((picks,) if isinstance(picks, str | int) else picks)
+            ]
+            if len(selected) >= self.most_picks:
+                raise refuse("selection", selection, f"fewer than {self.most_picks} entities")
+            selected += [self.num_entities] * (self.most_picks - len(selected))
+            slots.append(self.num_entities)
+        else:
+            assert selection is None or isinstance(selection, str | int)
+            selected = self.id_of(selection)
         attempts = Attempts(batch(attempts_left))
-        states = States(batch(goal_id), batch(selection_id), batch(slots), attempts=attempts)
+        states = States(batch(goal_id), batch(selected), batch(slots), attempts=attempts)
         # On the CPU, where the generator is: the same slot on every device.
         probabilities = torch.softmax(checked_logits(self(states).logits)[0], dim=0).cpu()
         if generator is None:
             slot = int(self.best_slots(states))
         else:
             slot = int(probabilities.multinomial(1, generator=generator))
-        return Action(slot, self.entities[slots[slot]], float(probabilities[slot]))
+        # The action to combine holds the id of no entity.
+        return Action(slot, (*self.entities, "")[slots[slot]], float(probabilities[slot]))
 
     def id_of(self, entity: Entity | None) -> int:
         """Return the id for a label or id; E for None.

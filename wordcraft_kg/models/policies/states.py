@@ -34,9 +34,11 @@ class States(NamedTuple):
 
     Attributes:
         goal: shape (B,), int64: the entity to make.
-        selection: shape (B,), int64: the selected entity, E without a selection.
+        selection: shape (B,), int64: the selected entity, E without a selection. If recipes have
+            other sizes than two, shape (B, S): the selected entities, padded with E.
         table: shape (B, A), int64: the entities on the table, E for empty slots. A policy needs an
-            entity in each row, in any slot.
+            entity in each row, in any slot. With selections (B, S), the last slot is the action
+            to combine, and holds E.
         task: shape (B,), int64: index into the tasks given to ``bind``, or the number of these
             tasks for a task that is not among them. None for tasks whose plans use no train
             recipe, or if no source reads tasks.
@@ -48,6 +50,37 @@ class States(NamedTuple):
     table: Tensor
     task: Tensor | None = None
     attempts: Attempts | None = None
+
+    @property
+    def has_combine(self) -> bool:
+        """Whether the last slot is the action to combine the selected entities."""
+        return self.selection.ndim == 2
+
+    def num_selected(self, nothing: int) -> Tensor:
+        """Return the number of selected entities, shape (B,); ``nothing`` is E."""
+        return (self.selection != nothing).reshape(len(self.goal), -1).sum(1)
+
+    def slot_mask(self, nothing: int) -> Tensor:
+        """Return which slots may be chosen, shape (B, A), bool; ``nothing`` is E."""
+        mask = self.table != nothing
+        if self.has_combine:
+            mask[:, -1] = self.num_selected(nothing) > 0
+        return mask
+
+    def mean_over_selection(self, score: Callable[[Tensor], Tensor], nothing: int) -> Tensor:
+        """Return the mean of scores with each selected entity, 0 without one.
+
+        Args:
+            score: scores slots with a selected entity: (B, A) from ids (B,), 0 for the id E.
+            nothing: E.
+        """
+        if not self.has_combine:
+            return score(self.selection)
+        num_selected = self.num_selected(nothing)
+        sums = torch.zeros(self.table.shape, device=self.table.device)
+        for entities in self.selection.T[: int(num_selected.max())]:
+            sums = sums + score(entities)
+        return sums / num_selected.clamp(min=1)[:, None]
 
     def rows(
         self,
@@ -93,9 +126,10 @@ class States(NamedTuple):
         buffers of other libraries store ids as floats, and add an axis to single numbers.
 
         Args:
-            observation: arrays or tensors ``goal``, ``selection``, ``table`` with A slots in the
-                last axis and, for sources that look ahead, ``attempts_left``. Further keys are
-                ignored. Pairs tried are not observed, so ``attempts.tried`` is None.
+            observation: arrays or tensors ``goal``, ``selection`` (S ids in its last axis if
+                recipes have other sizes than two), ``table`` with A slots in the last axis and, for
+                sources that look ahead, ``attempts_left``. Further keys are ignored. Pairs tried
+                are not observed, so ``attempts.tried`` is None.
             task: task indices in the same shape as ``goal``, see :attr:`task`; None without.
         """
         # Only the table has an axis of its own, so its last axis tells slots from episodes.
@@ -103,9 +137,14 @@ class States(NamedTuple):
         attempts = None
         if "attempts_left" in observation:
             attempts = Attempts(_numbers(observation["attempts_left"]))
+        goal = _numbers(observation["goal"])
+        selection = torch.as_tensor(observation["selection"]).long()
+        # More ids than goals are sets, of two places or more; single numbers may have an axis more.
+        num_ids = selection.numel() // len(goal)
+        selection = selection.reshape(-1) if num_ids == 1 else selection.reshape(-1, num_ids)
         return cls(
-            goal=_numbers(observation["goal"]),
-            selection=_numbers(observation["selection"]),
+            goal=goal,
+            selection=selection,
             table=table.reshape(-1, table.shape[-1]),
             task=None if task is None else _numbers(task),
             attempts=attempts,

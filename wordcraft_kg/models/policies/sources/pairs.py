@@ -1,6 +1,5 @@
 """Sources with scores for pairs: u scores a slot's entity with the selection, v with the goal."""
 
-from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, Self
@@ -79,6 +78,7 @@ class PairSource(FoldedSource):
         heights: buffer, shape (K,): the ranks of these scores, standardised.
     """
 
+    takes_sets: ClassVar[bool] = True
     relation: ClassVar[int]
     scores: Tensor
     left: Tensor
@@ -170,13 +170,9 @@ class PairSource(FoldedSource):
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
         return (len(scorer.entities) + 1) ** 2 * 4
 
-    @abstractmethod
-    def key(self, states: States) -> Tensor:
-        """Return the entity to score slots with (goal or selection), shape (B,)."""
-
-    def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
+    def with_key(self, states: States, key: Tensor) -> Tensor:
+        """Score slots (B, A) with a key entity (the goal or a selected one), shape (B,)."""
         table = states.table
-        key = self.key(states)
         model = self.model_of(states.task)
         if self.is_table:
             return self._from_table(table, key, model)
@@ -275,6 +271,8 @@ class PairSource(FoldedSource):
 class CombinesWith(PairSource):
     """The source combines (u): ``u_i = L(e_i, combinesWith, e_s)`` with selection s, else 0.
 
+    With several selected entities, their mean.
+
     Source: Jiang et al. 2020, section "Link Prediction Model".
     """
 
@@ -287,8 +285,10 @@ class CombinesWith(PairSource):
     ) -> "CombinesWith":
         return cls.of_pairs(scorer, view, self_edges=view.self_edges)
 
-    def key(self, states: States) -> Tensor:  # noqa: D102 - inherited
-        return states.selection
+    def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        return states.mean_over_selection(
+            lambda selected: self.with_key(states, selected), self.num_entities
+        )
 
 
 class ComponentOf(PairSource):
@@ -307,8 +307,8 @@ class ComponentOf(PairSource):
         # The setting `self_edges` is about combinesWith alone; here all scores are kept.
         return cls.of_pairs(scorer, view)
 
-    def key(self, states: States) -> Tensor:  # noqa: D102 - inherited
-        return states.goal
+    def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        return self.with_key(states, states.goal)
 
     def scores_of_pairs(self, states: States) -> Tensor:  # noqa: D102 - inherited
         # The score of a slot is the same whatever is selected.

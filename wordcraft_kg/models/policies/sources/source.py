@@ -195,6 +195,7 @@ class Source(nn.Module, ABC):
         label: name and symbol of the source.
         reads_task: True if scores depend on ``states.task``.
         reads_attempts: True if scores depend on ``states.attempts``, which are then required.
+        takes_sets: True if the source can score with several selected entities.
         num_entities: E, also the id for empty slots and no selection.
         graph_hash: content hash of the recipe graph; empty for sources restored with a policy.
     """
@@ -202,6 +203,7 @@ class Source(nn.Module, ABC):
     label: ClassVar[Label]
     reads_task: bool = False
     reads_attempts: ClassVar[bool] = False
+    takes_sets: ClassVar[bool] = False
 
     def __init__(self, num_entities: int):
         """Prepare a source for E entities, without buffers."""

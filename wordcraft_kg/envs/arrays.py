@@ -70,6 +70,11 @@ class Arrays:
         rows.sort(axis=1)
         return rows
 
+    def row_sums(self, values: Array) -> Array:
+        """Return the sum of each row of a matrix of integers or booleans, int64, with overflow."""
+        # A tenth of the time of `sum` for short rows.
+        return values @ np.ones(values.shape[1], dtype=np.int64)
+
     def take_rows(self, values: Array, rows: Array) -> Array:
         """Return the rows with the given indices."""
         return values.take(rows, axis=0)  # several times as fast as an index
@@ -118,6 +123,9 @@ class _TorchArrays(Arrays):
 
     def sorted_rows(self, values: Array) -> Array:
         return self.torch.sort(values, dim=1).values
+
+    def row_sums(self, values: Any) -> Array:
+        return values.sum(1)
 
     def take_rows(self, values: Array, rows: Array) -> Array:
         return values[rows]
@@ -279,8 +287,14 @@ class Sets(_Results):
 
     def __call__(self, picks: Array) -> Array:
         """Return the numbers of picked sets (R, S), padded with nothing, in any order: (R,)."""
-        keys = self._hashes[picks].sum(1)
-        places = self._arrays.xp.searchsorted(self._keys, keys)
-        # Equal sums are no proof of equal sets.
-        is_equal = (self._members[places] == self._arrays.sorted_rows(picks)).all(1)
-        return self._arrays.xp.where(is_equal, self._numbers[places], self.no_pair)
+        arrays = self._arrays
+        keys = arrays.row_sums(self._hashes[picks])
+        places = arrays.xp.searchsorted(self._keys, keys)
+        pair = arrays.full((len(picks),), self.no_pair)
+        is_found = self._keys[places] == keys
+        rows = arrays.rows(is_found)
+        if len(rows):
+            # Equal sums are no proof of equal sets.
+            is_equal = (self._members[places[rows]] == arrays.sorted_rows(picks[rows])).all(1)
+            pair[rows] = arrays.xp.where(is_equal, self._numbers[places[rows]], self.no_pair)
+        return pair

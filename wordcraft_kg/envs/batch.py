@@ -115,20 +115,22 @@ class State(NamedTuple):
 
     def has_selection(self) -> Array:
         """Return whether something is selected, shape (N,), bool."""
-        is_entity = self.selection != self.engine.nothing
-        return is_entity.any(1) if self.world.has_combine else is_entity
+        # Selections fill their places in order.
+        first = self.selection[:, 0] if self.world.has_combine else self.selection
+        return first != self.engine.nothing
 
     def picked(self, actions: Array) -> Array:
         """Return what the attempts have picked after actions (N,): ids, shape (N, 2 or S), padded.
 
         An attempt is not over with *combine* alone, so a place of a selection (N, S) is free.
         """
-        entities = self.table[self.engine.rows, actions]
+        entities = self.wide.take(self.engine.offsets + actions)
         if not self.world.has_combine:
             return self.engine.arrays.xp.stack([self.selection, entities], 1)
-        picks = self.engine.arrays.copy(self.selection)
+        arrays = self.engine.arrays
+        picks = arrays.copy(self.selection)
         # *Combine* and empty slots hold nothing, the padding.
-        picks[self.engine.rows, (picks != self.engine.nothing).sum(1)] = entities
+        picks[self.engine.rows, arrays.row_sums(picks != self.engine.nothing)] = entities
         return picks
 
     def action_masks(self) -> Array:
@@ -268,6 +270,8 @@ class BatchEngine:
         nothing: the id for an empty slot or no selection, equal to the number of entities.
         arrays: array operations by NumPy or torch.
         rows: numbers of the environments, shape (N,).
+        offsets: shape (N,): where each environment's table begins in the flat view of
+            :attr:`State.wide`.
         pairs: pair numbers and results; ``num_pairs`` for pairs without a result. Larger sets have
             such numbers, too.
 
@@ -333,8 +337,7 @@ class BatchEngine:
         self._reward_dtype = reward_dtype
         self.rows = array(np.arange(self.num_envs))
         self._attempt_numbers = array(np.arange(self.config.attempts))
-        # Where each environment's table begins in the flat view of `State.wide`.
-        self._offsets = self.rows * (world.num_entity_slots + 1)
+        self.offsets = self.rows * (world.num_entity_slots + 1)
         self._most_picks = world.graph.most_ingredients
 
     # --- episodes ---------------------------------------------------------------------------------
@@ -574,7 +577,7 @@ class BatchEngine:
         """
         cast = self.arrays.cast
         # One index into the flat tables: faster than an index along two axes.
-        entities = state.wide.take(self._offsets + actions)
+        entities = state.wide.take(self.offsets + actions)
         running = state.attempts_left > 0
         pick = self._pick_sets if self.world.has_combine else self._pick_pairs
         picked = pick(state, actions, entities, running)
@@ -622,18 +625,22 @@ class BatchEngine:
 
     def _pick_sets(self, state: State, actions: Array, entities: Array, running: Array) -> _Picked:
         """Return what actions pick if recipes have other sizes than two."""
-        where = self.arrays.xp.where
+        arrays = self.arrays
         is_empty = entities == self.nothing
         combines = (actions == self.num_slots - 1) & state.has_selection()
         picks = state.picked(actions)
         # A largest set is complete without *combine*.
         is_full = picks[:, -1] != self.nothing
         is_complete = (combines | is_full) & running
-        pair = self.arrays.full((self.num_envs,), self.pairs.no_pair)
-        rows = self.arrays.rows(is_complete)
-        pair[rows] = where(is_complete[rows], self.pairs(picks[rows]), self.pairs.no_pair)
+        pair = arrays.full((self.num_envs,), self.pairs.no_pair)
+        rows = arrays.rows(is_complete)
+        pair[rows] = arrays.xp.where(
+            is_complete[rows], self.pairs(picks[rows]), self.pairs.no_pair
+        )
         ends_attempt = is_empty | is_full
-        selection = where(ends_attempt[:, None], self.nothing, picks)
+        selection = arrays.copy(picks)
+        rows = arrays.rows(ends_attempt)
+        selection[rows] = arrays.xp.where(ends_attempt[rows, None], self.nothing, picks[rows])
         illegal = is_empty & ~combines & running
         return _Picked(illegal, ends_attempt, is_complete, pair, selection, picks)
 

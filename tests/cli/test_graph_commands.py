@@ -816,16 +816,6 @@ def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monk
 
 
 @pytest.mark.slow
-def test_the_figures_of_a_check_count_no_half_products(run, book):
-    path = book("lamps.txt", "plank + rope + coal + iron = lamp\nlamp + gold = box\n")
-    options = ("--ingredients", "chain", "--json")
-    run("build-graph", path, "--split", "none", "--out", path.parent / "lamps", *options)
-    checked = run("check-book", path, "--against", path.parent / "lamps", *options)
-    figures = json.loads(checked.out)["figures"]
-    assert (figures["words"], figures["shared_recipes"], figures["shared"]) == (7, 2, 1)
-
-
-@pytest.mark.slow
 def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, home):
     path = book(
         "wiki.csv", "x;y;z\nwater;earth;mud\nmud;water;mud\nearth;water;mud\nmud;fire;brick;?\n"

@@ -105,7 +105,6 @@ SHAPELESS = {
     "result": {"id": "sword"},
 }
 SPECIAL = {"type": "minecraft:crafting_special_bookcloning"}
-CHAIN = {"ingredients": "chain"}
 
 
 def packed(folder):
@@ -350,33 +349,30 @@ def _shapes():
             "Minecraft folder",
             {k: v.encode() for k, v in packed("data/m/recipe").items()},
             MANY,
-            CHAIN,
+            {},
         ),
-        of("Minecraft zip", "mod.jar", zipped(packed("data/mod/recipes")), MANY, **CHAIN),
-        of("Factorio", "b.json", _json(factorio), MANY, **CHAIN),
-        of("Satisfactory", "b.json", _json(satisfactory), MANY, **CHAIN),
-        of("Stardew Valley", "b.json", _json(stardew), MANY, **CHAIN),
+        of("Minecraft zip", "mod.jar", zipped(packed("data/mod/recipes")), MANY),
+        of("Factorio", "b.json", _json(factorio), MANY),
+        of("Satisfactory", "b.json", _json(satisfactory), MANY),
+        of("Stardew Valley", "b.json", _json(stardew), MANY),
         of(
             "Terraria",
             "b.csv",
             "Result,Ingredient 1,Amount 1,Ingredient 2,Amount 2,Ingredient 3,Amount 3\n"
             "torch,plank,1,stick,2,coal,9\ningot,ore,3,,,,\nsword,ingot,1,stick,1,,\n",
             MANY,
-            **CHAIN,
         ),
         of(
             "many in a cell",
             "b.csv",
             'name,ingredients\ntorch,"plank, stick, coal"\ningot,ore\nsword,"ingot, stick"\n',
             MANY,
-            **CHAIN,
         ),
         of(
             "reactions",
             "b.txt",
             "plank + stick + coal -> torch\nore + ore -> ingot\ningot + stick -> sword\n",
             MANY,
-            **CHAIN,
         ),
         # Refused, with what is missing.
         of("single quotes", "b.csv", table(quote="'"), says="holds single quotes"),

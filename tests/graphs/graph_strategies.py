@@ -6,7 +6,6 @@ from itertools import product
 from hypothesis import strategies as st
 
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig
-from wordcraft_kg.graphs.chains import is_half_product
 
 FEW = tuple("abcdefgh")
 MANY = tuple("abcdefghijklmno")
@@ -64,9 +63,9 @@ PRINTED = st.characters(
 
 def labels():
     """Any label that a book may hold: commas, quotes, outer blanks, '#', and anything of Unicode
-    but controls; no names of half-products, which must fit their ingredients."""
+    but controls."""
     return st.text(AWKWARD | PRINTED, min_size=1, max_size=6).filter(
-        lambda label: not label.isspace() and not is_half_product(label)
+        lambda label: not label.isspace()
     )
 
 

@@ -396,13 +396,13 @@ def test_lists_in_findings_quote_labels_with_commas(check):
     assert 'Name the base: # base: fire,"salt, fine",water' in message(found, "base")
 
 
-def test_findings_list_no_half_products(check):
+def test_a_set_out_of_reach_is_one_finding(check):
     text = "plank + rope + coal + iron = lamp\nlamp + gold = box\n"
-    found = check(text, "book.txt", ingredients="chain", base=["plank", "gold"])
+    found = check(text, "book.txt", base=["plank", "gold"])
     says = "5 entities cannot be made from the base (gold, plank): box, coal, iron, lamp, rope"
     assert message(found, "unreachable") == says
     circle = "a + b + c = d\nd + x + y = a\n"
-    found = check(circle, "book.txt", ingredients="chain", base=["b", "c", "x", "y"])
+    found = check(circle, "book.txt", base=["b", "c", "x", "y"])
     assert message(found, "cycle").endswith("made first: a, d")
 
 

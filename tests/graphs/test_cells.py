@@ -7,7 +7,6 @@ import pytest
 from wordcraft_kg.graphs import read_book
 from wordcraft_kg.graphs.book_check import check_book
 
-CHAIN = {"ingredients": "chain"}
 OWN = "ingredient_a,ingredient_b,result\n"
 OTHER = "first,second,result\n"
 MUD = ("earth", "water", "mud")

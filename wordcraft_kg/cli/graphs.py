@@ -210,9 +210,7 @@ def _percentages(shares: Iterable[float]) -> str:
 
 def _entity_text(view: "EntityView") -> Iterator[str]:
     place = "base entity" if view.base else "cannot be made from the base"
-    if view.half_product:
-        place = "half-product of a chain, no thing of the game"
-    elif view.layer is not None and not view.base:
+    if view.layer is not None and not view.base:
         place = f"first made in round {view.layer}"
     yield f"{view.entity}: {place}"
     # Recipes that make the entity, then recipes that use it.

@@ -83,8 +83,6 @@ class FileOptions:
         delimiter: column delimiter: a character, or comma, semicolon, tab, pipe or space.
         encoding: encoding of the text, such as cp1252.
         case: keep labels as they are, or fold them to lower case.
-        ingredients: recipes of other numbers of ingredients than two: sets keeps up to eight;
-            chain reads chains of half-products, for the environment and recipe scorers.
         single_ingredient: second ingredient for recipes with a single ingredient: self repeats the
             ingredient, alone adds none; a name such as furnace is added to each recipe. Default:
             none in a book of larger sets, else such a recipe is an error.
@@ -94,7 +92,6 @@ class FileOptions:
     delimiter: str | None = None
     encoding: str | None = None
     case: Literal["keep", "fold"] = "keep"
-    ingredients: Literal["sets", "chain"] = "sets"
     single_ingredient: str | None = None
 
     def for_reading(self) -> "ReadOptions":
@@ -104,6 +101,5 @@ class FileOptions:
             "delimiter": self.delimiter,
             "encoding": self.encoding,
             "case": self.case,
-            "ingredients": self.ingredients,
             "single_ingredient": self.single_ingredient,
         }

@@ -634,9 +634,7 @@ class BatchEngine:
         is_complete = (combines | is_full) & running
         pair = arrays.full((self.num_envs,), self.pairs.no_pair)
         rows = arrays.rows(is_complete)
-        pair[rows] = arrays.xp.where(
-            is_complete[rows], self.pairs(picks[rows]), self.pairs.no_pair
-        )
+        pair[rows] = arrays.xp.where(is_complete[rows], self.pairs(picks[rows]), self.pairs.no_pair)
         ends_attempt = is_empty | is_full
         selection = arrays.copy(picks)
         rows = arrays.rows(ends_attempt)

@@ -193,11 +193,8 @@ def view_check(
             message = f"words were not checked for word vectors, which need {error.name}"
             check = check.adding([Finding("vector", "note", (), message)])
     if graph is not None and compared_book is not None:
-        is_book_recipe = ~graph.makes_half_product
-        shared = len(
-            set(graph.recipe_labels(graph.sets[is_book_recipe])) & set(compared_book.recipes)
-        )
-        share = shared / int(np.sum(is_book_recipe))
+        shared = len(set(graph.recipe_labels()) & set(compared_book.recipes))
+        share = shared / graph.num_recipes
         check = check.adding((), against=compared_book.name, shared_recipes=shared, shared=share)
     return CheckedBook(
         book,
@@ -236,12 +233,9 @@ def write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
     """
     book_recipes = set(book.recipes)
     ordered = [recipe for recipe in check.places if recipe in book_recipes]
-    # Half-products of chains have no row.
-    rowless_recipes = book_recipes.difference(ordered)
-    ordered += sorted(rowless_recipes)
     reading = check.reading
     assert reading is not None
-    if path.suffix.lower() not in (".csv", ".tsv") or (rowless_recipes or not check.records):
+    if path.suffix.lower() not in (".csv", ".tsv") or not check.records:
         write_book(replace(book, recipes=ordered), path)
         return not reading.ignored
     rows = []
@@ -268,11 +262,8 @@ def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
     from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
 
     features = glove_features(graph.entities)
-    # The label of a half-product is no text of the file: its plus signs and dots are no words.
-    is_text = ~graph.is_half_product
-    texts = features if is_text.all() else glove_features(graph.labels(np.flatnonzero(is_text)))
-    words = texts.words
-    missing = texts.missing_words
+    words = features.words
+    missing = features.missing_words
     message = f"{len(missing)} of {len(words)} words have no word vector: {listed(missing)}"
     findings = [Finding("vector", "note", (), message)] if missing else []
     check = check.adding(
@@ -283,10 +274,7 @@ def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
         split = make_split(graph, SplitConfig())
     except SplitError:  # too few recipes to split
         return check
-    is_counted = split.is_in("test") & ~graph.makes_half_product
-    if not is_counted.any():
-        return check
-    share = float(near_synonym_recipes(split, features)[is_counted].mean())
+    share = float(near_synonym_recipes(split, features)[split.is_in("test")].mean())
     return check.adding((), near_synonym_share=share, near_synonym_cosine=NEAR_SYNONYM)
 
 

@@ -264,8 +264,6 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
         scores[heads, tails] = -np.inf
         # An entity with itself: models without an idea of roles score these pairs highest.
         np.fill_diagonal(scores, -np.inf)
-        scores[graph.is_half_product] = -np.inf
-        scores[:, graph.is_half_product] = -np.inf
         best_first = np.argsort(-scores, axis=None, kind="stable")
         for flat in best_first[: LISTED // 2].tolist():
             head, tail = divmod(flat, len(scores))

@@ -303,9 +303,7 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     )
     if links.kg != "none":  # an untrained model has no coverage
         # The full graph covers all its entities by definition.
-        entities = np.flatnonzero(~graph.is_half_product)
-        if links.is_full:
-            entities = entities[:0]
+        entities = np.arange(0 if links.is_full else graph.num_entities)
         uncovered = np.setdiff1d(entities, links.train_sample.sets)
         detail = "all do"
         if len(uncovered):
@@ -327,9 +325,8 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
 
 
 def _ties(links: RankedLinks) -> Ties:
-    # Without the filter all things are candidates, which adjusted metrics need to know.
-    things = links.graph.num_entities - links.graph.num_half_products
-    unfiltered = links.ranks.assign(candidates=things)
+    # Without the filter all entities are candidates, which adjusted metrics need to know.
+    unfiltered = links.ranks.assign(candidates=links.graph.num_entities)
     return Ties(
         optimistic=ranking_metrics(links.ranks, "optimistic"),
         pessimistic=ranking_metrics(links.ranks, "pessimistic"),
@@ -350,7 +347,6 @@ def _with_leaked(links: RankedLinks) -> RankingMetrics:
     split = links.opened.split
     size = links.graph.num_entities
     everything = split.triples_of("test")
-    everything = everything[split.is_fact(everything)]
     leaked = everything[~is_in(everything, split.held_out("test"), size)]
     # Sampling leaked and unseen triples in equal shares makes a uniform sample.
     leaked = sampled(leaked, round(len(leaked) * len(links.queries) / links.population))

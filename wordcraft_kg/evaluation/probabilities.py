@@ -90,13 +90,11 @@ def view_probabilities(
     size = graph.num_entities
     every = torch.arange(size)
     is_self = np.eye(size, dtype=bool)
-    # Pairs of things; half-products of chains are none.
-    is_thing = ~graph.is_half_product
     rows = []
     for relation, name in enumerate(RELATIONS):
         chances = scorer.probability(every[:, None], relation, every[None, :]).cpu().numpy()
         # Triples in training are no test: the scorer has seen that they are true.
-        is_asked = ~_table(trained_on, relation, size) & is_thing[:, None] & is_thing
+        is_asked = ~_table(trained_on, relation, size)
         if relation == COMBINES_WITH:  # both directions are the same fact
             is_asked &= np.tri(size, dtype=bool)
         is_true = _table(graph.triples, relation, size)

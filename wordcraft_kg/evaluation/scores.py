@@ -27,7 +27,6 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.queries import Query, RecipeQuery
 from wordcraft_kg.graphs.arrays import Ids, are_among, recipe_keys
-from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS
@@ -381,8 +380,7 @@ class Scoring(ABC):
         Raises:
             UnknownEntityError: for a label that the scorer does not know.
         """
-        # Half-products of chains are no things of the game, and no answers.
-        candidates = np.flatnonzero(~mark_half_products(self.entities))
+        candidates = np.arange(len(self.entities))
         ids = []
         for place, label in enumerate(query.slots):
             ids.append(candidates if label is None else self._ids(label, place))
@@ -637,8 +635,8 @@ class RecipeScoring(Scoring):
         a, b = (scorer.entity_ids([label]) for label in query.labels)
         ids, scores = scorer.best_results(a, b, max(top, CANDIDATES))
         results = ids[0].cpu()
-        # Half-products of chains are no answers, and the id E stands for missing results.
-        is_answer = torch.from_numpy(~np.append(mark_half_products(self.entities), True))[results]
+        # The id E stands for missing results.
+        is_answer = results < len(self.entities)
         results = results[is_answer]
         pair = torch.cat([a, b]).cpu().expand(len(results), 2)
         return torch.cat([pair, results[:, None]], dim=1).numpy(), scores[0].cpu()[is_answer]

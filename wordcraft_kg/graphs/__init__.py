@@ -10,7 +10,7 @@ Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
 - ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``: recipe books, as values,
   as files of any shape, under construction, by name, and with invented words;
-- ``chains``, ``reading``: larger sets as pairs, for code that takes pairs, and how a file was read;
+- ``reading``: how a file was read;
 - ``recipe_graph``, ``arrays``, ``triples``, ``planner``, ``bottlenecks``: the graph, its id
   arrays, its triples, the cheapest derivations, and the entities that many others need;
 - ``splits``, ``published_splits``, ``folds``, ``train_samples``: recipes held out for tests, drawn

@@ -248,10 +248,8 @@ class GraphCounts(Record, omit_defaults=True, kw_only=True):
             one of their ingredients; missing without a book.
         merged_duplicates: rows of the source book that repeat a recipe; missing without a book.
         reading: how the book's file was read; missing without a file.
-        entities: number of entities, without half-products.
-        half_products: number of half-products of chains, which no other figure here counts but
-            the triples of all and of train recipes.
-        recipes: number of recipes, without those that make half-products.
+        entities: number of entities.
+        recipes: number of recipes.
         pairs: number of distinct ingredient sets, which are pairs in most books.
         base: labels of the base entities.
         base_is_inferred: whether the base is the entities without a recipe, because no base was
@@ -265,7 +263,6 @@ class GraphCounts(Record, omit_defaults=True, kw_only=True):
     merged_duplicates: Count | None = None
     reading: Reading | None = None
     entities: Count
-    half_products: Count = 0
     recipes: Count
     pairs: Count
     base: tuple[str, ...]
@@ -329,7 +326,6 @@ class EntityView(Record, omit_defaults=True, kw_only=True):
     Attributes:
         entity: the label.
         base: whether the entity is a base entity.
-        half_product: whether it is a half-product of a chain, no thing of the game.
         layer: crafting round that can first make the entity; None if it is unreachable.
         recipes: recipes that make the entity.
         uses: recipes that use the entity.
@@ -338,7 +334,6 @@ class EntityView(Record, omit_defaults=True, kw_only=True):
 
     entity: str
     base: bool
-    half_product: bool = False
     layer: Count | None
     recipes: tuple[Recipe, ...]
     uses: tuple[Recipe, ...]
@@ -358,8 +353,7 @@ def audit(
         split: a split of it.
         book: the source of the graph, for the counts of omitted rows; None without a book.
     """
-    is_entity = ~graph.is_half_product
-    alike = alike_labels(graph.labels(np.flatnonzero(is_entity)))
+    alike = alike_labels(graph.entities)
     # Relation ids are 0 and 1, also where a book has no triple of one.
     relation = graph.triples[:, 1]
     combines_with, component_of = np.bincount(relation, minlength=len(RELATIONS)).tolist()
@@ -367,10 +361,9 @@ def audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
         merged_duplicates=None if book is None else book.merged_duplicates,
         reading=graph.reading,
-        entities=int(np.sum(is_entity)),
-        half_products=graph.num_half_products,
-        recipes=int(np.sum(~graph.makes_half_product)),
-        pairs=int(np.sum(graph.num_results > 0)),
+        entities=graph.num_entities,
+        recipes=graph.num_recipes,
+        pairs=graph.num_pairs,
         base=graph.base,
         base_is_inferred=graph.base_is_inferred,
         hash=graph.hash,
@@ -387,13 +380,11 @@ def audit(
 
 def split_summary(split: Split) -> SplitSummary:
     """Return a split's settings, and recipe and triple counts by part."""
-    # A step of a chain is no recipe of the book.
-    is_book_recipe = ~split.graph.makes_half_product
-    train, valid, test = np.bincount(split.parts[is_book_recipe], minlength=3).tolist()
+    train, valid, test = np.bincount(split.parts, minlength=3).tolist()
     # Triples of test recipes that train or validation recipes give, too, are not evaluated.
     evaluated = split.held_out("test")
     test_triples = split.triples_of("test")
-    goals = distinct(split.graph.sets[split.is_in("test") & is_book_recipe, -1])
+    goals = distinct(split.graph.sets[split.is_in("test"), -1])
     is_train_goal = np.isin(goals, split.sets("train")[:, -1])
     return SplitSummary(
         **asdict(split.config),
@@ -404,7 +395,7 @@ def split_summary(split: Split) -> SplitSummary:
         partial_triples=len(split.partial),
         unseen_triples=len(split.unseen),
         evaluated_triples=len(evaluated),
-        leaked_triples=int(np.sum(split.is_fact(test_triples))) - len(evaluated),
+        leaked_triples=len(test_triples) - len(evaluated),
         covered=not len(split.uncovered),
         uncovered=len(split.uncovered),
         uncovered_entities=split.graph.labels(split.uncovered[:SHOWN]),
@@ -468,14 +459,14 @@ def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
     """Mark the test recipes that share an ingredient and the result with a train recipe.
 
     Returns:
-        Bool, shape (num_test,), without recipes that make half-products.
+        Bool, shape (num_test,).
     """
-    is_counted = split.is_in("test") & ~split.graph.makes_half_product
-    rows, triples = split.graph.triples_by_recipe(is_counted)
+    is_test = split.is_in("test")
+    rows, triples = split.graph.triples_by_recipe(is_test)
     # Train recipes share a slot where their triples contain (ingredient, componentOf, result).
     is_slot = triples[:, 1] == COMPONENT_OF
     is_shared = is_slot & is_in(triples, split.partial, split.graph.num_entities)
-    return np.bincount(rows[is_shared], minlength=int(np.sum(is_counted))) > 0
+    return np.bincount(rows[is_shared], minlength=int(np.sum(is_test))) > 0
 
 
 def leakage(split: Split) -> dict[Relation, Leakage]:
@@ -485,9 +476,7 @@ def leakage(split: Split) -> dict[Relation, Leakage]:
     has_mirror = is_in(mirrors, split.partial, split.graph.num_entities)
     tables: dict[Relation, Leakage] = {}
     for relation, name in enumerate(RELATIONS):
-        test_triples = split.triples_of("test")
-        # Half-products of chains are no facts of the game.
-        from_test = _count(test_triples[split.is_fact(test_triples)], relation)
+        from_test = _count(split.triples_of("test"), relation)
         num_evaluated = _count(evaluated, relation)
         tables[name] = Leakage(
             train=_count(split.partial, relation),
@@ -504,7 +493,7 @@ def _count(triples: Ids, relation: int) -> int:
 
 
 def _ambiguity(graph: RecipeGraph) -> Ambiguity:
-    num_results = graph.num_results
+    num_results = np.diff(graph.pair_starts)
     # Stable, so that of equally ambiguous pairs those come first that come first in the graph.
     order = np.argsort(-num_results, kind="stable")
     most_ambiguous = order[:SHOWN]
@@ -515,9 +504,8 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
         start, stop = graph.pair_starts[pair : pair + 2]
         ingredients = graph.sets[start, : graph.sizes[start]]
         result_ids = graph.sets[start:stop, -1]
-        entity_ids = result_ids[~graph.is_half_product[result_ids]]
-        examples.append(AmbiguousPair(graph.labels(ingredients), graph.labels(entity_ids)))
-    numbers, pairs = np.unique(num_results[num_results > 0], return_counts=True)
+        examples.append(AmbiguousPair(graph.labels(ingredients), graph.labels(result_ids)))
+    numbers, pairs = np.unique(num_results, return_counts=True)
     # Keys of JSON are texts.
     pairs_by_number = dict(zip(map(str, numbers), pairs.tolist(), strict=True))
     return Ambiguity(
@@ -529,10 +517,8 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
 
 def reachability(graph: RecipeGraph) -> Reachability:
     """Count the entities that can be made from the base, by rounds."""
-    is_entity = ~graph.is_half_product
     layer = layers(graph)
-    unreachable = np.flatnonzero((layer < 0) & is_entity)
-    layer = layer[is_entity]
+    unreachable = np.flatnonzero(layer < 0)
     known_counts = rounds(layer)  # round 0 is the base and no round of play
     return Reachability(
         reachable=int(np.sum(layer >= 0)),
@@ -544,19 +530,16 @@ def reachability(graph: RecipeGraph) -> Reachability:
 
 
 def degrees(graph: RecipeGraph) -> Degrees:
-    """Count how often entities are made and used; half-products of chains do not count."""
-    is_entity = ~graph.is_half_product
-    # Arrays keep an entry for each entity, so that a place stays an id; half-products count 0.
-    uses = np.where(is_entity, graph.use_counts, 0)
-    recipes = np.where(is_entity, graph.recipe_counts, 0)
+    """Count how often entities are made and used."""
+    uses = graph.use_counts
+    recipes = graph.recipe_counts
     craftable = recipes[recipes > 0]
 
     def top(counts: Ids) -> tuple[tuple[str, int], ...]:
         # Stable, so that ties are in alphabetical order.
         order = np.argsort(-counts, kind="stable")
-        first = order[is_entity[order]][:_TOP]
         pairs = []
-        for entity in first.tolist():
+        for entity in order[:_TOP].tolist():
             pairs.append((graph.entities[entity], int(counts[entity])))
         return tuple(pairs)
 
@@ -570,7 +553,7 @@ def degrees(graph: RecipeGraph) -> Degrees:
         craftable=len(craftable),
         recipes_per_craftable=Spread(mean=mean, median=median, max=int(craftable.max(initial=0))),
         terminal=int(np.sum((uses == 0) & (recipes > 0))),
-        idle=int(np.sum((uses == 0) & (recipes == 0) & is_entity)),
+        idle=int(np.sum((uses == 0) & (recipes == 0))),
         self_pairs=graph.num_self_pairs,
         most_used=top(uses),
         most_recipes=top(recipes),
@@ -606,7 +589,6 @@ def view_entity(graph: RecipeGraph, label: str) -> EntityView:
     return EntityView(
         entity=label,
         base=label in graph.base,
-        half_product=bool(graph.is_half_product[entity]),
         layer=layer if layer >= 0 else None,
         recipes=tuple(graph.recipe_labels(graph.sets[graph.recipes_of(entity)])),
         uses=tuple(graph.recipe_labels(graph.sets[graph.uses_of(entity)])),

@@ -35,7 +35,6 @@ from wordcraft_kg.graphs.book_files.reader import (
 )
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
 from wordcraft_kg.graphs.book_files.writing import csv_line
-from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.label_notes import (
     HTML_ENTITY,
     NOTHING,
@@ -213,7 +212,7 @@ def check_book(
     findings += _left_out_findings(rows)
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     findings += [_note("marks", message) for message in note_of_marks(book.entities)]
-    if makes_nothing(book.recipes):
+    if not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))
         return BookCheck(_sorted(findings), None, None, None, reading)
@@ -283,10 +282,9 @@ def _read_rows(
     Rows with a fault are left out, and counted as such.
 
     Returns:
-        The places of each recipe, without half-products of chains, and the book.
+        The places of each recipe, and the book.
     """
     lines_of: dict[Recipe, list[Place]] = {}
-    halves: dict[Recipe, None] = {}
     faults: dict[tuple[str, str], list[Fault]] = {}
     for entry in rows:
         if isinstance(entry, Fault):
@@ -294,9 +292,8 @@ def _read_rows(
             group = entry.group or _VARYING.sub("", entry.message)
             faults.setdefault((entry.kind, group), []).append(entry)
             continue
-        place, recipes = entry
-        lines_of.setdefault(recipes[-1], []).append(place)
-        halves |= dict.fromkeys(recipes[:-1])
+        place, recipe = entry
+        lines_of.setdefault(recipe, []).append(place)
     for (kind, _), alike in faults.items():
         first, *further_faults = alike
         message = first.message
@@ -309,7 +306,7 @@ def _read_rows(
     for recipe, places in lines_of.items():
         # As often as in the file: the book counts repetitions.
         every += [recipe] * len(places)
-    book = RecipeBook.of(name, [*every, *halves], listed=rows.listed)
+    book = RecipeBook.of(name, every, listed=rows.listed)
     known_labels = set(book.entities)
     base = None
     if rows.base is not None:
@@ -425,8 +422,8 @@ def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> list[int]:
 
 
 def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    """Yield findings about single labels, without half-products."""
-    for label in graph.labels(np.flatnonzero(~graph.is_half_product)):
+    """Yield findings about single labels."""
+    for label in graph.entities:
         visible = for_terminal(label)
         has_entity = "&" in label and HTML_ENTITY.search(label) is not None
         is_padded = label != label.strip()
@@ -513,8 +510,7 @@ def _unreachable(
             )
     # Entities that need one another are one finding, not one each.
     for island in sorted(nx.weakly_connected_components(needs), key=min):
-        # Half-products are no entities of the file. Each needs an ingredient outside that is one.
-        labels = _whole_labels(graph, island)
+        labels = graph.labels(sorted(island))
         subject = counted(len(labels), "entity", "entities")
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
@@ -523,17 +519,12 @@ def _unreachable(
         places_of.setdefault(recipe.result, []).extend(places)
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
         if len(circle) > 1 and _is_closed(graph, circle):
-            labels = _whole_labels(graph, circle)
+            labels = graph.labels(sorted(circle))
             message = (
                 "every recipe of these needs another of them, so none can be made first: "
                 f"{listed(labels)}"
             )
             yield _problem("cycle", message, _lines_of(places_of, labels))
-
-
-def _whole_labels(graph: RecipeGraph, ids: Iterable[int]) -> Sequence[str]:
-    """Return the labels of entities, by id, without half-products of chains."""
-    return graph.labels(sorted(id for id in ids if not graph.is_half_product[id]))
 
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
@@ -586,17 +577,16 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
 
 
 def _statistics(graph: RecipeGraph) -> BookStatistics:
-    """Return the statistics of a graph; half-products of chains and their recipes do not count."""
+    """Return the statistics of a graph."""
     reached = reachability(graph)
     counts = degrees(graph)
-    results = graph.num_results
-    num_recipes = int(np.sum(~graph.makes_half_product))
-    craftable_counts = graph.recipe_counts[(graph.recipe_counts > 0) & ~graph.is_half_product]
+    results = np.diff(graph.pair_starts)
+    craftable_counts = graph.recipe_counts[graph.recipe_counts > 0]
     (most_used, uses), *_ = counts.most_used
     return BookStatistics(
-        entities=int(np.sum(~graph.is_half_product)),
-        recipes=num_recipes,
-        pairs=int(np.sum(results > 0)),
+        entities=graph.num_entities,
+        recipes=graph.num_recipes,
+        pairs=graph.num_pairs,
         base=graph.base,
         reachable=reached.reachable,
         max_layer=reached.rounds,
@@ -607,7 +597,7 @@ def _statistics(graph: RecipeGraph) -> BookStatistics:
         pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
         pairs_with_more_results=int(np.sum(results > 3)),
         most_used=most_used,
-        most_used_share=uses / num_recipes,
+        most_used_share=uses / graph.num_recipes,
     )
 
 

@@ -28,7 +28,6 @@ from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.arrays import Ids, stacked
 from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.book_files import ReadOptions, book_json, read_book, recipe_table
-from wordcraft_kg.graphs.chains import is_half_product
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
@@ -298,7 +297,7 @@ def _read_graph(folder: Path) -> RecipeGraph:
     graph = _usual_graph(recorded)
     if graph is None:
         try:
-            # A book with kinds or half-products, or a fault, which is named. The book was
+            # A book with kinds or quantities, or a fault, which is named. The book was
             # validated when the folder was written, and may have been told to keep these. In one
             # encoding, which is no guess, as it was written.
             book = read_book(
@@ -346,8 +345,7 @@ def _usual_graph(recorded: Any) -> RecipeGraph | None:
     except msgspec.ValidationError:
         return None
     has_faults = any(label_fault(label) is not None for label in book.entities)
-    has_halves = any(map(is_half_product, book.entities))
-    if has_faults or has_halves or not {"kinds", "quantities"}.isdisjoint(recorded):
+    if has_faults or not {"kinds", "quantities"}.isdisjoint(recorded):
         return None
     id_of = {label: entity for entity, label in enumerate(book.entities)}
     labels = chain.from_iterable(book.recipes)

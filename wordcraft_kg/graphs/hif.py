@@ -19,11 +19,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.chains import MOST_IN_CHAIN
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import check_label, shown
 
 _DIRECTIONS = ("tail", "head")
+_MOST_PIECES = 1_000  # a larger weight is no count of an ingredient
 _FACTS = ("kind", "quantities")
 """Attributes of edges."""
 
@@ -203,9 +203,9 @@ def _edges(document: Mapping[str, Any], nodes: "_Nodes", where: str) -> dict[str
             lacks = "head, the result" if edge.tail else "tail, the ingredients"
             raise RecipeFileError(f"{subject} no {lacks}; a recipe needs both. Nothing was read.")
         num_ingredients = edge.tail.total()
-        if num_ingredients > MOST_IN_CHAIN:
+        if num_ingredients > _MOST_PIECES:
             raise RecipeFileError(
-                f"{subject} {num_ingredients:,} ingredients; the limit is {MOST_IN_CHAIN:,}."
+                f"{subject} {num_ingredients:,} ingredients; the limit is {_MOST_PIECES:,}."
             )
     return edges
 
@@ -285,10 +285,10 @@ def _count(incidence: Mapping[str, Any], place: str) -> int:
     weight = incidence.get("weight", 1)
     is_number = isinstance(weight, int | float) and not isinstance(weight, bool)
     # The range first: int() refuses infinity and NaN.
-    is_count = is_number and 1 <= weight <= MOST_IN_CHAIN and weight == int(weight)
+    is_count = is_number and 1 <= weight <= _MOST_PIECES and weight == int(weight)
     if not is_count:
         raise RecipeFileError(
             f"{place}: the weight of an ingredient is {shown(weight)}; expected how often it is "
-            f"needed, a whole number from 1 to {MOST_IN_CHAIN:,}."
+            f"needed, a whole number from 1 to {_MOST_PIECES:,}."
         )
     return int(weight)

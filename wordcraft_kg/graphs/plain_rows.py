@@ -11,7 +11,6 @@ from itertools import count
 
 import numpy as np
 
-from wordcraft_kg.graphs.chains import is_half_product
 from wordcraft_kg.graphs.recipes import RecipeRows
 
 _PIECE = 2**20  # characters that are parted at once; all cells of a large book would take gigabytes
@@ -53,7 +52,7 @@ def number_plain_rows(
         pieces.append(np.fromiter(numbers, np.int64, len(cells)))
     if not pieces:
         return None
-    if any(has_fault(label) or is_half_product(label) for label in number_of):
+    if any(map(has_fault, number_of)):
         return None
     # Three cells each, in file order: shape (num_rows, 3).
     ids = np.concatenate(pieces).reshape(-1, 3)

@@ -31,7 +31,6 @@ from wordcraft_kg.graphs.arrays import (
     sorted_unique,
     without_empty_columns,
 )
-from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import (
     MOST_INGREDIENTS,
@@ -258,9 +257,9 @@ class RecipeGraph:
             row = other_sizes[np.argmax(size[other_sizes])]
             (recipe,) = self.recipe_labels(self.sets[[row]])
             raise GraphError(
-                f"the recipe {recipe} has {counted(int(size[row]), 'ingredient')}; environments, "
-                "players, the planner and recipe scorers take recipes of 2 so far. Build the graph "
-                "with `ingredients` chain for these."
+                f"the recipe {recipe} has {counted(int(size[row]), 'ingredient')}; recipe scorers, "
+                "the planner and the open-ended world take recipes of 2 so far. Tasks, link "
+                "predictors and agents of `policy` attention take all."
             )
         return self.sets
 
@@ -273,32 +272,6 @@ class RecipeGraph:
     def num_recipes(self) -> int:
         """Number of recipes; an ingredient pair with two results counts twice."""
         return len(self.sets)
-
-    @cached_property
-    def is_half_product(self) -> NDArray[np.bool_]:
-        """Mark the half-products of chains, shape (num_entities,), bool.
-
-        They are no things of the game: no task has them as goal or start, no figure counts them.
-        """
-        halves = mark_half_products(self.entities)
-        halves.flags.writeable = False
-        return halves
-
-    @cached_property
-    def makes_half_product(self) -> NDArray[np.bool_]:
-        """Mark the recipes that make a half-product, shape (num_recipes,), bool."""
-        return self.is_half_product[self.sets[:, -1]]
-
-    @cached_property
-    def num_results(self) -> Ids:
-        """Number of results of each pair, without half-products, shape (num_pairs,)."""
-        is_book_recipe = ~self.makes_half_product
-        return frozen(np.bincount(self.pair_of_recipe[is_book_recipe], minlength=self.num_pairs))
-
-    @property
-    def num_half_products(self) -> int:
-        """Number of half-products."""
-        return int(np.sum(self.is_half_product))
 
     @property
     def num_pairs(self) -> int:

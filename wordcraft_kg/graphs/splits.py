@@ -236,8 +236,7 @@ class Split:
         """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
 
         Triples that train recipes give, too, are left out. For the test part, so are those of the
-        validation recipes, on which settings may have been chosen. So are triples of half-products
-        of chains, which are no facts of the game.
+        validation recipes, on which settings may have been chosen.
 
         Args:
             part: ``valid`` or ``test``.
@@ -251,22 +250,8 @@ class Split:
                 excluded_triples = np.concatenate([excluded_triples, self.triples_of("valid")])
             triples = self.triples_of(part)
             is_seen = is_in(triples, excluded_triples, self.graph.num_entities)
-            is_evaluated = ~is_seen & self.is_fact(triples)
-            self._held_out[part] = frozen(triples[is_evaluated])
+            self._held_out[part] = frozen(triples[~is_seen])
         return self._held_out[part]
-
-    def is_fact(self, triples: Ids) -> NDArray[np.bool_]:
-        """Mark triples without half-products of chains, which alone are facts of the game.
-
-        Args:
-            triples: shape (T, 3).
-
-        Returns:
-            Shape (T,), bool.
-        """
-        ends = triples[:, [0, 2]]  # head and tail, shape (T, 2)
-        has_half_product = self.graph.is_half_product[ends].any(axis=1)
-        return np.asarray(~has_half_product)
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
         """Return the part whose recipes give each triple.

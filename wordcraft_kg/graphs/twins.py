@@ -52,11 +52,9 @@ def used_and_made(graph: RecipeGraph) -> Iterator[tuple[str, tuple[str, ...]]]:
     Jam is only used, and strawberry jam is made: perhaps one of both names is meant.
     """
     labels_by_last_word = defaultdict[str, list[str]](list)
-    for label, is_made, is_half in zip(
-        graph.entities, graph.recipe_counts > 0, graph.is_half_product, strict=True
-    ):
+    for label, is_made in zip(graph.entities, graph.recipe_counts > 0, strict=True):
         _, blank, last = label.rpartition(" ")
-        if is_made and blank and not is_half:
+        if is_made and blank:
             labels_by_last_word[last].append(label)
     is_only_used = (graph.recipe_counts == 0) & (graph.use_counts > 0)
     for label in graph.labels(is_only_used.nonzero()[0]):

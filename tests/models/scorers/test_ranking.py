@@ -18,7 +18,6 @@ from small_scorers import table_scorer
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import bootstrap, interval
-from wordcraft_kg.graphs.chains import HALF
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
@@ -66,22 +65,6 @@ def test_ranks_equal_those_of_a_slow_loop(case):
     columns = [name for name in expected if name != "tops"]
     pd.testing.assert_frame_equal(found[columns], expected[columns], check_dtype=False)
     assert all(top in tops for top, tops in zip(found["top"], expected["tops"], strict=True))
-
-
-@given(rankings())
-def test_half_products_do_not_compete(case):
-    """A graph with a half-product, as its last entity, has the ranks of the graph without it."""
-    table, queries, known = case
-    size = table.shape[-1]
-    labels = (*table_scorer(table).entities, "coal + rope" + HALF)
-    # The half-product has the best score of all.
-    wide = np.full((len(RELATIONS), size + 1, size + 1), table.max() + 1)
-    wide[:, :size, :size] = table
-    inner = table_scorer(wide)
-    scorer = SimpleNamespace(entities=labels, score=inner.score)
-    pd.testing.assert_frame_equal(
-        rank_triples(scorer, queries, known), rank_triples(table_scorer(table), queries, known)
-    )
 
 
 @given(rankings())

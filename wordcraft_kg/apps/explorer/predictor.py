@@ -149,7 +149,6 @@ class Slot:
         part: shape (E,), split part of the first recipe that gives the triple, an index in
             :data:`KNOWN`; :data:`NEW` if no recipe of the book gives it.
         learned: shape (E,), True where the model was trained on the triple.
-        half_product: shape (E,), True for half-products of chains, which are no answers.
     """
 
     entity: int
@@ -158,12 +157,11 @@ class Slot:
     scores: NDArray[np.float64]
     part: NDArray[np.int64]
     learned: NDArray[np.bool_]
-    half_product: NDArray[np.bool_]
 
     @property
     def competes(self) -> NDArray[np.bool_]:
         """Mark entities without a true link, which compete with each answer, shape (E,)."""
-        return (self.part == NEW) & ~self.half_product
+        return self.part == NEW
 
     def triples(self, entities: Ids) -> Ids:
         """Return the triples with these entities as answers, shape (n, 3)."""
@@ -302,7 +300,6 @@ class LinkPredictor:
             scores=scores,
             part=part,
             learned=learned,
-            half_product=self.graph.is_half_product,
         )
 
     def ranked(self, slot: Slot, entity: int) -> RankedLink:
@@ -339,15 +336,13 @@ class LinkPredictor:
             both lists; equal scores are in the order of ids.
         """
         order = np.argsort(-slot.scores, kind="stable")
-        order = order[~slot.half_product[order]]
         if slot.relation == COMPONENT_OF and not self.graph.has_self_results:
             # Books drop recipes that make their ingredient.
             order = order[order != slot.entity]
         listed = order if with_learned else order[~slot.learned[order]]
         positions = np.zeros(len(slot.scores), dtype=np.int64)
         positions[listed] = np.arange(1, len(listed) + 1)
-        is_true = (slot.part != NEW) & ~slot.half_product
-        unlearned = np.flatnonzero(is_true & ~slot.learned)
+        unlearned = np.flatnonzero((slot.part != NEW) & ~slot.learned)
         nearest = unlearned[np.argsort(slot.ranks(unlearned), kind="stable")]
         given_label = self.graph.entities[slot.entity]
         return PredictedSlot(
@@ -358,7 +353,7 @@ class LinkPredictor:
             best=tuple(self._predicted(slot, listed[:top], positions, witnesses)),
             truth=tuple(self._predicted(slot, nearest[:truth], positions, 0)),
             true_unlearned=len(unlearned),
-            true_learned=int((slot.learned & is_true).sum()),
+            true_learned=int((slot.learned & (slot.part != NEW)).sum()),
         )
 
     def _predicted(

@@ -12,7 +12,6 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.base.wording import for_html
-from wordcraft_kg.graphs.chains import is_half_product
 from wordcraft_kg.reports.agent_report import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 
@@ -105,9 +104,7 @@ class Site:
             # The chosen model stays chosen on the pages that follow.
             model = getattr(state, "model", "")
             settings = {"model": model} if model else {}
-            anchor = _anchor(link("entity", entity=label, **settings), label)
-            # A step of a recipe of three or more ingredients is no thing of the game.
-            return anchor + _HALF_PRODUCT if is_half_product(label) else anchor
+            return _anchor(link("entity", entity=label, **settings), label)
 
         shown = {
             "site": self,
@@ -125,9 +122,6 @@ class Site:
         }
         environment = _environment(HOME.package if page is None else page.package)
         return environment.get_template(template).render(**shown, **functions, **values)
-
-
-_HALF_PRODUCT = Markup(' <span class="tag plain">half-product</span>')
 
 
 def _anchor(address: str, text: str) -> Markup:

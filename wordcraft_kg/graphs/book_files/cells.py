@@ -19,7 +19,6 @@ from msgspec.structs import replace
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, LeftOut, Raw, Row, fault_at
 from wordcraft_kg.graphs.book_files.words import is_documented, name_rank, names_thing
-from wordcraft_kg.graphs.chains import is_half_product
 from wordcraft_kg.graphs.label_notes import count_in, is_missing
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import label_fault, shown
@@ -299,7 +298,7 @@ def cell_fault(text: str) -> str | None:
             f"{text!r} may be a missing value or a label. Leave the cell empty; if it is a "
             f"label, write a table with the columns {_OWN_NAMES}."
         )
-    if " + " in text and not is_half_product(text):
+    if " + " in text:
         return (
             f"{text[:80]!r} may be several things or one. {OWN_COLUMNS} As one label, it needs a "
             f"table with the columns {_OWN_NAMES} alone."

@@ -51,7 +51,6 @@ from wordcraft_kg.graphs.book_files.texts import (
     read_lines,
     read_table,
 )
-from wordcraft_kg.graphs.chains import HALF, MOST_IN_CHAIN, chain, is_step, makes_nothing
 from wordcraft_kg.graphs.label_notes import notes_about
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import (
@@ -64,7 +63,6 @@ from wordcraft_kg.graphs.recipes import (
 )
 
 CASES = ("keep", "fold")
-INGREDIENTS = ("sets", "chain")
 _JSON_ENDINGS = (".json", ".jsonl", ".ndjson", ".ic")
 _TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]?", re.IGNORECASE)
 """A row of totals at the end of a table, which is no recipe of one ingredient."""
@@ -86,7 +84,6 @@ class ReadOptions(TypedDict, total=False):
         delimiter: column delimiter.
         encoding: encoding of the text.
         case: ``keep`` or ``fold``.
-        ingredients: ``sets`` or ``chain``.
     """
 
     single_ingredient: str | None
@@ -94,7 +91,6 @@ class ReadOptions(TypedDict, total=False):
     delimiter: str | None
     encoding: str | None
     case: str
-    ingredients: str
 
 
 @dataclass(frozen=True)
@@ -105,15 +101,13 @@ class BookOptions:
         single_ingredient: second ingredient for recipes of one: ``self`` repeats the ingredient,
             ``alone`` adds none, another text names a second one, such as furnace. None adds none in
             a book of larger sets and refuses such recipes in a book of pairs, where a cell may be
-            missing; it repeats the ingredient if ``ingredients`` is chain.
+            missing.
         columns: names, or numbers from 1, of the columns of ingredients and, last, of the result;
             in JSON paths such as ``recipes[].out.name``; None for documented words.
         delimiter: column delimiter, a character or comma, semicolon, tab, pipe, space; None to
             guess.
         encoding: encoding of the text; None for UTF-8, or that of a byte order mark.
         case: ``keep``, or ``fold`` for labels in lower case.
-        ingredients: ``sets`` keeps recipes of one to eight ingredients, ``chain`` makes those of
-            three and more chains of half-products, see :mod:`~wordcraft_kg.graphs.chains`.
 
     Raises:
         ConfigError: for a value outside of these.
@@ -125,11 +119,9 @@ class BookOptions:
     delimiter: str | None = None
     encoding: str | None = None
     case: str = "keep"
-    ingredients: str = "sets"
 
     def __post_init__(self) -> None:
         one_of("case", self.case, CASES)
-        one_of("ingredients", self.ingredients, INGREDIENTS)
         check_encoding(self.encoding)
         if isinstance(self.columns, str):
             raise ConfigError(f"`columns` {self.columns!r}: expected a list of names or numbers.")
@@ -183,11 +175,9 @@ def read_book(
     )
     entities = book.entities
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, entities)
-    if makes_nothing(book.recipes):
+    if not book.recipes:
         left_out = [f"{number:,} {reason}" for reason, number in reading.left_out.items()]
-        reason_text = "half-products only" if book.recipes else "no rows"
-        if left_out:
-            reason_text = ", ".join(left_out)
+        reason_text = ", ".join(left_out) or "no rows"
         raise RecipeFileError(
             f"{path} has no recipe to keep (read as {reading.shape}; {reason_text}). See {GUIDE}."
         )
@@ -207,7 +197,7 @@ def _without_faults(path: Path, rows: "BookRows") -> Iterator[Recipe]:
         if isinstance(entry, Fault):
             line = f", line {entry.place}" if isinstance(entry.place, int) else ""
             raise RecipeFileError(f"{path}{line}: {entry.message}")
-        yield from entry[1]
+        yield entry[1]
 
 
 def open_rows(path: Path, options: BookOptions) -> "BookRows":
@@ -326,8 +316,6 @@ class BookRows:
         self.rows = 0
         self.left_out: defaultdict[str, list[Place]] = defaultdict(list)
         self.arities: Counter[int] = Counter()
-        self._counts_dropped = 0
-        self._halves: set[Recipe] = set()
 
     def all_at_once(self) -> RecipeRows | None:
         """Return the recipes of all rows, if they are nothing but plain pairs; None to iterate.
@@ -335,7 +323,7 @@ class BookRows:
         Rows are counted as by an iteration.
         """
         numbered = self.source.numbered
-        if numbered is None or self.options.case == "fold" or self.options.ingredients == "chain":
+        if numbered is None or self.options.case == "fold":
             return None
         self.rows += len(numbered)
         self.arities[2] += len(numbered)
@@ -374,13 +362,10 @@ class BookRows:
         share = share_of_reused((row.ingredients, row.result) for row in self.whole)
         return is_line or (share > LEAST_REUSED and len(self.whole) > 1 and not is_remark)
 
-    def __iter__(self) -> Iterator[tuple[Place, list[Recipe]] | Fault]:
-        """Yield each row's place and recipes, the row's own recipe last, and faults.
-
-        A chain is several recipes; its first ones make half-products.
-        """
+    def __iter__(self) -> Iterator[tuple[Place, Recipe] | Fault]:
+        """Yield each row's place and recipe, and faults."""
         for entry in self.source.entries:
-            parsed_row = self._recipes(entry) if isinstance(entry, Row) else entry
+            parsed_row = self._recipe(entry) if isinstance(entry, Row) else entry
             # A directive is no row, and what it declares is no recipe.
             self.rows += not (isinstance(entry, Fault) and entry.kind == "directive")
             if isinstance(parsed_row, LeftOut):
@@ -390,32 +375,23 @@ class BookRows:
             else:
                 yield entry.place, parsed_row
 
-    def _recipes(self, row: Row) -> list[Recipe] | Fault | LeftOut:
-        """Return a row's recipes or its fault, or why it is left out."""
+    def _recipe(self, row: Row) -> Recipe | Fault | LeftOut:
+        """Return a row's recipe or its fault, or why it is left out."""
         place, ingredients, result, kind, quantities = row
         self.arities[len(ingredients)] += 1
         if self.options.case == "fold":
             ingredients = [label.lower() for label in ingredients]
             result = result.lower()
-        recipes: list[Recipe] | Fault | LeftOut
         if len(ingredients) == 2:
-            recipes = [Recipe(ingredients, result)]
-        elif len(ingredients) > 2 and self.options.ingredients == "chain":
-            recipes = self._chained(place, ingredients, result)
+            recipe: Recipe | Fault | LeftOut = Recipe(ingredients, result)
         else:
-            recipes = self._set(place, ingredients, result)
-        if result.endswith(HALF) and isinstance(recipes, list) and not is_step(recipes[-1]):
-            message = (
-                f"the label {result[:80]!r} ends like a half-product, in{HALF!r}, and is not that "
-                f"of {' and '.join(map(repr, ingredients))[:160]}; rename it."
-            )
-            return fault_at(place, "label", message)
-        if kind and isinstance(recipes, list):
-            first_kind = self.kinds.setdefault(recipes[-1], kind)
+            recipe = self._set(place, ingredients, result)
+        if kind and isinstance(recipe, Recipe):
+            first_kind = self.kinds.setdefault(recipe, kind)
             if first_kind != kind:
-                message = f"{recipes[-1]} has the kind '{kind}' here, and '{first_kind}' above."
+                message = f"{recipe} has the kind '{kind}' here, and '{first_kind}' above."
                 return fault_at(place, "row", message)
-        if quantities and isinstance(recipes, list):
+        if quantities and isinstance(recipe, Recipe):
             numbers = quantities.split()
             if len(numbers) != len(ingredients) or not all(map(is_number, numbers)):
                 number = counted(len(ingredients), "ingredient")
@@ -423,8 +399,8 @@ class BookRows:
                 return fault_at(place, "row", message, "quantities")
             # In the order of the recipe's ingredients; of a recipe that is repeated, the first.
             in_order = [number for _, number in sorted(zip(ingredients, numbers, strict=True))]
-            self.quantities.setdefault(recipes[-1], " ".join(in_order))
-        return recipes
+            self.quantities.setdefault(recipe, " ".join(in_order))
+        return recipe
 
     @cached_property
     def _has_sets(self) -> bool:
@@ -433,10 +409,10 @@ class BookRows:
 
     def _set(
         self, place: Place, ingredients: Sequence[str], result: str
-    ) -> list[Recipe] | Fault | LeftOut:
+    ) -> Recipe | Fault | LeftOut:
         """Return the recipe of a row's ingredients, each as often as it is there."""
         if 1 < len(ingredients) <= MOST_INGREDIENTS:
-            return [Recipe(ingredients, result)]
+            return Recipe(ingredients, result)
         if len(ingredients) > MOST_INGREDIENTS:
             return LeftOut(place, _TOO_MANY)
         (label,) = ingredients
@@ -444,8 +420,6 @@ class BookRows:
             message = f"'{label}' alone is rather a total than an ingredient; remove it."
             return fault_at(place, "row", message, "total")
         single = self.options.single_ingredient
-        if single is None and self.options.ingredients == "chain":
-            single = _SELF
         if single is None and not self._has_sets:
             remedy = _COLUMNS
             if self._hangs_together:
@@ -457,37 +431,7 @@ class BookRows:
             message = f"'{label}' is the only ingredient, in a book of pairs. {remedy}"
             return fault_at(place, "label", message)
         second = {None: (), _ALONE: (), _SELF: (label,)}.get(single, (single,))
-        return [Recipe((label, *second), result)]
-
-    def _chained(
-        self, place: Place, ingredients: Sequence[str], result: str
-    ) -> list[Recipe] | Fault | LeftOut:
-        """Return a chain without the half-products of earlier rows, which are no repetition."""
-        if len(ingredients) > MOST_IN_CHAIN:
-            number = f"{len(ingredients):,} ingredients of '{result[:80]}'"
-            message = f"{number}; the limit is {MOST_IN_CHAIN:,}."
-            return fault_at(place, "row", message, "many ingredients")
-        repeated = ingredients
-        ingredients = list(dict.fromkeys(repeated))
-        self._counts_dropped += len(repeated) - len(ingredients)
-        if len(ingredients) == 1:
-            # Several pieces of one thing.
-            return [Recipe(2 * ingredients, result)]
-        if result in ingredients:
-            # As a whole, like a pair that makes one of its ingredients; never as part of a chain.
-            return LeftOut(place, SELF_RESULT)
-        marked = next((label for label in (*ingredients, result) if " + " in label), None)
-        if marked is not None and len(ingredients) > 2:
-            message = f"the label {marked[:80]!r} looks like a half-product; rename its ' + '."
-            return fault_at(place, "label", message)
-        *halves, last = chain(ingredients, result)
-        too_long = label_fault(halves[-1].result) if halves else None
-        if too_long is not None:
-            message = f"the half-product of {len(ingredients) - 1:,} ingredients has {too_long}"
-            return fault_at(place, "label", message, "long half-product")
-        new = [half for half in halves if half not in self._halves]
-        self._halves.update(new)
-        return [*new, last]
+        return Recipe((label, *second), result)
 
     def with_facts(self, book: RecipeBook) -> RecipeBook:
         """Return a book with the kinds and quantities of those rows that became its recipes."""
@@ -528,7 +472,6 @@ class BookRows:
             kept=self.rows - left_out.total(),
             left_out={reason: number for reason, number in left_out.items() if number},
             arities={str(arity): self.arities[arity] for arity in sorted(self.arities)},
-            counts_dropped=reading.counts_dropped + self._counts_dropped,
             notes=(*reading.notes, *notes_about(labels)),
         )
 

@@ -19,7 +19,6 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
@@ -96,9 +95,8 @@ def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
     """Rank each triple's true head and true tail among all entities.
 
-    Half-products of chains are no things of the game, and do not compete. Filtered: further true
-    answers in ``known`` do not compete. Ties get the realistic rank (mean of best and worst), so a
-    constant scorer ranks like chance.
+    Filtered: further true answers in ``known`` do not compete. Ties get the realistic rank (mean of
+    best and worst), so a constant scorer ranks like chance.
 
     Args:
         scorer: scorer for the graph that the ids belong to.
@@ -163,7 +161,6 @@ def _rank_batch(
 ) -> pd.DataFrame:
     """Rank true answers to a block of B queries; known answers are cells of the (B, E) scores."""
     everything = torch.arange(len(scorer.entities))[None, :]
-    halves = torch.from_numpy(mark_half_products(scorer.entities))
     # Shape (B, 1) each, against which all entities broadcast.
     head, relation, tail = torch.from_numpy(batch.T[:, :, None].copy())
     query = (head, relation, everything) if side == "tail" else (everything, relation, tail)
@@ -179,9 +176,6 @@ def _rank_batch(
     true_scores = scores[index, target]
     # Shape (B, 1), to compare with each row.
     true = true_scores[:, None]
-    # Below every score, so that a half-product is neither better than the answer nor equal to it.
-    scores[:, halves] = -torch.inf
-    scores[index, target] = true_scores
     # Unfiltered; the true entity is equal to itself, so (1 + equal) / 2 counts it once.
     all_better = _count(scores > true)
     all_equal = _count(scores == true)

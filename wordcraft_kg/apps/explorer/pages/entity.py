@@ -104,7 +104,6 @@ class EntityProfile(Record):
     Attributes:
         entity: label.
         base: whether the entity is a base entity.
-        half_product: whether it is a half-product of a chain, no thing of the game.
         layer: crafting layer, 0 for the base; None if the entity cannot be made.
         crafts: number of crafts in the cheapest derivation; None if the entity cannot be made.
         made_by: some of the recipes that make the entity.
@@ -119,7 +118,6 @@ class EntityProfile(Record):
 
     entity: str
     base: bool
-    half_product: bool
     layer: Count | None
     crafts: Count | None
     made_by: EntityRecipes
@@ -168,7 +166,6 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
     return EntityProfile(
         entity=label,
         base=bool((graph.base_ids == entity).any()),
-        half_product=bool(graph.is_half_product[entity]),
         layer=layer if is_reachable else None,
         crafts=len(explored.planner().derivation(entity).steps) if is_reachable else None,
         made_by=_recipes(split, RecipesState(label, "makes"), LISTED),

@@ -45,7 +45,7 @@ class Overview(Record):
     Attributes:
         graph: name of the graph.
         hash: content hash of the graph.
-        entities: number of entities, without half-products of chains.
+        entities: number of entities.
         recipes: number of recipes.
         base: labels of the base entities.
         reachable: number of entities that can be made from the base, which is included.
@@ -74,23 +74,20 @@ class Overview(Record):
 def _view(explored: Explored, _: HomeState) -> Overview:
     graph = explored.opened.graph
     layer = layers(graph)
-    # Half-products of chains are no things of the game.
-    is_entity = ~graph.is_half_product
 
     def first(keys: np.ndarray) -> tuple[str, ...]:
         # Only positive keys: unused entities, the base (layer 0) and unreachable entities (-1) are
         # no examples.
-        keys = np.where(is_entity, keys, 0)
         order = np.argsort(-keys, kind="stable")
         return graph.labels(order[keys[order] > 0][:EXAMPLES].tolist())
 
     return Overview(
         graph=graph.name,
         hash=graph.hash,
-        entities=int(is_entity.sum()),
-        recipes=int((~graph.makes_half_product).sum()),
+        entities=graph.num_entities,
+        recipes=graph.num_recipes,
         base=graph.base,
-        reachable=int(((layer >= 0) & is_entity).sum()),
+        reachable=int((layer >= 0).sum()),
         layers=max(int(layer.max(initial=0)), 0),
         split=split_summary(explored.opened.split),
         most_used=first(graph.use_counts),

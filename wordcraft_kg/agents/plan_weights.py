@@ -36,7 +36,7 @@ _RIDGE = 1e-3
 """Weight of squared distances to the planner's weights, for each table."""
 _ROUNDS = 60
 """Most steps of the optimiser; it is done after 20 to 40."""
-_Results = Mapping[tuple[int, int], Sequence[int]]
+_Results = Mapping[tuple[int, ...], Sequence[int]]
 
 
 def planner_weights() -> Tensor:

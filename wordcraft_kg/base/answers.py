@@ -37,6 +37,7 @@ from wordcraft_kg.base.labels import (
     index_of,
     last_line,
     places_named,
+    read_label,
     read_pair,
 )
 
@@ -93,6 +94,8 @@ _NAMED_LINE = re.compile(
     r"^[ \t*_>#-]*([A-Za-z][\w ]{0,20}?)[\s*_`]*[:=][\s*_`]*(\S.{0,300}?)[\s,]*$", re.M
 )
 _LINE_MARKS = " \t*•+-"
+_VERB = re.compile(r"^(?:i\s+)?(?:combine|mix|try|answer)\b[\s:]*", re.IGNORECASE)
+_SEPARATOR = re.compile(r"\s*[&,;]\s*(?:and\s+)?|\s+(?:and|with|plus|then)\s+", re.IGNORECASE)
 _BOXED = re.compile(r"\\boxed\s*\{")
 _LATEX_TEXT = re.compile(r"\\(?:text|textbf|textit|mathrm|mathbf|mbox)\s*\{([^{}]*)\}")
 _LATEX_MARK = re.compile(r"\\[()\[\], ]|\\q?quad\b|\$")
@@ -162,6 +165,42 @@ def read_answer(message: str, labels: Sequence[str]) -> Pair:
         if pair is None:
             raise
         return pair
+
+
+def read_set(message: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
+    r"""Return the places of the items that a message names, with repetitions, in written order.
+
+    The last line counts, or a marked answer in it, as in :func:`read_answer`: items with ``+``
+    between them, or else with commas or ``and``. A result behind an arrow or equals sign is left
+    out.
+
+    Args:
+        message: text with any number of lines.
+        labels: distinct labels of the items on the table, in the order of their numbers.
+        most: most items of a set.
+
+    Raises:
+        ActionError: if there is no item or more than ``most``, or a text between two signs names
+            no item.
+
+    Example:
+        >>> read_set("So:\n2 + doctor + 2 = number", ["orchard", "doctor", "number"], 8)
+        (1, 1, 1)
+    """
+    line = answer_line(message, labels)
+    for text in _marked(line):
+        line = _without_latex(text)
+    line = _MADE.sub("", _VERB.sub("", line)).strip(_LINE_MARKS + ".`")
+    # A label may hold a sign, so the whole line is read first.
+    places = [index_of(tuple(labels)).find(line)] if line else []
+    if places == [None]:
+        parts = line.split("+") if "+" in line else _SEPARATOR.split(line)
+        places = [read_label(part, labels) for part in parts]
+    if not 0 < len(places) <= most:
+        raise ActionError(
+            f"{len(places)} items: expected 1 to {most}, such as '{labels[0]} + {labels[-1]}'."
+        )
+    return tuple(place for place in places if place is not None)
 
 
 def answer_line(message: str, labels: Sequence[str]) -> str:

@@ -318,7 +318,8 @@ class BatchEngine:
         self.arrays = arrays_of(device)
         keeps_last = self.config.ambiguity == "last"
         # Shared, because a loop over single environments has an engine for each.
-        self.pairs = world.shared(
+        # One of two look-ups, by two ids or by rows of ids.
+        self.pairs: Any = world.shared(
             ("pairs", keeps_last, device),
             lambda: (Sets if world.has_combine else Pairs)(
                 world.graph, world.usable, self.arrays, keeps_last=keeps_last

@@ -68,16 +68,34 @@ PROMPTS = {
     "no_look_ups": "You have no look-ups left. Combine two items.",
 }
 """The prompt template: all texts for players, except errors and tool descriptions."""
+SET_PROMPTS = {
+    **PROMPTS,
+    "rules": (
+        "This is a crafting game. In each attempt, you combine items, from one to {most} of them; "
+        "an item that is needed twice is written twice. "
+        "Any item you make becomes available, and ingredients are never used up. "
+        "Most combinations make nothing."
+    ),
+    "answer": (
+        "Choose the listed items to combine, by name or number, and write them with plus signs "
+        'between them. For example, "water + earth + fire" combines these three. '
+        "Only listed items can be combined. "
+        "You may reason first, but only the last line of your answer counts."
+    ),
+    "no_look_ups": "You have no look-ups left. Combine items.",
+}
+"""The template where recipes have other sizes than two."""
 
 
-def prompt_hash() -> str:
-    """Return the SHA-256 of the prompt template, in hexadecimal."""
-    return hashlib.sha256(json.dumps(PROMPTS, sort_keys=True).encode()).hexdigest()
+def prompt_hash(*, sets: bool = False) -> str:
+    """Return the SHA-256 of the prompt template, in hexadecimal; with ``sets`` of the other one."""
+    texts = SET_PROMPTS if sets else PROMPTS
+    return hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()
 
 
-def prompt_text(name: str, **values: object) -> str:
-    """Return the text named ``name`` in :data:`PROMPTS`, filled with values."""
-    return PROMPTS[name].format(**values)
+def prompt_text(name: str, *, sets: bool = False, **values: object) -> str:
+    """Return a text of :data:`PROMPTS`, or with ``sets`` of :data:`SET_PROMPTS`, with values."""
+    return (SET_PROMPTS if sets else PROMPTS)[name].format(**values)
 
 
 def numbered(labels: Iterable[str]) -> str:
@@ -98,17 +116,14 @@ def combined(
     """Return an attempt as one text, such as ``water + earth -> mud``.
 
     Args:
-        pair: labels of the two combined entities, in the order of the player.
+        pair: labels of the combined entities, two or more, or one, in the order of the player.
         results: labels of the results.
         otherwise: text in place of results if there are none.
     """
-    first, second = pair
-    return prompt_text(
-        "made",
-        first=first,
-        second=second,
-        made=", ".join(results) or otherwise,
-    )
+    *firsts, last = pair
+    made = ", ".join(results) or otherwise
+    text = prompt_text("made", first=" + ".join(firsts), second=last, made=made)
+    return text if firsts else text.removeprefix(" + ")
 
 
 def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]:
@@ -136,4 +151,4 @@ def results_of(env: WordCraftEnv, *ingredients: Entity) -> tuple[str, ...]:
 
 def characters(graph: RecipeGraph) -> frozenset[str]:
     """Return all characters that prompts about a graph may contain, for a space of texts."""
-    return frozenset("0123456789").union(*PROMPTS.values(), *graph.entities)
+    return frozenset("0123456789").union(*SET_PROMPTS.values(), *PROMPTS.values(), *graph.entities)

@@ -275,7 +275,7 @@ class TableGame(Record):
     depth: Count
     goal: str
     table: tuple[str, ...]
-    pairs: tuple[tuple[str, str] | None, ...]
+    pairs: tuple[tuple[str, ...] | None, ...]
     success: bool
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track
-from wordcraft_kg.apps.text_agents.games import Pair
+from wordcraft_kg.apps.text_agents.games import Picks
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import (
@@ -151,7 +151,7 @@ def decisions(track: Track, player: "Player") -> list[GameRecord]:
 
 def decided_pairs(
     world: World, tasks: Sequence[int], tables: Ids, player: "Player", rng: np.random.Generator
-) -> list[list[Pair | None]]:
+) -> list[list[Picks | None]]:
     """Return the pairs that a scripted player or policy combines in N tasks, played together.
 
     Args:
@@ -165,23 +165,20 @@ def decided_pairs(
         For each task the labels of the pairs in turn; None for a pair with an empty slot, which is
         a lost attempt.
     """
-    size = len(tasks)
-    engine = BatchEngine(world, size)
+    engine = BatchEngine(world, len(tasks))
     state = engine.pose(np.array(tasks), tables=tables)
-    rows = np.arange(size)
-    pairs: list[list[Pair | None]] = [[] for _ in rows]
-    # `world.nothing` is the number of entities, so its label is the last one: None.
-    labels = (*world.graph.entities, None)
+    pairs: list[list[Picks | None]] = [[] for _ in tasks]
     while (running := state.attempts_left > 0).any():
         slots = player(state, rng)
-        first = state.selection
-        second = state.table[rows, slots]
-        # Where nothing is selected yet, this action is the first half of an attempt.
-        for row in np.flatnonzero(running & (first != engine.nothing)).tolist():
-            first_label = labels[first[row]]
-            second_label = labels[second[row]]
-            pairs[row].append((first_label, second_label) if first_label and second_label else None)
-        state, _ = engine.step_once(state, slots)
+        before = state
+        state, _ = engine.step_once(before, slots)
+        # An attempt is over where the selection has gone; an empty slot loses it.
+        is_attempt = running & before.has_selection() & ~state.has_selection()
+        picks = before.picked(slots)
+        is_lost = ~before.action_masks()[engine.rows, slots]
+        for row in np.flatnonzero(is_attempt).tolist():
+            ids = picks[row][picks[row] != engine.nothing]
+            pairs[row].append(None if is_lost[row] else world.graph.labels(ids))
     return pairs
 
 
@@ -191,7 +188,7 @@ def discoveries(track: Track, player: Discoverer) -> list[GameRecord]:
     games = []
     for number, order in enumerate(track.frozen.orders):
         world = Discovery(graph)
-        pairs: list[Pair | None] = []
+        pairs: list[Picks | None] = []
         # A generator for each game: a change in one game leaves the others as they were.
         player.begin(order, np.random.default_rng([EVALUATION_SEED, number]))
         while len(pairs) < track.frozen.attempts and not world.is_complete:

@@ -19,7 +19,7 @@ import numpy as np
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import decided_pairs
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
-from wordcraft_kg.apps.text_agents.games import Pair, TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import name_of, tool_opening
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.base.artefacts import json_text, staged_file, write_atomically
@@ -69,6 +69,30 @@ COMBINE: dict[str, Any] = {
     },
 }
 """The tool's schema, as transformers makes it of ``CraftingEnvironment.combine``."""
+COMBINE_SET: dict[str, Any] = {
+    "type": "function",
+    "function": {
+        "name": "combine",
+        "description": "Combine items on the table. This takes an attempt.",
+        "parameters": {
+            "type": "object",
+            "properties": {
+                "items": {
+                    "type": "array",
+                    "items": {"type": "string"},
+                    "description": "names or numbers of items on the table, each as often as it is "
+                    "needed.",
+                },
+            },
+            "required": ["items"],
+        },
+        "return": {
+            "type": "string",
+            "description": "What the items make, and the new state of the game.",
+        },
+    },
+}
+"""The same of ``SetCraftingEnvironment.combine``."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +186,8 @@ def chat_rows(
                 digests.add(digest)
                 counts.written += 1
                 counts.by_depth[play.settings.depth or 0] += 1
-                tools = {"tools": [COMBINE]} if settings.style == "tools" else {}
+                schema = COMBINE_SET if game.most_picks else COMBINE
+                tools = {"tools": [schema]} if settings.style == "tools" else {}
                 yield {
                     "id": name_of(play, game.task, game.distractor_seed),
                     "messages": messages,
@@ -178,7 +203,7 @@ def chat_rows(
 
 def _played(
     play: Play, player: "Player", settings: ChatSettings, rng: np.random.Generator
-) -> Iterator[tuple[Conversation, Sequence[Pair | None]]]:
+) -> Iterator[tuple[Conversation, Sequence[Picks | None]]]:
     """Yield each game's conversation at its beginning, and the player's pairs."""
     assert isinstance(play.games, TaskGames)
     world = play.games.world
@@ -198,7 +223,7 @@ def _played(
         yield from zip(talks, pairs, strict=True)
 
 
-def _said(talk: Conversation, pairs: Sequence[Pair | None], style: Style) -> list[dict[str, Any]]:
+def _said(talk: Conversation, pairs: Sequence[Picks | None], style: Style) -> list[dict[str, Any]]:
     """Play a game again in words; return all messages."""
     if style == "tools":
         messages: list[dict[str, Any]] = [{"role": "user", "content": tool_opening(talk)}]
@@ -212,16 +237,18 @@ def _said(talk: Conversation, pairs: Sequence[Pair | None], style: Style) -> lis
         if pair is None:
             talk.game.lose_attempt()
             continue
-        first, second = pair
         if style == "text":
-            messages.append({"role": "assistant", "content": f"{first} + {second}"})
-            messages.append({"role": "user", "content": talk.hear(f"{first} + {second}")})
+            answer = " + ".join(pair)
+            messages.append({"role": "assistant", "content": answer})
+            messages.append({"role": "user", "content": talk.hear(answer)})
             continue
-        arguments = {"first": first, "second": second}
+        arguments: dict[str, Any] = {"items": list(pair)}
+        if not talk.game.most_picks:
+            arguments = dict(zip(("first", "second"), pair, strict=True))
         call = {"type": "function", "function": {"name": "combine", "arguments": arguments}}
         # Without a content, data sets fill in None, which chat templates may print.
         messages.append({"role": "assistant", "content": "", "tool_calls": [call]})
-        reply = talk.combine(first, second)
+        reply = talk.combine(*pair)
         messages.append({"role": "tool", "name": "combine", "content": reply})
     if style == "tools":
         messages.append({"role": "assistant", "content": CLOSING})

@@ -6,11 +6,12 @@ OpenEnv, TRL, Gymnasium or Inspect.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGame, TaskGames
@@ -22,7 +23,7 @@ from wordcraft_kg.apps.text_agents.settings import (
     EvaluationSettings,
     GameSettings,
 )
-from wordcraft_kg.base.answers import answer_line, read_answer
+from wordcraft_kg.base.answers import answer_line, read_answer, read_set
 from wordcraft_kg.base.errors import ActionError, EpisodeError, GraphMismatchError, LeakError
 from wordcraft_kg.base.labels import read_label
 from wordcraft_kg.base.wording import counted
@@ -81,8 +82,9 @@ def hidden_pairs(game: Game) -> set[int]:
     usable = game.world.usable
     goal_rows = graph.recipes_of(game.goal)
     goal_rows = goal_rows[usable[goal_rows]]
-    # Rounds of crafting until an ingredient can be at hand; -1 if it never can. Shape (R, 2).
-    rounds = layers(graph, game.start, usable)[graph.recipes[goal_rows, :2]]
+    # Rounds of crafting until an ingredient can be at hand; -1 if it never can. Shape (R, S).
+    # The padding of smaller sets is always at hand.
+    rounds = np.append(layers(graph, game.start, usable), 0)[graph.sets[goal_rows, :-1]]
     in_time = ((rounds >= 0) & (rounds < game.attempts)).all(axis=1)
     rows = goal_rows[in_time].tolist()
     for plan in game.tasks.plans[game.task]:
@@ -110,11 +112,11 @@ class PartialGraphKnowledge(Knowledge):
         at_hand = {graph.id_of(label) for label in game.labels}
 
         def rank(row: int) -> tuple[int, int]:
-            first, second, result = graph.recipes[row].tolist()
-            partner = second if first == entity else first
+            *ingredients, result = graph.sets[row].tolist()
+            partners = {*ingredients} - {entity, graph.num_entities} or {entity}
             if result == entity:
                 relevance = 0
-            elif partner in at_hand:
+            elif partners <= at_hand:
                 relevance = 1
             else:
                 relevance = 2
@@ -126,8 +128,8 @@ class PartialGraphKnowledge(Knowledge):
             row for row in rows if self._is_known[row] and graph.pair_of_recipe[row] not in hidden
         ]
         ranked = sorted(visible, key=rank)
-        labels = graph.recipe_labels(graph.recipes[ranked[:_MOST_FACTS]])
-        facts = [combined((first, second), (result,)) for first, second, result in labels]
+        recipes = graph.recipe_labels(graph.sets[ranked[:_MOST_FACTS]])
+        facts = [combined(recipe.ingredients, (recipe.result,)) for recipe in recipes]
         if len(ranked) > _MOST_FACTS:
             rest_text = counted(len(ranked) - _MOST_FACTS, "more recipe")
             facts.append(prompt_text("more_recipes", more=rest_text))
@@ -258,6 +260,8 @@ def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | N
 
 LONGEST_ITEM = 1_000
 """Characters of an item that are read: more than the longest label."""
+MOST_ITEMS = 100
+"""Items of a set that are read: more than the largest recipe has."""
 MOST_CHARACTERS = 200_000
 """Noted characters of a game by tools: a thousand games stay below about 200 MiB."""
 # Language models write "look up", "look-up" and "lookup", with and without a colon.
@@ -268,9 +272,9 @@ class Conversation:
     """A game played in text: an opening prompt, and a reply to each message by the player.
 
     Two labels in a message are an attempt to combine the entities, read by
-    :func:`~wordcraft_kg.base.answers.read_answer`; a last line with ``look up`` and a label is a
-    request for facts. An invalid message costs nothing, but after ``max_invalid`` in a row the next
-    costs an attempt, so every conversation ends.
+    :func:`~wordcraft_kg.base.answers.read_answer` (larger sets by ``read_set``); a last line with
+    ``look up`` and a label is a request for facts. An invalid message costs nothing, but after
+    ``max_invalid`` in a row the next costs an attempt, so every conversation ends.
 
     Tools act by :meth:`combine` and :meth:`look_up_item`, with replies as for messages. A server
     whose tools reject invalid input uses :meth:`attempt` and :meth:`consult`: rejected calls cost
@@ -335,7 +339,7 @@ class Conversation:
     @property
     def rules(self) -> str:
         """Text with the game's rules, the answer format and any offer of look-ups."""
-        parts = [self.game.rules, prompt_text("answer")]
+        parts = [self.game.rules, self.game.text("answer")]
         if self.offers_look_ups:
             parts.append(prompt_text("look_up", look_ups=counted(self.offers_look_ups, "look-up")))
         return "\n".join(parts)
@@ -368,8 +372,8 @@ class Conversation:
         """
         return self._answer(message, lambda: self._act(message))
 
-    def combine(self, first: str, second: str) -> str:
-        """Make an attempt with two items by label or number, as a tool does.
+    def combine(self, *items: str) -> str:
+        """Make an attempt with two items, or a set, by label or number, as a tool does.
 
         Returns:
             The reply: the outcome and the new state of the game.
@@ -379,16 +383,16 @@ class Conversation:
                 would cost.
             OSError: if the game is over now, and cannot be recorded.
         """
-        pair = (first[:LONGEST_ITEM], second[:LONGEST_ITEM])
-        return self._answer(" + ".join(pair), lambda: self._combine(pair))
+        shown_items = [item[:LONGEST_ITEM] for item in items[:MOST_ITEMS]]
+        return self._answer(" + ".join(shown_items), lambda: self._combine(shown_items))
 
     def look_up_item(self, item: str) -> str:
         """Look up an item by label, as a tool does; returns the reply as :meth:`combine`."""
         label = item[:LONGEST_ITEM]
         return self._answer(f"look up {label}", lambda: self._look_up(label)[2])
 
-    def attempt(self, first: str, second: str) -> str:
-        """Make an attempt with two items by label or number; invalid items cost nothing.
+    def attempt(self, *items: str) -> str:
+        """Make an attempt with two items, or a set, by label or number; invalid ones cost nothing.
 
         Returns:
             The outcome, without the state of the game.
@@ -398,9 +402,9 @@ class Conversation:
             EpisodeError: if the game is over.
             OSError: if the game is over now, and cannot be recorded.
         """
-        message = f"{first} + {second}"
+        message = " + ".join(items)
         with self._rejecting(message):
-            outcome = self._combine((first, second))
+            outcome = self._combine(items)
         self._note(message, f"{outcome}\n\n{self.game.state}" if self.is_over else outcome)
         self._report_end()
         return outcome
@@ -465,9 +469,9 @@ class Conversation:
         self._report_end()
         return reply
 
-    def _combine(self, pair: tuple[str, str]) -> str:
+    def _combine(self, items: Sequence[str]) -> str:
         at_hand = self.game.labels
-        return self.game.combine(*(read_label(item, at_hand) for item in pair))
+        return self.game.combine(*(read_label(item, at_hand) for item in items))
 
     def _act(self, message: str) -> str:
         """Carry out the attempt or look-up in a message; ActionError if there is none."""
@@ -476,6 +480,8 @@ class Conversation:
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         if look_up is not None:
             return self._look_up(look_up[1])[2]
+        if self.game.most_picks:
+            return self.game.combine(*read_set(message, self.game.labels, self.game.most_picks))
         return self.game.combine(*read_answer(message, self.game.labels))
 
     def _look_up(self, item: str) -> tuple[str, list[str], str]:
@@ -490,7 +496,7 @@ class Conversation:
         entities = self.game.graph.entities
         entity = read_label(item, entities, by_number=False)
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
-            raise ActionError(prompt_text("no_look_ups"))
+            raise ActionError(self.game.text("no_look_ups"))
         facts = self._knowledge.facts(entity, self.game)
         # Only now: a look-up that failed is not counted.
         self.look_ups += 1
@@ -585,6 +591,12 @@ class Play:
             return cls(worlds, PlayedSettings.of(worlds.env, opened.split, **rules), knowledge)
         tasks = TaskGames(World(opened, replace(settings.environment, reward=reward)))
         return cls(tasks, PlayedSettings.of(tasks.world, opened.split, **rules), knowledge)
+
+    def with_prompts(self, prompt_hash: str) -> "Play":
+        """Return the games as played by other prompts, such as a server's tools."""
+        return replace(
+            self, settings=msgspec.structs.replace(self.settings, prompt_hash=prompt_hash)
+        )
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
         """Begin a game on a task (index) with the distractors for this seed.

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from wordcraft_kg.base.errors import EpisodeError
+from wordcraft_kg.base.errors import ActionError, EpisodeError
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.draws import EvaluationTables
@@ -16,21 +16,24 @@ from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
 
-Pair = tuple[str, str]
+Picks = tuple[str, ...]
+"""Labels of the combined entities: two, or a set where recipes have other sizes."""
 TableOf = Callable[[int, int], list[int]]
 """From a task (index) and a distractor seed to the ids on the starting table, in slot order."""
 
 
 class Game(ABC):
-    """Base class for games: an attempt combines two of :attr:`labels`.
+    """Base class for games: an attempt combines two of :attr:`labels`, or more.
 
     Attributes:
+        most_picks: most entities of an attempt, where recipes have other sizes than two; 0 for
+            pairs.
         goal: label of the entity to make; None in the open-ended world.
         tasks: the tasks of which this game has one; None in the open-ended world.
         task: index of the game's task; -1 in the open-ended world.
         graph: the recipe graph.
         rules: prompt text with the rules.
-        pairs: labels of the combined pairs so far; None for a lost attempt.
+        pairs: labels of the combined pairs or sets so far; None for a lost attempt.
         is_made: whether the goal was made.
         by_plan: whether the last pair of one of the task's plans made it.
         reward: sum of the environment's rewards so far: 1 for the goal, and shaped rewards if the
@@ -43,12 +46,13 @@ class Game(ABC):
     is_made = False
     by_plan = False
     reward = 0.0
+    most_picks = 0
 
     def __init__(self, graph: RecipeGraph, aim: str):
         """Begin a game; ``aim`` is the key for the prompt text about the aim, such as ``goal``."""
         self.graph = graph
-        self.rules = f"{prompt_text('rules')} {prompt_text(aim)}"
-        self.pairs: list[Pair | None] = []
+        self.rules = f"{self.text('rules', most=self.most_picks)} {self.text(aim)}"
+        self.pairs: list[Picks | None] = []
         self._is_ended = False
 
     @property
@@ -73,20 +77,28 @@ class Game(ABC):
             return prompt_text("ended")
         return self._termination() or self._ongoing()
 
-    def combine(self, first: int, second: int) -> str:
-        """Make an attempt with two entities, by index in :attr:`labels`.
+    def text(self, name: str, **values: object) -> str:
+        """Return a text of the game's prompts."""
+        return prompt_text(name, sets=self.most_picks > 0, **values)
+
+    def combine(self, *places: int) -> str:
+        """Make an attempt with two entities, or a set, by index in :attr:`labels`.
 
         Returns:
             A sentence with the result.
 
         Raises:
+            ActionError: for another number of entities than the game takes.
             EpisodeError: if the game is over.
         """
         self._check()
+        fewest, most = (1, self.most_picks) if self.most_picks else (2, 2)
+        if not fewest <= len(places) <= most:
+            expected = f"{fewest} to {most}" if fewest < most else "two"
+            raise ActionError(f"{counted(len(places), 'item')}: expected {expected}.")
         # By label, and before the attempt, which may change the numbers.
-        table = self.labels
-        self.pairs.append((table[first], table[second]))
-        return self._combine(first, second)
+        self.pairs.append(tuple(map(self.labels.__getitem__, places)))
+        return self._combine(*places)
 
     def lose_attempt(self) -> None:
         """Use up an attempt without combining entities.
@@ -117,7 +129,7 @@ class Game(ABC):
     def _ongoing(self) -> str: ...
 
     @abstractmethod
-    def _combine(self, one: int, other: int) -> str: ...
+    def _combine(self, *places: int) -> str: ...
 
     @abstractmethod
     def _lose(self) -> None: ...
@@ -134,8 +146,8 @@ class TaskGame(Game):
         distractor_seed: seed of the distractors on the table.
         start: labels on the table at the start, in slot order.
         attempts: attempts in the game.
-        actions: number of actions, as agent evaluation counts them: two for an attempt, one for an
-            attempt that was lost by invalid messages.
+        actions: number of actions, as agent evaluation counts them: two for an attempt with a pair,
+            one for an attempt that was lost by invalid messages.
     """
 
     goal: str
@@ -153,6 +165,8 @@ class TaskGame(Game):
         Raises:
             ConfigError: if there is no such task.
         """
+        if env.world.has_combine:
+            self.most_picks = env.world.graph.most_ingredients
         super().__init__(env.world.graph, "goal")
         self.world = env.world
         self.tasks = env.tasks
@@ -167,8 +181,8 @@ class TaskGame(Game):
         self._tried: set[tuple[str, ...]] = set()
 
     @property
-    def last(self) -> Pair | None:
-        """Labels of the last combined pair; None initially and after a lost attempt."""
+    def last(self) -> Picks | None:
+        """Labels of the last combined pair or set; None initially and after a lost attempt."""
         return self.pairs[-1] if self.pairs else None
 
     @property
@@ -189,12 +203,12 @@ class TaskGame(Game):
             "task", goal=self.goal, table=numbered(self.labels), attempts_left=self.attempts_left
         )
 
-    def _combine(self, first: int, second: int) -> str:
-        table = self.labels
-        pair = (table[first], table[second])
-        # Two actions of the environment are an attempt: select an entity, then combine it.
-        self._step(first)
-        info = self._step(second)
+    def _combine(self, *places: int) -> str:
+        pair = tuple(map(self.labels.__getitem__, places))
+        # An attempt is an action for each entity, and one to combine a set, unless it is largest.
+        combine = (self.world.num_slots - 1,) if 0 < self.most_picks > len(places) else ()
+        for action in (*places, *combine):
+            info = self._step(action)
         self.is_made = info["outcome"] == "goal"
         self.by_plan = info["by_plan"]
         text = combined(pair, results_of(self._env, *pair))
@@ -290,9 +304,8 @@ class DiscoveryGame(Game):
             attempts_left=self.attempts_left,
         )
 
-    def _combine(self, first: int, second: int) -> str:
-        entities = self._entities()
-        pair = (entities[first], entities[second])
+    def _combine(self, *places: int) -> str:
+        pair = tuple(map(self._entities().__getitem__, places))
         *_, info = self._env.step([*pair])
         self.known_after.append(len(self._entities()))
         self.repeated += info["repeated"]

@@ -28,7 +28,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wordcraft_kg import __version__
-from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.conversation import MOST_ITEMS, Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import HostedGames
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
@@ -57,6 +57,10 @@ _TOOLS = {
     "per game.",
     "end": "End a game early.",
 }
+_COMBINE_SET = (
+    "Make an attempt: combine items, each as often as it is needed. Refer to each item by name or "
+    "number. Invalid input is rejected and does not use up an attempt."
+)
 _INSTRUCTIONS = "Call `begin`, then call `combine` until the game is over."
 # Hints by which clients decide whether to ask their user before a call. Nothing here reaches beyond
 # the game (open_world) or destroys anything.
@@ -228,12 +232,14 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     settings = hosted.play.settings
     last = len(games.world.tasks) - 1 if isinstance(games, TaskGames) else None
     has_scorer = settings.knowledge == "scorer"
-    return _server(games.begin().rules, last, settings.look_ups, has_scorer, lambda: hosted)
+    game = games.begin()
+    has_sets = game.most_picks > 0
+    return _server(game.rules, last, settings.look_ups, has_scorer, lambda: hosted, sets=has_sets)
 
 
-@lru_cache(1)
-def tools_hash() -> str:
-    """Return the SHA-256 of all prompts by MCP.
+@lru_cache(2)
+def tools_hash(*, sets: bool = False) -> str:
+    """Return the SHA-256 of all prompts by MCP, for recipes of two ingredients or of any number.
 
     These are the game texts, the instructions, and the lists of tools with their schemas.
     """
@@ -241,10 +247,10 @@ def tools_hash() -> str:
     # the open-ended world with a scorer.
     lists = []
     for last, has_scorer in ((0, False), (None, True)):
-        server = _server("", last, 2, has_scorer)
+        server = _server("", last, 2, has_scorer, sets=sets)
         tools = anyio.run(server.list_tools)
         lists.append([tool.model_dump(mode="json") for tool in tools])
-    prompts = [prompt_hash(), _TOOLS, _INSTRUCTIONS, lists]
+    prompts = [prompt_hash(sets=sets), _TOOLS, _INSTRUCTIONS, lists]
     return hashlib.sha256(json.dumps(prompts, sort_keys=True).encode()).hexdigest()
 
 
@@ -254,6 +260,8 @@ def _server(
     look_ups: int,
     has_scorer: bool,
     hosted: Callable[[], HostedGames] = _no_games,
+    *,
+    sets: bool = False,
 ) -> MCPServer[Any]:
     """Return a server.
 
@@ -263,6 +271,7 @@ def _server(
         look_ups: look-ups in a game; without any, there is no such tool.
         has_scorer: whether facts are a scorer's links instead of recipes.
         hosted: function that returns the games; without it the server only lists its tools.
+        sets: whether recipes have other sizes than two.
     """
     subject = "the likely links of" if has_scorer else "the known recipes of"
     about_look_ups = _TOOLS["look_up"].format(known=subject, look_ups=counted(look_ups, "look-up"))
@@ -283,16 +292,31 @@ def _server(
         talk = hosted().game(game)
         return _result(talk.game.state, Position.of(talk))
 
-    @server.tool(title="Combine two items", description=_TOOLS["combine"], annotations=_PLAYS)
-    async def combine(
-        game: _GameName, first: _Item, second: _Item
-    ) -> Annotated[CallToolResult, Combined]:
+    def combined(game: str, *items: str) -> CallToolResult:
         talk = hosted().game(game)
         labels_before = talk.game.labels
-        result = talk.attempt(first, second)
+        result = talk.attempt(*items)
         new = [label for label in talk.game.labels if label not in labels_before]
         text = f"{result}\n\n{talk.game.state}"
         return _result(text, Combined.of(talk, result=result, new=new))
+
+    if sets:
+
+        @server.tool(
+            name="combine", title="Combine items", description=_COMBINE_SET, annotations=_PLAYS
+        )
+        async def combine_set(
+            game: _GameName, items: Annotated[list[_Item], Field(max_length=MOST_ITEMS)]
+        ) -> Annotated[CallToolResult, Combined]:
+            return combined(game, *items)
+
+    else:
+
+        @server.tool(title="Combine two items", description=_TOOLS["combine"], annotations=_PLAYS)
+        async def combine(
+            game: _GameName, first: _Item, second: _Item
+        ) -> Annotated[CallToolResult, Combined]:
+            return combined(game, first, second)
 
     if look_ups:
 

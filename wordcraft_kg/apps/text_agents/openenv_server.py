@@ -37,7 +37,7 @@ _JSON = "application/json"
 LONGEST_ANSWER = 100_000
 """Characters at the end of an answer that are read: only its last line counts."""
 _RESET = ("seed", "episode_id", "split", "index", "task_id")
-_STEP = ({"answer"}, {"first", "second"}, {"look_up"})
+_STEP = ({"answer"}, {"first", "second"}, {"items"}, {"look_up"})
 # A client for language models shows this schema to the model, so it is a prompt.
 ACTION_SCHEMA: dict[str, Any] = {
     "title": "CraftingAction",
@@ -133,7 +133,8 @@ class CraftingSession:
 
         Args:
             action: ``answer``, a text as in all conversations; or ``first`` and ``second``, two
-                items; or ``look_up``, an item. A number is taken for its text.
+                items; or ``items``, a list of a set; or ``look_up``, an item. A number is taken for
+                its text.
 
         Returns:
             the observation. After the end of the game an action changes nothing.
@@ -155,7 +156,8 @@ class CraftingSession:
         elif "look_up" in action:
             reply = talk.look_up_item(_text(action["look_up"]))
         else:
-            reply = talk.combine(_text(action["first"]), _text(action["second"]))
+            items = action.get("items", [action.get("first"), action.get("second")])
+            reply = talk.combine(*map(_text, items if isinstance(items, list) else [items]))
         return self._observation(talk, reply, reward=talk.reward)
 
     @property

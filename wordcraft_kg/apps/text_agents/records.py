@@ -79,7 +79,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
             "graph": world.graph.name,
             "graph_hash": world.graph.hash,
             "split_hash": split.hash,
-            "prompt_hash": prompt_hash(),
+            "prompt_hash": prompt_hash(sets=isinstance(world, World) and world.has_combine),
             "answer_grammar": ANSWER_GRAMMAR,
         }
         if isinstance(world, OpenEndedEnv):
@@ -137,7 +137,7 @@ class GameRecord(Record, frozen=True, kw_only=True):
         lost_attempts: number of attempts lost by them.
         look_ups: number of entities that were looked up.
         messages: all prompts and answers in turn; empty in Inspect's logs, which have their own.
-        pairs: labels of all combined pairs in turn, None for a lost attempt.
+        pairs: labels of all combined pairs or sets in turn, None for a lost attempt.
     """
 
     task: Count = 0
@@ -154,9 +154,9 @@ class GameRecord(Record, frozen=True, kw_only=True):
     lost_attempts: Count = 0
     look_ups: Count = 0
     messages: tuple[str, ...] = ()
-    pairs: tuple[tuple[str, str] | None, ...]
+    pairs: tuple[tuple[str, ...] | None, ...]
 
     @property
-    def last(self) -> tuple[str, str] | None:
-        """Labels of the last combined pair; None without one and after a lost attempt."""
+    def last(self) -> tuple[str, ...] | None:
+        """Labels of the last combined pair or set; None without one and after a lost attempt."""
         return self.pairs[-1] if self.pairs else None

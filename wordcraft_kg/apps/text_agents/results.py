@@ -121,16 +121,16 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     # A lost attempt has no pair, so none that makes anything.
     if game.last is None:
         return "no_recipe"
-    low, high = sorted(map(game.graph.id_of, game.last))
     # The ingredients of each plan's last step, which makes the goal.
-    parts: set[int] = set()
-    for plan in game.tasks.plans[game.task]:
-        parts.update(game.graph.recipes[plan[-1], :2].tolist())
-    if low == high:
+    parts: set[str] = set()
+    for plan in game.tasks[game.task].plans:
+        parts.update(plan[-1].ingredients)
+    if len(set(game.last)) == 1 < len(game.last):
         return "same_twice"
-    if {low, high} & parts:
+    if parts.intersection(game.last):
         return "one_right_part"
-    return "no_right_part" if (low, high) in game.world.outcomes else "no_recipe"
+    picks = tuple(sorted(map(game.graph.id_of, game.last)))
+    return "no_right_part" if picks in game.world.outcomes else "no_recipe"
 
 
 def groups_of(opened: OpenedGraph, settings: PlayedSettings) -> Ids | None:

@@ -25,7 +25,7 @@ import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.games import Pair, TaskGame
+from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GameRecord
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
@@ -124,7 +124,7 @@ class GameLine(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     number: Count
     goal: str | None = None
-    pairs: tuple[Pair | None, ...]
+    pairs: tuple[Picks | None, ...]
     made: tuple[tuple[str, ...], ...]
     success: bool | None = None
     by_plan: bool | None = None

@@ -197,6 +197,22 @@ class CraftingEnvironment:
         return self.talk
 
 
+class SetCraftingEnvironment(CraftingEnvironment):
+    """A crafting game for rows of a graph whose recipes have other sizes than two."""
+
+    def combine(self, items: list[str]) -> str:  # type: ignore[override] # another tool
+        """Combine items on the table. This takes an attempt.
+
+        Args:
+            items: names or numbers of items on the table, each as often as it is needed.
+
+        Returns:
+            What the items make, and the new state of the game.
+        """
+        talk = self._begun
+        return talk.after_the_end or talk.combine(*map(str, items))
+
+
 class LookUpEnvironment(CraftingEnvironment):
     """A crafting game with the tool ``look_up`` besides, for rows with ``knowledge`` partial."""
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.answers import read_set
 from wordcraft_kg.base.errors import ActionError, ConfigError
 from wordcraft_kg.base.labels import read_pair
 from wordcraft_kg.base.settings import MAX_SIZE, whole
@@ -34,6 +35,10 @@ HELP = """Name two items to combine them, such as water + earth or 1 2; new item
 added. Ingredients are not used up, and you may combine an item with itself. An
 item is its number, its name, or the start of its name. ? shows this help, q
 quits."""
+SET_HELP = """Name the items to combine, such as water + earth + fire or 1 + 2 + 2; an item that is
+needed twice is written twice, and new items are added. Ingredients are not used
+up. An item is its number, its name, or the start of its name. ? shows this
+help, q quits."""
 ATTEMPTS = 100
 """Default number of attempts in open-ended mode."""
 WIDTH = 80
@@ -90,8 +95,11 @@ class Terminal:
             raise Quit
         return line.strip()
 
-    def pair(self, labels: Sequence[str], prompt: str) -> tuple[int, int]:
-        """Show items and ask for two of them until the input is valid; return their indices."""
+    def picks(self, labels: Sequence[str], prompt: str, most: int = 0) -> tuple[int, ...]:
+        """Show items and ask for two of them until the input is valid; return their indices.
+
+        With ``most``, ask for a set of so many items at most.
+        """
         from wordcraft_kg.envs.words import numbered
 
         # Once for each table, not after each mistake: the list may be long.
@@ -99,10 +107,10 @@ class Terminal:
         while True:
             typed = self.ask(prompt)
             if typed == "?":
-                self.say(HELP)
+                self.say(SET_HELP if most else HELP)
                 continue
             try:
-                return read_pair(typed, labels)
+                return read_set(typed, labels, most) if most else read_pair(typed, labels)
             except ActionError as error:
                 self.say(textwrap.fill(str(error), WIDTH))
 
@@ -183,7 +191,8 @@ def _play_tasks(
             observation, _ = env.reset(seed=episode_seed(seed, env.config.part, played + 1))
             number = f"{played + 1} of {episodes}" if episodes else f"{played + 1}"
             so_far = f"   (goals made: {successes} of {played})" if played else ""
-            terminal.say("" if played else f"{HELP}\n", f"{number}. Goal: {env.task.goal}{so_far}")
+            text = SET_HELP if env.world.has_combine else HELP
+            terminal.say("" if played else f"{text}\n", f"{number}. Goal: {env.task.goal}{so_far}")
             successes += _play_task(terminal, env, observation)
             played += 1
     config = env.config
@@ -206,14 +215,15 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
     outcome = "in_progress"
     while outcome == "in_progress":
         table = table_labels(env, observation)
-        first_slot, second_slot = terminal.pair(
-            table, f"attempts left: {observation['attempts_left']} > "
-        )
-        env.step(first_slot)
-        observation, _, _, _, info = env.step(second_slot)
+        most = env.world.graph.most_ingredients if env.world.has_combine else 0
+        slots = terminal.picks(table, f"attempts left: {observation['attempts_left']} > ", most)
+        # The largest set is complete with its last item; others are combined by the last action.
+        combine = (env.num_slots - 1,) if len(slots) < most else ()
+        for action in (*slots, *combine):
+            observation, _, _, _, info = env.step(action)
         outcome = info["outcome"]
-        pair = (table[first_slot], table[second_slot])
-        terminal.say(combined(pair, results_of(env, *pair)))
+        picked_labels = [table[slot] for slot in slots]
+        terminal.say(combined(picked_labels, results_of(env, *picked_labels)))
     goal = env.task.goal
     plans = env.task.plans
     has_made_goal = outcome == "goal"
@@ -222,7 +232,7 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
     else:
         terminal.say(f"You have no attempts left. You did not make {goal}.")
     title = "Solution" if len(plans) == 1 else f"One of {len(plans)} solutions"
-    steps = "; ".join(combined((a, b), (result,)) for a, b, result in plans[0])
+    steps = "; ".join(map(str, plans[0]))
     terminal.say(f"{title}: {steps}")
     return has_made_goal
 
@@ -254,7 +264,7 @@ def _play_open_world(
             known_labels = names.labels(discovery.known)
             attempts_left = env.max_attempts - attempted
             prompt = f"known items: {len(known_labels)}   attempts left: {attempts_left} > "
-            pair = [known_labels[place] for place in terminal.pair(known_labels, prompt)]
+            pair = [known_labels[place] for place in terminal.picks(known_labels, prompt)]
             _, _, is_over, _, info = env.step([names.id_of(label) for label in pair])
             attempted += 1
             line = combined(pair, names.labels(info["new_entities"]), PROMPTS["nothing_new"])

@@ -87,11 +87,12 @@ def mcp(  # noqa: PLR0913 - parameters are the command's options
         if transport == "http":
             listening = stack.enter_context(listen(host, port))
         # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
-        rules: dict[str, Any] = {"max_invalid": NEVER, "prompt_hash": tools_hash()}
+        rules: dict[str, Any] = {"max_invalid": NEVER}
         if track:
             play = open_track(track).play(settings.knowledge, **rules)
         else:
             play = Play.open(graph, settings, **rules)
+        play = play.with_prompts(tools_hash(sets=play.games.begin().most_picks > 0))
         hosted = HostedGames(play)
         if out is not None:
             header = GamesHeader(player="MCP clients", settings=hosted.play.settings)

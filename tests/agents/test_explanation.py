@@ -316,9 +316,7 @@ def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, expla
 def assert_ways(graph, scorer, found):
     """The ways are the recipes on the table, and what is remembered is what the model that answers
     was trained on."""
-    ways = {
-        (one.ingredient_a, one.ingredient_b, one.result): one for way in found.ways for one in way
-    }
+    ways = {(*one.ingredients, one.result): one for way in found.ways for one in way}
     assert ways.keys() == ways_by_loops(graph, found.episode.goal, found.table)
     for row, recipe in enumerate(graph.recipe_labels()):
         if recipe in ways:
@@ -429,7 +427,7 @@ def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once,
         if found.model == "no_knowledge":
             trained_on = set()
         for one in (recipe for way in found.ways for recipe in way):
-            ids = tuple(map(opened.graph.id_of, (one.ingredient_a, one.ingredient_b, one.result)))
+            ids = tuple(map(opened.graph.id_of, (*one.ingredients, one.result)))
             assert one.is_in_sample == (ids in trained_on)
             told.add((one.part, one.is_in_sample))
     assert told >= {("train", False), *([("train", True)] if in_sample else [])}

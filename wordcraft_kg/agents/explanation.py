@@ -1,7 +1,7 @@
 """Explanations for an agent's actions: a slot's logit, split into contributions by sources."""
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Annotated, Literal, NamedTuple, get_args
 
@@ -24,7 +24,12 @@ from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.graphs.tasks import Rows, TaskSet
-from wordcraft_kg.models.policies.policy import Policy, PolicyOutput, checked_logits
+from wordcraft_kg.models.policies.policy import (
+    Policy,
+    PolicyOutput,
+    checked_logits,
+    selected_entities,
+)
 from wordcraft_kg.models.policies.sources import ALPHA
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
@@ -91,7 +96,7 @@ class ExplainedSlot(Record):
     """A slot's entity with the terms of its logit.
 
     Attributes:
-        entity: label of the entity.
+        entity: label of the entity; empty for the action to combine.
         is_part: whether a plan's last recipe needs the entity.
         sources: score by source.
         contributions: mixing weight times score, by source; the sum is `logit`.
@@ -113,10 +118,11 @@ class ExplainedStep(Record):
     """An action with the scores behind the choice.
 
     Attributes:
-        selection: selected entity before the action; None for the first action of an attempt.
+        selection: selected entity before the action, of several the sum; None for the first action
+            of an attempt.
         value: state value.
         lambdas: mixing weight λ by source; empty without mixing.
-        action: label of the chosen entity.
+        action: label of the chosen entity; empty for the action to combine.
         made: new results of the attempt.
         slots: the filled slots before the action, in slot order.
     """
@@ -169,14 +175,13 @@ class TableRecipe(Record):
     """A recipe in a plan from a table.
 
     Attributes:
-        ingredient_a, ingredient_b: labels of the ingredients.
+        ingredients: labels of the ingredients.
         result: label of the result.
         part: split part of the recipe.
         is_in_sample: whether the model that gave the scores was trained on the recipe.
     """
 
-    ingredient_a: str
-    ingredient_b: str
+    ingredients: tuple[str, ...]
     result: str
     part: Part
     is_in_sample: bool
@@ -220,7 +225,7 @@ class _Query(NamedTuple):
     plans: tuple[Rows, ...]
     goal: int
     table: list[int]
-    selection: int | None = None
+    selection: tuple[int, ...] = ()
 
 
 class Explainer:
@@ -304,7 +309,7 @@ class Explainer:
         self,
         goal: Entity,
         table: Sequence[Entity],
-        selection: Entity | None = None,
+        selection: Entity | Iterable[Entity] | None = None,
         *,
         like: int | None = None,
     ) -> ExplainedTable:
@@ -316,7 +321,8 @@ class Explainer:
         Args:
             goal: label or id of the goal.
             table: labels or ids, in slot order.
-            selection: label or id of the entity that is selected at the start; None for nothing.
+            selection: label or id of the entity that is selected at the start, or several of them;
+                None for nothing.
             like: index of a task. If goal and starting ingredients agree, the model for this task
                 gives the scores. None for a table of no task.
 
@@ -326,7 +332,7 @@ class Explainer:
         Raises:
             UnknownEntityError: for an entity outside the graph.
             ConfigError: if the table is empty, too large or has duplicates, ``selection`` is absent
-                from the table, or task ``like`` does not exist.
+                from the table or complete, or task ``like`` does not exist.
         """
         graph = self.world.graph
         tasks = self.world.tasks
@@ -339,12 +345,16 @@ class Explainer:
             raise ConfigError(
                 f"`table` holds '{graph.entities[twice]}' twice: expected different entities."
             )
-        selected = None if selection is None else graph.id_of(selection)
-        if selected is not None and selected not in ids:
-            raise ConfigError(
-                f"`selection` '{graph.entities[selected]}' is not on the table: add the entity, or "
-                "select nothing."
-            )
+        selected = tuple(map(graph.id_of, selected_entities(selection)))
+        for entity in selected:
+            if entity not in ids:
+                raise ConfigError(
+                    f"`selection` '{graph.entities[entity]}' is not on the table: add the entity, "
+                    "or select nothing."
+                )
+        if len(selected) >= graph.most_ingredients:
+            expected = f"at most {graph.most_ingredients - 1}"
+            raise ConfigError(f"`selection` of {len(selected)} entities: expected {expected}.")
         if like is not None:
             whole("like", like, 0, len(tasks) - 1)
             # Starting ingredients are padded with empty slots.
@@ -430,11 +440,13 @@ class Explainer:
         graph = self.world.graph
         names = get_args(Part)
         recipes = []
-        labels = graph.recipe_labels(graph.recipes[list(way)])
-        for row, (a, b, result) in zip(way, labels, strict=True):
+        labels = graph.recipe_labels(graph.sets[list(way)])
+        for row, recipe in zip(way, labels, strict=True):
             part = names[self.world.split.parts[row]]
             is_in_sample = bool(is_seen[row])
-            recipes.append(TableRecipe(a, b, result, part, is_in_sample=is_in_sample))
+            recipes.append(
+                TableRecipe(recipe.ingredients, recipe.result, part, is_in_sample=is_in_sample)
+            )
         return tuple(recipes)
 
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
@@ -479,41 +491,46 @@ class Explainer:
         plans, parts = self._plan_labels(query.plans)
         # Slots for the results of all attempts; at least as many as an MLP was trained with.
         most_results = world.max_results * world.config.attempts
-        room = max(world.num_slots, len(query.table) + most_results)
+        room = max(world.num_slots, len(query.table) + most_results + world.has_combine)
         table = list(query.table)
-        selection = query.selection
+        picks = list(query.selection)
+        most_picks = graph.most_ingredients
         attempts = world.config.attempts
         is_made = False
         task = None if query.task is None else torch.tensor([query.task])
         steps: list[ExplainedStep] = []
-        tried: list[tuple[int, int]] = []
+        tried: list[list[int]] = []
         while attempts and not is_made and len(steps) != self._max_actions:
             empty_slots = [nothing] * (room - len(table))
-            selected_id = nothing if selection is None else selection
+            padded_picks = picks + [nothing] * (most_picks - len(picks))
             # Without a tried pair, an empty one keeps the shape (1, n, 2).
-            tried_pairs = tried or [(nothing, nothing)]
+            tried_sets = tried or [[nothing] * most_picks]
             # A batch of one state.
             state = States(
                 goal=torch.tensor([query.goal]),
-                selection=torch.tensor([selected_id]),
+                selection=torch.tensor([padded_picks if world.has_combine else padded_picks[0]]),
                 table=torch.tensor([table + empty_slots]),
                 task=task,
-                attempts=Attempts(torch.tensor([attempts]), torch.tensor([tried_pairs])),
+                attempts=Attempts(torch.tensor([attempts]), torch.tensor([tried_sets])),
             )
             action, output = self._decide(query.policy, state)
             evidence = self._evidence(query.policy, state)
-            slots = _slots(self._names, output, graph.labels(table), parts, evidence)
-            entity = table[action]
+            labels = dict(enumerate(graph.labels(table)))
+            if world.has_combine and picks:
+                labels[room - 1] = ""
+            slots = _slots(self._names, output, labels, parts, evidence)
+            selected = " + ".join(graph.labels(picks)) or None
             made_ids: list[int] = []
-            if selection is not None:
-                pair = (min(selection, entity), max(selection, entity))
-                results = world.outcomes.get(pair, ())
-                tried.append((selection, entity))
+            if action < len(table):
+                picks.append(table[action])
+            if action >= len(table) or len(picks) == most_picks:
+                results = world.outcomes.get(tuple(sorted(picks)), ())
+                tried.append(picks + [nothing] * (most_picks - len(picks)))
                 made_ids = [result for result in results if result not in table]
                 table += made_ids
                 is_made = query.goal in results
                 attempts -= 1
-            selected = None if selection is None else graph.entities[selection]
+                picks = []
             lambdas: dict[str, float] = {}
             if output.lambdas is not None:
                 lambdas = dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
@@ -522,13 +539,11 @@ class Explainer:
                     selection=selected,
                     value=float(output.value[0]),
                     lambdas=lambdas,
-                    action=graph.entities[entity],
+                    action=labels[action],
                     made=graph.labels(made_ids),
                     slots=slots,
                 )
             )
-            # The first action of an attempt selects, the second combines and clears the selection.
-            selection = entity if selection is None else None
         outcome = GOAL if is_made else OUT_OF_ATTEMPTS
         if attempts and not is_made:
             outcome = IN_PROGRESS
@@ -570,10 +585,9 @@ class Explainer:
         texts = []
         parts: set[str] = set()
         for plan in plans:
-            recipes = graph.recipe_labels(graph.recipes[list(plan)])
-            texts.append(tuple(f"{a} + {b} -> {result}" for a, b, result in recipes))
-            last_a, last_b, _ = recipes[-1]
-            parts |= {last_a, last_b}
+            recipes = graph.recipe_labels(graph.sets[list(plan)])
+            texts.append(tuple(map(str, recipes)))
+            parts.update(recipes[-1].ingredients)
         return tuple(texts), parts
 
     @torch.no_grad()
@@ -660,7 +674,7 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
 def _slots(
     names: Sequence[str],
     output: PolicyOutput,
-    labels: tuple[str, ...],
+    labels: Mapping[int, str],
     parts: set[str],
     evidence: Sequence[SlotEvidence | None],
 ) -> tuple[ExplainedSlot, ...]:
@@ -677,7 +691,7 @@ def _slots(
         values = output.sources[0]
         lambdas = output.lambdas[0].tolist()
     rows = []
-    for i, label in enumerate(labels):
+    for i, label in labels.items():
         sources = dict(zip(names, values[:, i].tolist(), strict=True))
         contributions = {}
         for name, weight in zip(names, lambdas, strict=True):

@@ -120,7 +120,7 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
         cells = [f"{figure:z.2f}" for figure in figures]
         pointer = ">" if slot.entity == step.action else " "
         star = " *" if slot.is_part else ""
-        label = f"  {pointer} {slot.entity}{star}"
+        label = f"  {pointer} {slot.entity or 'combine'}{star}"
         rows.append((label, *cells, f"{slot.probability:.1%}"))
     yield from aligned(rows, numbers=True)
     for entity, evidence in step.best_evidence():

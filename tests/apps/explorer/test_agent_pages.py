@@ -168,9 +168,7 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     )
     shown = view_of(agents, both).first
     learned = {" + ".join(sorted(graph.labels(way))) for way in ways[:2]}
-    assert learned <= {
-        f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.in_sample
-    }
+    assert learned <= {" + ".join(recipe.ingredients) for recipe in shown.in_sample}
     unseen = msgspec.structs.replace(
         shown.ways[0][0], is_in_sample=False
     )  # as the second recipe of a plan of depth 2

@@ -415,11 +415,7 @@ class Policy(nn.Module):
         slots = [self.id_of(entity) for entity in table]
         selected: int | list[int]
         if self.most_picks:
-            picks = () if selection is None else selection
-            selected = [
-                self.id_of(entity)
-                for entity in ((picks,) if isinstance(picks, str | int) else picks)
-            ]
+            selected = [self.id_of(entity) for entity in selected_entities(selection)]
             if len(selected) >= self.most_picks:
                 raise refuse("selection", selection, f"fewer than {self.most_picks} entities")
             selected += [self.num_entities] * (self.most_picks - len(selected))
@@ -457,6 +453,13 @@ class Policy(nn.Module):
                 f"the policy has no entity {entity}; expected 0 .. {self.num_entities - 1}."
             )
         return int(entity)
+
+
+def selected_entities(selection: Entity | Iterable[Entity] | None) -> tuple[Entity, ...]:
+    """Return selected entities as a tuple: those of a set, a single one, or none."""
+    if selection is None:
+        return ()
+    return (selection,) if isinstance(selection, str | int) else tuple(selection)
 
 
 def checked_logits(logits: Tensor) -> Tensor:

@@ -105,14 +105,14 @@ class Pick(Record):
 
 
 class Attempt(Record):
-    """A combined pair.
+    """A combined pair or set.
 
     Attributes:
-        picks: the two chosen entities, in turn.
+        picks: the chosen entities, in turn.
         made: labels of the new entities on the table.
     """
 
-    picks: tuple[Pick, Pick]
+    picks: tuple[Pick, ...]
     made: tuple[str, ...]
 
 
@@ -122,7 +122,7 @@ class PlayerAtTable(Record):
     Attributes:
         player: name of the player.
         kind: kind of the player, such as agent or people.
-        attempts: the combined pairs; None for a lost attempt.
+        attempts: the combined pairs or sets; None for a lost attempt.
         success: whether the player made the goal; None for an unfinished game.
     """
 
@@ -254,7 +254,8 @@ def _players(
         if agent.explained is not None:
             episode = agent.explained.episode
             success = None if episode.outcome == "in_progress" else episode.outcome == "goal"
-            attempts = tuple(replay.attempts(first.table, _pairs(episode)))
+            most_picks = world.graph.most_ingredients
+            attempts = tuple(replay.attempts(first.table, _combined(episode, most_picks)))
             yield PlayerAtTable(player=agent.run, kind="agent", attempts=attempts, success=success)
     for game in games:
         attempts = tuple(replay.attempts(first.table, game.pairs))
@@ -266,13 +267,21 @@ def _players(
         )
 
 
-def _pairs(episode: ExplainedEpisode) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of an episode: a selection at the start and the actions, two by two."""
-    # Without a selection at the start, the first label is None.
-    labels = [episode.steps[0].selection, *(step.action for step in episode.steps)]
-    labels_on_table = [label for label in labels if label]
-    # The last attempt may be unfinished.
-    yield from zip(labels_on_table[::2], labels_on_table[1::2], strict=False)
+def _combined(episode: ExplainedEpisode, most_picks: int) -> Iterator[tuple[str, ...]]:
+    """Yield the pairs or sets of an episode: a selection at the start and the actions in turn.
+
+    Args:
+        episode: the episode, which begins with one selected entity at most.
+        most_picks: entities of the largest set, which is complete with the last of them.
+    """
+    selection = episode.steps[0].selection
+    picks = [selection] if selection else []
+    for step in episode.steps:
+        if step.action:
+            picks.append(step.action)
+        if not step.action or len(picks) == most_picks:
+            yield tuple(picks)
+            picks = []
 
 
 class _Replay:
@@ -287,7 +296,7 @@ class _Replay:
         self._first_step = cache(self._explain)
 
     def attempts(
-        self, table: tuple[str, ...], pairs: Iterable[tuple[str, str] | None]
+        self, table: tuple[str, ...], pairs: Iterable[tuple[str, ...] | None]
     ) -> Iterator[Attempt | None]:
         """Yield a player's attempts, with the entities that they add to the table."""
         graph = self.world.graph
@@ -296,24 +305,23 @@ class _Replay:
                 yield None
                 continue
             # Outcomes are by ids in ascending order.
-            first_id, second_id = sorted(map(graph.id_of, pair))
-            results = graph.labels(self.world.outcomes.get((first_id, second_id), ()))
+            ids = tuple(sorted(map(graph.id_of, pair)))
+            results = graph.labels(self.world.outcomes.get(ids, ()))
             new_labels = tuple(label for label in results if label not in table)
-            first = self._pick(pair[0], table, None)
-            second = self._pick(pair[1], table, pair[0])
-            yield Attempt((first, second), new_labels)
+            picks = [self._pick(label, table, pair[:place]) for place, label in enumerate(pair)]
+            yield Attempt(tuple(picks), new_labels)
             table += new_labels
 
-    def _pick(self, label: str, table: tuple[str, ...], selection: str | None) -> Pick:
+    def _pick(self, label: str, table: tuple[str, ...], selection: tuple[str, ...]) -> Pick:
         # A recorded player may use entities that this table does not have, such as results by other
         # rules.
-        if {label, selection or label} <= set(table):
+        if {label, *selection} <= set(table):
             for slot in self._first_step(table, selection).slots:
                 if slot.entity == label:
                     return Pick(entity=label, sources=slot.sources, probability=slot.probability)
         return Pick(entity=label, sources={}, probability=None)
 
-    def _explain(self, table: tuple[str, ...], selection: str | None) -> ExplainedStep:
+    def _explain(self, table: tuple[str, ...], selection: tuple[str, ...]) -> ExplainedStep:
         explained = self.explainer.table(self.goal, table, selection, like=self.task)
         return explained.episode.steps[0]
 
@@ -342,7 +350,7 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
         table = [_label(graph, label) for label in state.labels]
     else:
         table = explainer.drawn(state.task, state.distractor_seed)
-    selection = _label(graph, state.selection) if state.selection else None
+    selection = [_label(graph, state.selection)] if state.selection else []
     return explainer.table(goal, table, selection, like=state.task)
 
 

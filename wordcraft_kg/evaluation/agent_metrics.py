@@ -211,7 +211,7 @@ def slices_of(
     split = agent.opened.split
     # The evaluator may have played a sample, so goals follow the order of the played tasks.
     goals = tasks.goals[results[0].tasks]
-    train_results = graph.recipes[split.is_in("train"), 2]
+    train_results = graph.sets[split.is_in("train"), -1]
     num_made = np.bincount(train_results, minlength=graph.num_entities)
     num_train_recipes = num_made[goals]
     layer = layers(graph)[goals]

@@ -285,7 +285,7 @@ class CrossFitted(Scorer):
         """
         # Row 0 of the masks belongs to the main model.
         recipes = self.train_sample(graph).among(seen_by_models(self.of_recipe)[1 + fold])
-        triples = recipe_triples(recipes)
+        triples = recipe_triples(recipes, graph.num_entities)
         left_out = self.left_out(fold)
         # A recipe scorer also stores its training recipes; different recipes can give equal
         # triples.

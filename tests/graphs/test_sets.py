@@ -26,7 +26,6 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.graphs.book_check import check_book
-from wordcraft_kg.graphs.bottlenecks import bottlenecks
 from wordcraft_kg.graphs.export import export_graph, to_networkx
 from wordcraft_kg.graphs.folder import check_derived_files
 from wordcraft_kg.graphs.task_search import make_tasks
@@ -224,17 +223,13 @@ def known_after_rounds(recipes, start, without=""):
 
 
 @given(graphs_of_sets())
-def test_layers_and_bottlenecks_are_those_of_loops(graph):
+def test_layers_are_those_of_loops(graph):
     recipes = graph.recipe_labels()
     known = known_after_rounds(recipes, graph.base)
     layer = dict(zip(graph.entities, layers(graph).tolist(), strict=True))
-    lost = {graph.entities[entity]: number for entity, number in bottlenecks(graph)}
     for label in graph.entities:
         rounds = [number for number, labels in enumerate(known) if label in labels]
         assert layer[label] == min(rounds, default=-1)
-        if layer[label] > 0:
-            left = known_after_rounds(recipes, graph.base, without=label)[-1]
-            assert lost.get(label, 0) == len(known[-1]) - len(left) - 1
 
 
 @given(graphs_of_sets())

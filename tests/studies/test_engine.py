@@ -26,8 +26,7 @@ from wordcraft_kg.base.errors import ArtefactError, TrainingError
 from wordcraft_kg.base.records import as_values, parse_record
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.record import end_run, start_run

@@ -24,7 +24,7 @@ from wordcraft_kg.base.artefacts import (
 )
 from wordcraft_kg.base.errors import ArtefactError, GraphError, RecipeFileError, SplitError
 from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.records import Hash, Record, as_values
 from wordcraft_kg.graphs.arrays import Ids, stacked
 from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.book_files import ReadOptions, book_json, read_book, recipe_table
@@ -103,6 +103,37 @@ class OpenedGraph:
             "none": np.zeros(self.graph.num_recipes, dtype=bool),
         }
         return TrainSample.of(self.graph, rows[kg])
+
+
+class PlayedGraph(Record, frozen=True):
+    """Identity of a recipe graph and its split.
+
+    Attributes:
+        name: name of the graph.
+        hash: content hash of the graph.
+        kind: kind of the split.
+        split_seed: seed of the split.
+        split: content hash of the split.
+    """
+
+    name: str
+    hash: Hash
+    kind: str
+    split_seed: int
+    split: Hash
+
+    @classmethod
+    def of(cls, opened: OpenedGraph) -> "PlayedGraph":
+        """Return the identity of an opened graph and its split."""
+        graph = opened.graph
+        split = opened.split
+        return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
+
+    @property
+    def in_words(self) -> str:
+        """Graph and split as text, with the first digits of the hashes."""
+        split = f"{self.kind} split {self.split[:12]}, seed {self.split_seed}"
+        return f"{self.name} {self.hash[:12]}, {split}"
 
 
 def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError, WordCraftKGError, reason
-from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph, write_graph_folder
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split

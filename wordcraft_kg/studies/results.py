@@ -42,9 +42,8 @@ from wordcraft_kg.base.records import Count, Record, Share, as_record, as_values
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.studies.plan import Outcome, Plan, Task
 from wordcraft_kg.studies.study import Study, StudyCell, Values
 

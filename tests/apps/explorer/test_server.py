@@ -272,7 +272,6 @@ def test_ctrl_c_ends_the_server_within_3_s_while_a_page_is_computed():
         ("--host no.such.host.invalid", "unknown host", "ConfigError"),
         ("--host 203.0.113.7", "not an address of this machine", "ConfigError"),
         ("--force", "--export", "ConfigError"),
-        ("--games nowhere", "add --run FOLDER", "ConfigError"),
         ("--model nowhere", "nowhere", "ArtefactError"),
         ("--run nowhere", "nowhere", "ArtefactError"),
     ],

@@ -18,7 +18,6 @@ from wordcraft_kg.apps.text_agents.submission import (
 )
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.wording import counted, for_markdown, look_alike_key
-from wordcraft_kg.evaluation.reference import literature
 
 REFERENCES = {"oracle": "oracle", "random": "chance"}
 """Kinds of players that are lines of reference, without a rank, and their names above a table."""
@@ -153,10 +152,6 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     yield from (
         "",
         "A submission cannot show that a person has played: see [Let people play](people.md).",
-    )
-    yield from ("", "## From the literature: other tasks, not comparable", "")
-    yield from (
-        f"- {row.player}: {row.in_words}. {row.reference}" for row in literature(["success"])
     )
 
 

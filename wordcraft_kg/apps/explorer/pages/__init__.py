@@ -19,7 +19,6 @@ from wordcraft_kg.apps.explorer.pages import (
     entities,
     entity,
     episode,
-    games,
     home,
     link,
     map,
@@ -45,7 +44,6 @@ CORE: tuple[Page[Any], ...] = (
     pair.PAGE,
     tasks.PAGE,
     episode.PAGE,
-    games.PAGE,
     runs.PAGE,
     runs.RUN,
 )

@@ -49,10 +49,10 @@ def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, fu
     ("content", "pages"),
     [
         pytest.param(
-            "models and runs", ["tasks", "link", "path", "map", "entity"], marks=pytest.mark.slow
+            "models and runs", ["tasks", "link", "path", "entity"], marks=pytest.mark.slow
         ),
-        ("runs", ["tasks", "path", "map", "entity"]),
-        ("nothing", ["path", "map", "entity"]),
+        ("runs", ["tasks", "path", "entity"]),
+        ("nothing", ["path", "entity"]),
     ],
 )
 def test_the_overview_asks_questions_and_each_is_answered(explored, content, pages):

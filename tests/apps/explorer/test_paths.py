@@ -210,11 +210,11 @@ def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
     assert "about 2.8 × 10^4515" in repr(Planner(explored.opened.graph).derivation("15000"))
 
 
-def test_a_graph_without_entities_has_no_map_or_path():
-    """A graph without entities has no map or path in the menu and is no error of the program."""
+def test_a_graph_without_entities_has_no_path():
+    """A graph without entities has no path in the menu and is no error of the program."""
     explored = explored_graph([])
     site = Site(explored, lambda page, state: page.address(state), str)
-    assert {page.name for page, _ in site.menu}.isdisjoint({"map", "path"})
+    assert {page.name for page, _ in site.menu}.isdisjoint({"path"})
     with pytest.raises(ConfigError, match="no entities"):
         view_of(explored, PathState())
     client = client_of(explored)

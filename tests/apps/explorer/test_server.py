@@ -98,7 +98,7 @@ def test_no_path_leads_out_of_the_site(client, path):
 @pytest.mark.parametrize(
     ("path", "is_meant"),
     [
-        *[("/entity/brea", True), ("/map?entity=brea", True), ("/path?entity=brea", True)],
+        *[("/entity/brea", True), ("/path?entity=brea", True)],
         *[("/run/brea", False), ("/entity/bread?model=x", False)],
     ],
 )

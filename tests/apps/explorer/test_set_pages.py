@@ -3,7 +3,6 @@
 from tests.apps.explorer.shown import explored_graph, look, view_of
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
-from wordcraft_kg.apps.explorer.pages.map import MapState
 from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
@@ -58,11 +57,3 @@ def test_paths_lead_through_sets_and_name_what_is_missing():
     assert lacking.sources == ("yeast",)
     chain = view_of(explored, PathState("bread", start="salt")).chain
     assert [step.recipe.result for step in chain.steps] == ["dough", "bread"]
-
-
-def test_links_on_the_map_are_those_of_sets():
-    chosen = view_of(explored_graph(ROWS, BASE), MapState("flour")).chosen
-    assert set(chosen.combines.listed) == {"egg", "salt", "water"}
-    assert set(chosen.makes.listed) == {"dough", "pasta", "paste"}
-    chosen = view_of(explored_graph(ROWS, BASE), MapState("bread")).chosen
-    assert set(chosen.made_of.listed) == {"dough"}

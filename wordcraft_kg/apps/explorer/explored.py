@@ -133,8 +133,8 @@ class Explored:
         Other threads that need the value wait for it. A failure is not kept: the next call tries
         again.
         """
-        # One lock for each key: a thread that computes the map must not stop the pages that do not
-        # need it.
+        # One lock for each key: a thread that searches for tasks must not stop the pages that do
+        # not need them.
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:

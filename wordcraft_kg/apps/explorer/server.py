@@ -31,7 +31,7 @@ from wordcraft_kg.base.records import as_values
 
 T = TypeVar("T")
 PACKAGE = "wordcraft_kg.apps.explorer"
-SCRIPTS = ("explorer.js", "map.js")
+SCRIPTS = ("explorer.js",)
 _KEPT = 256
 """Rendered pages in memory, 50 KB each."""
 _THREADS = 8

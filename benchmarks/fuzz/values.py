@@ -35,7 +35,6 @@ GIVEN = {
         "player": "cat",
     },
     **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
-    **{"repository": "me/mine", "hub push folder folder": "in/graph"},
     **{"elicit model": "in/model", "encoder": "in/model"},
     **{
         "track": "craft-8-lite",

@@ -27,7 +27,6 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.export import export_graph, to_networkx
-from wordcraft_kg.graphs.folder import check_derived_files
 from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.graphs.triples import RELATIONS
 
@@ -294,7 +293,6 @@ def test_sets_survive_files_and_folders(tmp_path):
         split = make_split(graph, SplitConfig("by-goal", 0.5))
         write_graph_folder(tmp_path / "graph", given_book, split, force=True)
         opened = open_graph(tmp_path / "graph")
-        check_derived_files(tmp_path / "graph", opened)
         assert (opened.graph, opened.split.hash) == (graph, split.hash)
     assert graph.hash != RecipeGraph.from_recipes(ROWS[:3]).hash
 
@@ -347,7 +345,6 @@ def test_quantities_are_kept_in_the_order_of_the_ingredients_and_exported(tmp_pa
     split = make_split(graph, SplitConfig("none"))
     write_graph_folder(tmp_path / "graph", book, split)
     opened = open_graph(tmp_path / "graph")
-    check_derived_files(tmp_path / "graph", opened)
     assert (opened.graph.quantities, opened.graph.kinds) == (graph.quantities, graph.kinds)
     for format in ("csv", "json", "hif"):
         export_graph(opened, format, tmp_path / f"again.{format}")

@@ -17,7 +17,6 @@ import numpy as np
 from wordcraft_kg.base.artefacts import (
     dump_json,
     read_json,
-    read_large_file,
     staged_folder,
     what_is,
     write_atomically,
@@ -174,50 +173,6 @@ def _derived_files(split: Split, book: RecipeBook) -> dict[str, Iterable[str]]:
     for name, triples in parts.items():
         files[f"triples/{name}.tsv"] = triple_lines(triples, graph.entities)
     return files
-
-
-def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
-    """Check that all files of a graph folder agree with its ``graph.json`` and ``split.json``.
-
-    Commands read only these two, but people read the tables: a folder from elsewhere may hold other
-    recipes there.
-
-    Args:
-        folder: the graph folder.
-        opened: what :func:`open_graph` returned for it.
-
-    Raises:
-        ArtefactError: if a file is missing, a table differs from the table of this graph and split,
-            or a value in ``audit.json`` differs from the value computed here. Values that this
-            version does not know are not compared.
-        RecipeFileError: if ``graph.json`` cannot be read.
-    """
-    book = read_book(folder / "graph.json", keep_self_results=True, single_ingredient="alone")
-    for name, lines in _derived_files(opened.split, book).items():
-        if read_large_file(folder / name) != "".join(lines).encode():
-            raise ArtefactError(
-                f"{folder / name} does not agree with graph.json and split.json. Build the graph "
-                "again, or restore a copy."
-            )
-    # The statistics count lines of the first file, which graph.json does not hold.
-    source = read_json(folder / "graph.json").get("source")
-    counts = {}
-    if isinstance(source, dict):
-        counts = {name: source.get(name, 0) for name in _DROPPED}
-    expected = audit(opened.graph, opened.split, replace(book, **counts))
-    if not _agree(read_json(folder / "audit.json"), as_values(expected)):
-        raise ArtefactError(
-            f"{folder / 'audit.json'} does not agree with graph.json and split.json. Build the "
-            "graph again, or restore a copy."
-        )
-
-
-def _agree(recorded: Any, expected: Any) -> bool:
-    """Return whether values are equal, in objects the values of the names that both have."""
-    if isinstance(recorded, dict) and isinstance(expected, dict):
-        shared_names = recorded.keys() & expected
-        return all(_agree(recorded[name], expected[name]) for name in shared_names)
-    return bool(recorded == expected)
 
 
 @stage("writing the graph folder")

@@ -458,29 +458,3 @@ def test_each_row_is_a_recipe_or_a_loss_with_its_reason_and_its_place(check, nam
 def test_a_sum_that_our_own_table_takes_for_a_label_names_the_third_column(check):
     found = check(HEADER + "ham + cheese,bread,sandwich\n")
     assert "ingredient_a,ingredient_b,ingredient_c,result" in message(found, "several")
-
-
-def test_likely_twins_are_notes_and_other_words_are_none(check):
-    rows = [
-        "milk,culture,yoghurt",
-        "yogurt,berry,breakfast",
-        "tomatoe,bread,toast",
-        "seed,sun,tomato",
-    ]
-    rows += ["strawberry,sugar,strawberry jam", "jam,bread,sweet toast", "recieve,call,mail"]
-    rows += ["letter,post,receive", "boat,sea,goat", "oak tree,axe,pine tree", "carrot,pot,carrots"]
-    found = check(HEADER + "\n".join(rows) + "\n")
-    pairs = [text.split(" may be ")[0] for text in messages(found, "twin") if "may be" in text]
-    assert sorted(pairs) == [
-        "'receive' and 'recieve'",
-        "'tomato' and 'tomatoe'",
-        "'yogurt' and 'yoghurt'",
-    ]
-    short = [text for text in messages(found, "twin") if "only used" in text]
-    assert short == [
-        "'jam' is only used, and strawberry jam is made; if they are the same thing, use one name"
-    ]
-    assert next(finding.lines for finding in found.findings if finding.kind == "twin") == (2, 3)
-    # A declared base entity has no recipe, and that is meant.
-    declared = check("# base: jam, bread\n" + HEADER + "\n".join(rows) + "\n")
-    assert not [text for text in messages(declared, "twin") if "only used" in text]

@@ -24,7 +24,6 @@ EXAMPLES = {
     "check-book": (
         "wordcraft-kg check-book recipes.csv",
         "wordcraft-kg check-book recipes.csv --fix mended.csv",
-        "wordcraft-kg check-book everyday --against kitchen",
     ),
 }
 
@@ -85,7 +84,6 @@ def check_book(
     book: Book,
     *,
     base: Base = None,
-    against: str | None = None,
     limit: int = 10,
     fix: Path | None = None,
     force: Force = False,
@@ -102,7 +100,6 @@ def check_book(
     Args:
         book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
             Minecraft recipes, also in gzip or zip; or a known book's name.
-        against: another book; report the share of recipes that both books have.
         limit: findings to show for each kind; the rest are counted. The JSON lists all findings.
         fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
             without results among their ingredients, in UTF-8 and the file's order, tables with
@@ -116,7 +113,7 @@ def check_book(
     if fix is not None:
         check_output_file(fix, force=force, setting="fix")
     labels = split_labels(base) if base else None
-    view = view_check(book, labels, against, fix=fix, **file.for_reading())
+    view = view_check(book, labels, fix=fix, **file.for_reading())
     output.result(view, _text_of_check(view, limit))
     return 0 if view.passed else 1
 

@@ -12,7 +12,6 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal, Unpack
 
-import msgspec
 import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
@@ -47,7 +46,6 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
-from wordcraft_kg.graphs.twins import alike_by_a_letter, used_and_made
 
 FAULTY = "with a problem"
 """Reason of rows that are no recipe because of a fault."""
@@ -74,8 +72,8 @@ class Finding(Record):
     message: str
 
 
-class BookStatistics(Record, omit_defaults=True):
-    """Statistics for a recipe book; the last seven need word vectors or a second book.
+class BookStatistics(Record):
+    """Statistics for a recipe book.
 
     Attributes:
         reachable: base entities (known at the start) and entities that can be made from the base.
@@ -86,11 +84,6 @@ class BookStatistics(Record, omit_defaults=True):
         self_pairs: entities that combine with themselves.
         pairs_with_two_or_three_results, pairs_with_more_results: pairs by number of results.
         most_used_share: share of all recipes that use ``most_used``.
-        words_with_vector: share of the words in entity labels with a word vector.
-        near_synonym_share: share of the default split's test recipes that repeat a train recipe with
-            one ingredient replaced by a near-synonym (cosine ``near_synonym_cosine`` or more).
-        against: name of a second book.
-        shared_recipes: recipes in both books; ``shared`` is their share in this book.
     """
 
     entities: Count
@@ -107,18 +100,9 @@ class BookStatistics(Record, omit_defaults=True):
     pairs_with_more_results: Count
     most_used: str
     most_used_share: Share
-    words: Count | None = None
-    words_with_vector: Share | None = None
-    near_synonym_share: Share | None = None
-    near_synonym_cosine: float | None = None
-    against: str | None = None
-    shared_recipes: Count | None = None
-    shared: Share | None = None
 
 
-SHARES = frozenset(
-    name for name, kind in BookStatistics.__annotations__.items() if kind in (Share, Share | None)
-)
+SHARES = frozenset(name for name, kind in BookStatistics.__annotations__.items() if kind is Share)
 """Names of the statistics that are shares, from 0 to 1."""
 
 
@@ -136,7 +120,6 @@ class BookCheck:
         lost: places of the rows that are no recipe of ``book``, by reason; a reason without places
             has only its number in ``reading``.
         records: cells of a table's rows by the names of its columns, by line.
-        twins: pairs of labels that may be one word, in two spellings.
     """
 
     findings: tuple[Finding, ...]
@@ -147,25 +130,11 @@ class BookCheck:
     places: Mapping[Recipe, Place] = field(default_factory=dict)
     lost: Mapping[str, Sequence[Place]] = field(default_factory=dict)
     records: Mapping[Place, Mapping[str, str]] = field(default_factory=dict)
-    twins: Sequence[tuple[str, str]] = ()
 
     @property
     def passed(self) -> bool:
         """Whether the book has no problems."""
         return all(finding.severity == "note" for finding in self.findings)
-
-    def adding(self, findings: Iterable[Finding], **figures: Any) -> "BookCheck":
-        """Return a copy with more findings, and with new values of ``figures``.
-
-        Args:
-            findings: further findings, which are sorted among the others.
-            figures: new values by field name; without effect if the check has no statistics.
-        """
-        new_figures = None
-        if self.figures is not None:
-            new_figures = msgspec.structs.replace(self.figures, **figures)
-        all_findings = _sorted([*self.findings, *findings])
-        return replace(self, findings=all_findings, figures=new_figures)
 
 
 @stage("checking the book")
@@ -237,9 +206,6 @@ def check_book(
     findings += _unreachable(graph, line_of, lines_of)
     findings += _plurals(graph, line_of)
     findings += _lonely(graph, line_of)
-    twins = list(alike_by_a_letter(graph.entities))
-    findings += [_note("twin", twin_message(pair), _at(pair, line_of)) for pair in twins]
-    findings += _short_names(graph, base_labels, line_of)
     mended = replace(book, base=None if base_labels is None else graph.base, reading=reading)
     return BookCheck(
         findings=_sorted(findings),
@@ -250,7 +216,6 @@ def check_book(
         places={recipe: places[0] for recipe, places in lines_of.items()},
         lost=_lost(rows, lines_of),
         records=rows.source.records,
-        twins=twins,
     )
 
 
@@ -554,26 +519,6 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
             if plural in graph:
                 message = f"'{label}' and '{plural}' are singular and plural of one word"
                 yield _note("plural", message, _at((label, plural), line_of))
-
-
-def twin_message(pair: tuple[str, str]) -> str:
-    """Return the message on two labels that differ in a letter."""
-    label, similar_label = pair
-    return f"'{label}' and '{similar_label}' may be one word; if they are, use one spelling"
-
-
-def _short_names(
-    graph: RecipeGraph, base: tuple[str, ...] | None, line_of: Mapping[str, int]
-) -> Iterator[Finding]:
-    """Yield notes on things that are only used, although others of this name are made."""
-    for label, longer_labels in used_and_made(graph):
-        if base is None or label not in base:
-            verb = "is" if len(longer_labels) == 1 else "are"
-            message = (
-                f"'{label}' is only used, and {listed(longer_labels)} {verb} made; if they are the same "
-                "thing, use one name"
-            )
-            yield _note("twin", message, _at((label, *longer_labels), line_of))
 
 
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:

@@ -79,27 +79,6 @@ SHAPES = {
             "test": {row[-1]: [row[:-1]] for row in ROWS[4:]},
         }
     ),
-    "graph.hif.json": json.dumps(
-        {
-            "network-type": "directed",
-            "incidences": [
-                incidence
-                for edge, row in enumerate(ROWS)
-                for incidence in (
-                    *(
-                        {
-                            "edge": edge,
-                            "node": x,
-                            "direction": "tail",
-                            "weight": row[:-1].count(x),
-                        }
-                        for x in dict.fromkeys(row[:-1])
-                    ),
-                    {"edge": edge, "node": row[-1], "direction": "head"},
-                )
-            ],
-        }
-    ),
 }
 
 
@@ -346,7 +325,7 @@ def test_quantities_are_kept_in_the_order_of_the_ingredients_and_exported(tmp_pa
     write_graph_folder(tmp_path / "graph", book, split)
     opened = open_graph(tmp_path / "graph")
     assert (opened.graph.quantities, opened.graph.kinds) == (graph.quantities, graph.kinds)
-    for format in ("csv", "json", "hif"):
+    for format in ("csv", "json"):
         export_graph(opened, format, tmp_path / f"again.{format}")
         again = read_book(tmp_path / f"again.{format}")
         assert (again.quantities, again.kinds) == (expected, book.kinds)

@@ -35,7 +35,6 @@ EXAMPLES = {
         "wordcraft-kg describe everyday --tasks --depth 2 --distractors 4 --part test --limit 5",
     ),
     "export": (
-        "wordcraft-kg export everyday --format nt --out everyday.nt",
         "wordcraft-kg export graphs/everyday --format graphml --out everyday.graphml",
         "wordcraft-kg export graphs/everyday --format tsv --part partial --out train.tsv",
         "wordcraft-kg export everyday --format sentences --part partial --out sentences.txt",
@@ -252,9 +251,9 @@ def export(
     """Export a graph to other tools' formats.
 
     Args:
-        format: tsv or parquet (triples), graphml (with recipe nodes), nt (RDF, with recipe nodes),
-            csv or json (recipe book), hif (JSON of a directed hypergraph), sentences (text for
-            language models, one line for each recipe).
+        format: tsv or parquet (triples), graphml (with recipe nodes), csv or json (recipe
+            book), hif (JSON of a directed hypergraph), sentences (text for language models, one
+            line for each recipe).
         out: file to write.
         part: full (all recipes), partial (train recipes), or unseen (held-out recipes, and triples
             that no train recipe gives). Entities and base are always complete.

@@ -674,7 +674,7 @@ def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_pat
     places = [float(place) for place in re.findall(r"[\d.]+", style)]
     expected = [100 * float(figure) for figure in (low, mean, high, chance)]
     assert places == pytest.approx(expected, abs=0.06), "the last is the line of chance"
-    assert re.findall(r"^## (\S+)", text, re.MULTILINE) == ["craft-8", "From"]
+    assert re.findall(r"^## (\S+)", text, re.MULTILINE) == ["craft-8"]
     assert f"<summary>craft-8-lite: 1 player, best {mean}</summary>" in text
     bench_leaderboard(tmp_path / "all", out=page, check=True)
     page.write_text(text + " ")

@@ -40,7 +40,6 @@ GIVEN = {
         "track": "craft-8-lite",
         "bench run player": "random",
         "chats player": "oracle",
-        "bench leaderboard folder folder": "in/study",
     },
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",

@@ -20,7 +20,7 @@ What lies where:
 * results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as
   agent evaluation);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
-  (write and verify), ``leaderboard``;
+  (write and verify);
 * ``commands``: the commands, by entry points in ``pyproject.toml``.
 
 Change freely: kinds of players, wording of errors, tables, commands. A changed prompt makes another

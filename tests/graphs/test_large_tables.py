@@ -110,7 +110,7 @@ def test_an_odd_row_has_the_result_or_the_fault_of_its_line(put, odd, after):
 
 @pytest.mark.parametrize("name", ["the header again", "a control character"])
 def test_a_fault_behind_the_first_piece_has_its_line(put, monkeypatch, name):
-    monkeypatch.setattr("wordcraft_kg.graphs.plain_rows._PIECE", 20)
+    monkeypatch.setattr("wordcraft_kg.graphs.book_files.texts._PIECE", 20)
     assert ", line 6: " in outcome(put(PLAIN + ODD[name]))
 
 
@@ -118,7 +118,7 @@ def test_pieces_end_at_lines(put, monkeypatch):
     path = put(PLAIN)
     whole = outcome(path)
     for size in range(1, len(PLAIN)):
-        monkeypatch.setattr("wordcraft_kg.graphs.plain_rows._PIECE", size)
+        monkeypatch.setattr("wordcraft_kg.graphs.book_files.texts._PIECE", size)
         assert outcome(path) == whole
 
 

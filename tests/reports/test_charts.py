@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_report import contribution_bar
 from wordcraft_kg.reports.charts import colour_of
-from wordcraft_kg.reports.charts.palette import COLOURS, DARK, DARK_SERIES, LIGHT, LIGHT_SERIES
+from wordcraft_kg.reports.charts.chart import COLOURS, DARK, DARK_SERIES, LIGHT, LIGHT_SERIES
 
 LABEL = "<b>&\"'$x$</b>\u202e"
 NO_ESTIMATE = (0.0, None, None)

@@ -8,7 +8,7 @@ depend only on the recipe book and the split's settings.
 
 Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
-- ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``: recipe books, as values,
+- ``recipes``, ``book_files``, ``book_check``, ``library``: recipe books, as values,
   as files of any shape, under construction, by name, and with invented words;
 - ``chains``, ``reading``: larger sets as pairs, for code that takes pairs, and how a file was read;
 - ``recipe_graph``, ``arrays``, ``triples``, ``planner``: the graph, its id arrays, its

@@ -18,7 +18,8 @@ from wordcraft_kg.base.artefacts import drop_temporary, dump_json, staged_folder
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
 from wordcraft_kg.base.wording import for_html
-from wordcraft_kg.reports.charts import Chart, palette
+from wordcraft_kg.reports.charts import COLOURS, Chart
+from wordcraft_kg.reports.charts.chart import DARK, LIGHT
 from wordcraft_kg.reports.glossary import Term, find_term
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import locked
@@ -105,7 +106,7 @@ def make_environment(*packages: str) -> jinja2.Environment:
         # A misspelt name in a template is an error, and not an empty place on the page.
         undefined=jinja2.StrictUndefined,
     )
-    environment.globals["palette"] = palette
+    environment.globals["palette"] = {"LIGHT": LIGHT, "DARK": DARK, "COLOURS": COLOURS}
     environment.filters["thousands"] = lambda number: f"{number:,}"
     return environment
 

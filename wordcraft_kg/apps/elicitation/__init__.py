@@ -2,7 +2,7 @@
 
 Read ``language_model`` first: it writes a knowledge folder, from texts that ``prompts`` describes.
 ``encoder`` makes entity vectors. ``weights`` finds, hashes and loads the model files of both;
-``foreign_code`` and ``sizes`` refuse a model that would run code, or ask for far more memory than
+``foreign_code`` refuses a model that would run code, or ask for far more memory than
 its weights hold, before any library reads it.
 
 Prompts may be added freely, in a file of the user's own. The default prompts were chosen on

@@ -1,9 +1,9 @@
 """Performing a task in its folder: train, resume, or return the finished task."""
 
+import logging
 import platform
 import shutil
 import time
-import traceback
 from contextlib import suppress
 from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
@@ -137,9 +137,9 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
     except WordCraftKGError as error:
         return Outcome(task.address, "failed", str(error), disk_full=_is_disk_full(error))
     except Exception as error:
-        return Outcome(
-            task.address, "failed", reason(error), traceback.format_exc(), _is_disk_full(error)
-        )
+        # An error that is not the user's: its traceback goes to the log.
+        logging.getLogger(__name__).exception("'%s' failed", task.title)
+        return Outcome(task.address, "failed", reason(error), _is_disk_full(error))
     return Outcome(task.address, "done" if is_finished else "interrupted")
 
 

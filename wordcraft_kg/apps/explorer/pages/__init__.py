@@ -1,6 +1,6 @@
 """All pages, by their first address segment.
 
-Read ``entity`` first: a page with settings, a view, a static form and example questions. ``runs``
+Read ``entity`` first: a page with settings, a view, and a static form. ``runs``
 also draws. A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here,
 an entry in :data:`CORE`, and a template of its name. Modules import ``page``, ``explored`` and
 ``predictor``, and other pages to link to them; no page imports the server. Other apps and

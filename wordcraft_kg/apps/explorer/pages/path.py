@@ -1,7 +1,6 @@
 """The page for paths: from the base to a goal, and from any entity to another."""
 
 import math
-from collections.abc import Iterator
 from itertools import pairwise
 from operator import attrgetter
 from typing import Literal
@@ -198,20 +197,6 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
     return Chain(graph.entities[start], graph.entities[goal], ())
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, PathState]]:
-    graph = explored.opened.graph
-    goal = int(layers_of(graph).argmax())
-    # The most used base entity that leads to the goal: its chain is the least special one.
-    for start in sorted(graph.base_ids.tolist(), key=lambda entity: -graph.use_counts[entity]):
-        chain = chain_between(explored, start, goal)
-        if chain.steps and chain.end == graph.entities[goal]:
-            yield (
-                f"How do I get from {chain.start} to {chain.end}?",
-                PathState(chain.end, start=chain.start),
-            )
-            return
-
-
 def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
     """Return the recipes of a derivation, in execution order, with their parts."""
     return tuple(
@@ -273,6 +258,5 @@ PAGE = Page(
     subject="entity",
     # Only the first page of each list: other pages would be many files.
     exported=lambda explored: map(PathState, ("", *explored.opened.graph.entities)),
-    questions=_questions,
     is_there=attrgetter("opened.graph.num_entities"),
 )

@@ -330,6 +330,11 @@ def test_quantities_are_kept_in_the_order_of_the_ingredients_and_exported(tmp_pa
         again = read_book(tmp_path / f"again.{format}")
         assert (again.quantities, again.kinds) == (expected, book.kinds)
     assert "500 10 300" in str(list(to_networkx(graph).nodes(data="quantities")))
+    rows = "water,flour,dough,1 2\nwater,flour,dough,1 2\nwater,flour,dough,3 2\n"
+    path.write_text("ingredient_a,ingredient_b,result,quantities\n" + rows)
+    repeated = read_book(path)
+    assert repeated.quantities == {Recipe.of("water", "flour", "dough"): "2 1"}
+    assert "1 repeated recipe with other quantities" in repeated.reading.line()
     path.write_text("ingredient_a,ingredient_b,result,quantities\nwater,flour,dough,3\n")
     with pytest.raises(RecipeFileError, match="quantities '3' of 2 ingredients; expected a number"):
         read_book(path)

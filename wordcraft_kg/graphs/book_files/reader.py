@@ -327,6 +327,7 @@ class BookRows:
         self.left_out: defaultdict[str, list[Place]] = defaultdict(list)
         self.arities: Counter[int] = Counter()
         self._counts_dropped = 0
+        self._other_quantities = 0
         self._halves: set[Recipe] = set()
 
     def all_at_once(self) -> RecipeRows | None:
@@ -423,7 +424,8 @@ class BookRows:
                 return fault_at(place, "row", message, "quantities")
             # In the order of the recipe's ingredients; of a recipe that is repeated, the first.
             in_order = [number for _, number in sorted(zip(ingredients, numbers, strict=True))]
-            self.quantities.setdefault(recipes[-1], " ".join(in_order))
+            first_numbers = self.quantities.setdefault(recipes[-1], " ".join(in_order))
+            self._other_quantities += first_numbers != " ".join(in_order)
         return recipes
 
     @cached_property
@@ -519,6 +521,10 @@ class BookRows:
         left_out[REPEATED] += merged
         left_out[SELF_RESULT] += self_results
         reading = self.source.reading
+        notes = [*reading.notes, *notes_about(labels)]
+        if self._other_quantities:
+            repeated = counted(self._other_quantities, "repeated recipe")
+            notes.append(f"{repeated} with other quantities, of which the first row counts")
         return replace(
             reading,
             container=self.content.container,
@@ -529,7 +535,7 @@ class BookRows:
             left_out={reason: number for reason, number in left_out.items() if number},
             arities={str(arity): self.arities[arity] for arity in sorted(self.arities)},
             counts_dropped=reading.counts_dropped + self._counts_dropped,
-            notes=(*reading.notes, *notes_about(labels)),
+            notes=tuple(notes),
         )
 
 

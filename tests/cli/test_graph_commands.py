@@ -669,21 +669,6 @@ def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
     assert path.read_bytes() == before
 
 
-@pytest.mark.slow
-def test_check_book_prints_percentages_and_json_numbers(printed, run):
-    """Check book prints shares as percentages and json keeps them as numbers."""
-    command = ("check-book", "kitchen")
-    lines = dict(line.split("  ", 1) for line in run(*command).out.splitlines() if "  " in line)
-    shown = {name: value.strip() for name, value in lines.items()}
-    figures = printed(*command)["figures"]
-    shares = {"share with two recipes", "most used share"}
-    assert {name for name, value in shown.items() if value.endswith(" %")} == shares
-    for name in shares:
-        value = figures[name.replace(" ", "_")]
-        assert 0 <= value <= 1
-        assert float(shown[name].removesuffix(" %")) == pytest.approx(100 * value, rel=0.005)
-
-
 @pytest.mark.parametrize("name", ["my graph", "a+b, c", "it's"])
 def test_a_suggested_command_can_be_repeated_in_a_shell(run, tmp_path, name):
     folder = tmp_path / name
@@ -696,7 +681,7 @@ def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):
     result = printed("check-book", "everyday")
     assert result["passed"] is True
     figures = result["figures"]
-    assert figures["entities"] == figures["reachable"]
+    assert figures["entities"] == figures["reachability"]["reachable"]
     assert {finding["severity"] for finding in result["findings"]} <= {"note"}
 
 

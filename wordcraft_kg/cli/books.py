@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.cli.console import Output, aligned, lines_of, split_labels
@@ -118,13 +118,6 @@ def check_book(
     return 0 if view.passed else 1
 
 
-def _shown(name: str, value: Any) -> Any:
-    """Return a share as a percentage with three digits, any other figure as it is."""
-    from wordcraft_kg.graphs.book_check import SHARES
-
-    return f"{100 * value:.3g} %" if name in SHARES and value is not None else value
-
-
 def _where(finding: "Finding") -> str:
     """Return the lines of a finding before its message; a finding about the whole file has none."""
     if not finding.lines:
@@ -163,11 +156,10 @@ def _text_of_check(view: "CheckedBook", limit: int) -> Iterator[str]:
     from wordcraft_kg.base.records import as_values
 
     figures = as_values(view.figures)
-    shown = {name: _shown(name, value) for name, value in figures.items()}
     # The base is what a user has to see as a whole: a slip in a label makes a base entity.
-    if shown.get("base"):
-        shown["base"] = ", ".join(map(quoted, shown["base"]))
-    yield from lines_of(shown)
+    if figures.get("base"):
+        figures["base"] = ", ".join(map(quoted, figures["base"]))
+    yield from lines_of(figures)
     if view.fixed is not None:
         yield f"wrote the mended book to {view.fixed}"
         yield from _left_out(view)

@@ -12,10 +12,10 @@ from wordcraft_kg.base.artefacts import staged_file
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.graphs.audit import BookFigures
 from wordcraft_kg.graphs.book_check import (
     LISTED,
     BookCheck,
-    BookStatistics,
     Finding,
     check_book,
 )
@@ -93,7 +93,7 @@ class CheckedBook(Record):
     passed: bool
     reading: Reading | None
     fixed: str | None
-    figures: BookStatistics | dict[str, None]
+    figures: BookFigures | dict[str, None]
     findings: tuple[Finding, ...]
     left_out: dict[str, tuple[Place, ...]] = msgspec.field(default_factory=dict)
     columns_left_out: tuple[str, ...] = ()

@@ -16,10 +16,10 @@ import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, for_terminal, quoted
-from wordcraft_kg.graphs.audit import degrees, reachability, sets_inside_others
+from wordcraft_kg.graphs.audit import BookFigures, book_figures, sets_inside_others
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.files import Decoded, read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
@@ -72,40 +72,6 @@ class Finding(Record):
     message: str
 
 
-class BookStatistics(Record):
-    """Statistics for a recipe book.
-
-    Attributes:
-        reachable: base entities (known at the start) and entities that can be made from the base.
-        max_layer: rounds of combining all known pairs until the last reachable entity.
-        mean_recipes_per_craftable: recipes of a craftable entity (one with a recipe), on average.
-        share_with_two_recipes: share of the craftable entities with at least two recipes.
-        terminal: craftable entities that no recipe uses.
-        self_pairs: entities that combine with themselves.
-        pairs_with_two_or_three_results, pairs_with_more_results: pairs by number of results.
-        most_used_share: share of all recipes that use ``most_used``.
-    """
-
-    entities: Count
-    recipes: Count
-    pairs: Count
-    base: tuple[str, ...]
-    reachable: Count
-    max_layer: Count
-    mean_recipes_per_craftable: float
-    share_with_two_recipes: Share
-    terminal: Count
-    self_pairs: Count
-    pairs_with_two_or_three_results: Count
-    pairs_with_more_results: Count
-    most_used: str
-    most_used_share: Share
-
-
-SHARES = frozenset(name for name, kind in BookStatistics.__annotations__.items() if kind is Share)
-"""Names of the statistics that are shares, from 0 to 1."""
-
-
 @dataclass(frozen=True)
 class BookCheck:
     """The check of a book.
@@ -123,7 +89,7 @@ class BookCheck:
     """
 
     findings: tuple[Finding, ...]
-    figures: BookStatistics | None
+    figures: BookFigures | None
     graph: RecipeGraph | None
     book: RecipeBook | None = None
     reading: Reading | None = None
@@ -209,7 +175,7 @@ def check_book(
     mended = replace(book, base=None if base_labels is None else graph.base, reading=reading)
     return BookCheck(
         findings=_sorted(findings),
-        figures=_statistics(graph),
+        figures=book_figures(graph),
         graph=graph,
         book=mended,
         reading=reading,
@@ -528,32 +494,6 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
         subject = counted(len(lonely), "entity", "entities")
         message = f"{subject} in one recipe only: {listed(lonely)}"
         yield _note("lonely", message, _at(lonely[:LISTED], line_of))
-
-
-def _statistics(graph: RecipeGraph) -> BookStatistics:
-    """Return the statistics of a graph; half-products of chains and their recipes do not count."""
-    reached = reachability(graph)
-    counts = degrees(graph)
-    results = graph.num_results
-    num_recipes = int(np.sum(~graph.makes_half_product))
-    craftable_counts = graph.recipe_counts[(graph.recipe_counts > 0) & ~graph.is_half_product]
-    (most_used, uses), *_ = counts.most_used
-    return BookStatistics(
-        entities=int(np.sum(~graph.is_half_product)),
-        recipes=num_recipes,
-        pairs=int(np.sum(results > 0)),
-        base=graph.base,
-        reachable=reached.reachable,
-        max_layer=reached.rounds,
-        mean_recipes_per_craftable=float(craftable_counts.mean()),
-        share_with_two_recipes=float(np.mean(craftable_counts >= 2)),
-        terminal=counts.terminal,
-        self_pairs=counts.self_pairs,
-        pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
-        pairs_with_more_results=int(np.sum(results > 3)),
-        most_used=most_used,
-        most_used_share=uses / num_recipes,
-    )
 
 
 def listed(labels: Iterable[str]) -> str:

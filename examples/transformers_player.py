@@ -30,8 +30,8 @@ from chat_template import ChatTemplate, usual_template
 from transformers import DynamicCache
 from transformers.utils import logging
 
+from wordcraft_kg.apps.elicitation.foreign_code import locate_model, working
 from wordcraft_kg.apps.elicitation.language_model import open_language_model
-from wordcraft_kg.apps.elicitation.weights import locate_model, working
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 
 Message = dict[str, str]

@@ -9,11 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.arrays import absent
+from wordcraft_kg.graphs.arrays import absent, json_recipes, row_text
 from wordcraft_kg.graphs.book_files import read_book
 from wordcraft_kg.graphs.book_files.reader import BookRows
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
-from wordcraft_kg.graphs.row_text import json_recipes, row_text
 
 HEADER = "ingredient_a,ingredient_b,result\n"
 PLAIN = HEADER + "water,earth,mud\nearth,earth,land\nearth,water,mud\nmud,sun,mud\n"
@@ -161,7 +160,7 @@ def test_text_of_rows_equals_that_of_single_rows(names, data):
     ids = st.integers(0, len(names) - 1)
     rows = data.draw(st.lists(st.tuples(ids, ids, ids)))
     columns = [[f"{name}, " for name in names], [f"{name}\t" for name in names], names]
-    with patch("wordcraft_kg.graphs.row_text._PIECE", data.draw(st.integers(1, 4))):
+    with patch("wordcraft_kg.graphs.arrays._PIECE", data.draw(st.integers(1, 4))):
         pieces = list(row_text(np.array(rows, dtype=np.int64).reshape(-1, 3), columns))
         lines = "".join(json_recipes(np.array(rows, dtype=np.int64).reshape(-1, 3), names))
     assert "".join(pieces) == "".join(f"{names[a]}, {names[b]}\t{names[c]}" for a, b, c in rows)

@@ -60,7 +60,7 @@ CORE = {
     },
     "Agents": {"train-agent": "train", "evaluate-agent": "agents", "explain": "agents"},
     "Comparisons and studies": {"compare": "compare", "reproduce": "reproduce"},
-    "Tasks and play": {"discover": "discover"},
+    "Tasks and play": {"discover": "agents"},
     "Knowledge from outside the book": {"import-knowledge": "import_knowledge"},
     "Installation": {"doctor": "doctor"},
 }

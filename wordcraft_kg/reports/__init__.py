@@ -6,7 +6,7 @@ Reports evaluate nothing. A function takes a view and returns a :class:`~pages.R
 - ``link_report``, ``agent_report``: a file for each page, with its template
   of the same name in ``templates/``. The explorer shares the charts of agents.
 - ``charts``: figures of Matplotlib from plain numbers, shown as SVG.
-- ``glossary`` and ``glossary.toml``: explained terms.
+- ``glossary.toml``: explained terms.
 
 A page is a single file that can be read without a script. Headings and explained terms are
 collected while the page template is rendered, and become the contents table and the glossary. A

@@ -26,8 +26,10 @@ from wordcraft_kg.apps.elicitation.foreign_code import (
     check_modules,
     check_sentence_transformers,
     check_size,
+    hash_weights,
+    loading,
+    working,
 )
-from wordcraft_kg.apps.elicitation.weights import hash_weights, loading, working
 from wordcraft_kg.base.artefacts import (
     read_json,
     staged_folder,

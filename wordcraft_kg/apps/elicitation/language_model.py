@@ -21,9 +21,15 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from wordcraft_kg.apps.elicitation.foreign_code import check_counts, check_model_files, check_size
+from wordcraft_kg.apps.elicitation.foreign_code import (
+    check_counts,
+    check_model_files,
+    check_size,
+    hash_weights,
+    loading,
+    working,
+)
 from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
-from wordcraft_kg.apps.elicitation.weights import hash_weights, loading, working
 from wordcraft_kg.base.artefacts import (
     TEMPORARY,
     check_output,

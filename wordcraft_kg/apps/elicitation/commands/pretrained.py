@@ -56,7 +56,7 @@ def encode(
         every[check_label(label, "`labels`")] = None
     names = list(every)
     from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
-    from wordcraft_kg.apps.elicitation.weights import locate_model
+    from wordcraft_kg.apps.elicitation.foreign_code import locate_model
 
     progress = output.progress("encoding", unit="label")
     vectors, hashes = encode_labels(names, locate_model("encoder", encoder), progress)
@@ -107,12 +107,12 @@ def elicit(
     recipes = open_graph(graph).graph
     check_output(out, force=force)
     check_extra("text")
+    from wordcraft_kg.apps.elicitation.foreign_code import locate_model
     from wordcraft_kg.apps.elicitation.language_model import (
         elicit_knowledge,
         open_language_model,
         strongest,
     )
-    from wordcraft_kg.apps.elicitation.weights import locate_model
 
     language_model = open_language_model(locate_model("model", model), random_weights)
     progress = output.progress("reading texts", unit="text")

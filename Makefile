@@ -94,7 +94,7 @@ lint: install
 	$(BIN)/python docs/make_evidence.py --check
 	$(BIN)/python docs/make_notebooks.py --check
 	$(BIN)/python data/make_benchmark.py --check
-	$(BIN)/wordcraft-kg bench leaderboard leaderboard/everyday-v3 --out docs/leaderboard.md --check
+	$(BIN)/python benchmarks/leaderboard_page.py leaderboard/everyday-v3 --out docs/leaderboard.md --check
 
 format: install
 	$(BIN)/ruff check --fix .

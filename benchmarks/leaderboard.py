@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 
-from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
+from wordcraft_kg.apps.text_agents.commands.bench import bench_run
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.submission import (
     ARCHIVE,

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from bottlenecks import WorldStatistics, main_statistics
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.discovery import NEVER, Plays
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.statistics import crossed_difference, rate_interval
-from wordcraft_kg.evaluation.discovery import ORACLES, main_statistics
-from wordcraft_kg.graphs.bottlenecks import WorldStatistics
+from wordcraft_kg.evaluation.discovery import ORACLES
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 MARKS = (50, 100, 200, 300, 500)

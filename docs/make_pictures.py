@@ -18,7 +18,6 @@ IMAGES = Path(__file__).parent / "images"
 WIDTH = 1180
 PICTURES = {
     "explorer-entity": ("entity/bread.html", 1180),
-    "explorer-map": ("map/map.html", 900),
     "explorer-episode": ("episode", 900),
 }
 """Page of the static site, or folder whose first page it is, and height of each picture."""

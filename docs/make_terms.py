@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import get_args
 
-from wordcraft_kg.reports.glossary import GLOSSARY, Topic
+from wordcraft_kg.reports.pages import GLOSSARY, Topic
 
 PAGE = Path(__file__).with_name("terms.md")
 BEGINNING = """# Terms

@@ -26,12 +26,12 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from chat_template import ChatTemplate, usual_template
 from transformers import DynamicCache
 from transformers.utils import logging
 
-from wordcraft_kg.apps.elicitation.chat_template import ChatTemplate, usual_template
+from wordcraft_kg.apps.elicitation.foreign_code import locate_model, working
 from wordcraft_kg.apps.elicitation.language_model import open_language_model
-from wordcraft_kg.apps.elicitation.weights import locate_model, working
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 
 Message = dict[str, str]

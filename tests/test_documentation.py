@@ -335,8 +335,6 @@ RAY = "needs the nodes of a Ray cluster; tests/studies starts one on this machin
 NOT_RUN = {
     "build-graph reactions.json": "needs a published split; tests/cli/test_sets_commands.py has one",
     "books --fetch": NETWORK,
-    "hub pull": NETWORK,
-    "hub push models/mine": NETWORK,
     "evaluate-links models/theirs": NETWORK,
     "encode": MODEL,
     "elicit": MODEL,
@@ -450,8 +448,6 @@ def test_the_commands_of_a_how_to_page_run(page, wide_world, tmp_path, monkeypat
     for line in COMMANDS[page]:
         if reason_not_to_run(line) is not None:
             continue
-        if line[0] == "hub":
-            pytest.importorskip("huggingface_hub", reason="needs the extra hub")
         words = shortened(line)
         if "--out" in words:
             out = Path(words[words.index("--out") + 1])

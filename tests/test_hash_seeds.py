@@ -95,14 +95,6 @@ def reports():
     write_report(make_link_report(view_links(links), links.labelled_ranks), Path("report"))
 
 
-def maps():
-    from wordcraft_kg.apps.explorer.pages.map import map_of, view_map
-
-    graph = open_graph("kitchen").graph
-    drawn = map_of(graph)
-    print(drawn, view_map(graph, drawn, "bread"))
-
-
 MAKERS = {
     make.__name__: make
     for make in (
@@ -113,7 +105,6 @@ MAKERS = {
         discovery,
         link_models,
         reports,
-        maps,
     )
 }
 """Functions that print, or write into the working folder."""

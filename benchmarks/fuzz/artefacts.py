@@ -20,7 +20,7 @@ GRAPH = (
     ("build-graph", "{}", "--out", "out"),
     ("describe", "{}", "--tasks", "--limit", "2", "--json"),
     ("evaluate-agent", "{}", "--distractor-seeds", "1", "--distractors", "1"),
-    ("discover", "{}", "--runs", "1", "--attempts", "3", "--out", "out.html"),
+    ("discover", "{}", "--runs", "1", "--attempts", "3"),
     ("evaluate-agent", "in/agent", "--graph", "{}", "--distractor-seeds", "1"),
     ("evaluate-links", "in/model", "--graph", "{}", "--out", "out"),
 )

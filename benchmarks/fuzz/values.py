@@ -35,13 +35,11 @@ GIVEN = {
         "player": "cat",
     },
     **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
-    **{"repository": "me/mine", "hub push folder folder": "in/graph"},
     **{"elicit model": "in/model", "encoder": "in/model"},
     **{
         "track": "craft-8-lite",
         "bench run player": "random",
         "chats player": "oracle",
-        "bench leaderboard folder folder": "in/study",
     },
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",

@@ -596,7 +596,7 @@ REFUSED = [
     ),
     ("describe kitchen --tasks --part valid", "kitchen has no task of depth 1 in the valid part"),
     ("check-book nowhere", "'nowhere' is neither a file nor a known book"),
-    ("check-book kitchen --against evryday", "Did you mean 'everyday'"),
+    ("check-book evryday", "Did you mean 'everyday'"),
     ("evaluate-agent kitchn", "Did you mean 'kitchen'"),
     ("evaluate-agent kitchen --part valid", "kitchen has no task of depth 1 in the valid part"),
     ("evaluate-agent kitchen --scorer nowhere", "nowhere"),

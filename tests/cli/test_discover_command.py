@@ -1,5 +1,4 @@
 import re
-import xml.etree.ElementTree as ET
 
 import pytest
 from quick import text_of
@@ -63,61 +62,7 @@ def test_a_single_run_has_no_interval(printed, run):
     assert "[" not in text.split("people")[0].split("\n", 2)[2]
 
 
-def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, recipes_folder):
-    page = tmp_path / "deep" / "page.html"
-    assert f"wrote {page}" in text_of(
-        "discover", "kitchen", "--runs", 2, "--scorer", recipes_folder, "--out", page
-    )
-    assert list(page.parent.iterdir()) == [page]
-    html = page.read_text(encoding="utf-8")
-    assert not re.search(r"<link|src=|https?://", html)
-    svg = ET.fromstring(re.search(r"<svg.*?</svg>", html, re.DOTALL)[0])
-    lines = [path for path in svg.iter("path") if path.get("stroke-width") == "2"]
-    # Told apart by dash and colour together.
-    assert len({(line.get("stroke"), line.get("stroke-dasharray")) for line in lines}) == 6
-    assert any(path.get("fill-opacity") for path in svg.iter("path"))
-    labels = {text.text for text in svg.iter("text")}
-    assert {"random", "greedy", "recipe-learner", "people (another game)"} <= labels
-    assert "Brändle" in html
-
-
-def test_players_that_never_repeat_a_pair_are_named(run, tmp_path):
-    """Players that never repeat a pair are named instead of drawn at zero."""
-    page = tmp_path / "page.html"
-    assert (
-        run(
-            "discover",
-            "kitchen",
-            *QUICK,
-            "--players",
-            "random,random-no-repeat,greedy",
-            "--out",
-            page,
-        ).code
-        == 0
-    )
-    html = page.read_text(encoding="utf-8")
-    known, repeated = (
-        ET.fromstring(svg) for svg in re.findall(r"<svg.*?</svg>", html, re.DOTALL)[:2]
-    )
-    drawn = [
-        {text.text for text in svg.iter("text")} & {"random", "random-no-repeat", "greedy"}
-        for svg in (known, repeated)
-    ]
-    assert drawn == [{"random", "random-no-repeat", "greedy"}, {"random"}]
-    assert "Never repeated a pair: random-no-repeat, greedy." in html
-    assert (
-        run("discover", "kitchen", *QUICK, "--players", "greedy", "--out", page, "--force").code
-        == 0
-    )
-    # Greedy knows the graph, so no map shows its discoveries.
-    assert page.read_text(encoding="utf-8").count("<svg") == 1
-
-
-def test_a_scorer_of_another_book_explores_beside_published_runs(
-    printed, recipes_folder, tmp_path, refused
-):
-    """A recipe scorer of another book explores and published figures stand beside long runs."""
+def test_a_scorer_of_another_book_explores(printed, recipes_folder, tmp_path, refused):
     book = tmp_path / "other.csv"
     book.write_text(
         "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed "
@@ -134,22 +79,15 @@ def test_a_scorer_of_another_book_explores_beside_published_runs(
     text = text_of(*start, "--runs", 1, "--attempts", 500, "--players", "recipe-learner")
     rows = {line.split("  ")[0]: line.split() for line in text.splitlines()}
     assert rows["entities known after"][-6:-1] == ["100", "200", "300", "400", "500"]
-    assert rows["o1, published"][-1] == "177"
-    assert "stopped before" in text
 
 
 @pytest.mark.slow
-def test_another_book_guides_and_the_main_bottleneck_is_named(printed, refused, tmp_path):
+def test_another_book_guides(printed, refused, tmp_path):
     arguments = ("discover", "everyday", "--book", "kitchen", *QUICK)
     values = printed(*arguments)
     assert values["book"] == "kitchen"
     assert list(values["players"])[-1] == "book-votes"
-    main = values["statistics"]["main"]
-    assert values["statistics"]["bottlenecks"][0] == main
-    for passages in values["passed"].values():
-        assert passages[0]["entity"] == main["entity"]
     text = text_of(*arguments)
-    assert f"main bottleneck: {main['entity']}, needed for {main['needed_by']} other" in text
     assert "more attempts than pairs" not in text
     assert "book-votes" in refused("discover", "kitchen", *QUICK, "--players", "book-votes")
     assert "pancake day" in refused("discover", "everyday", "--base", "air,pancake day")

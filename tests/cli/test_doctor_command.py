@@ -4,8 +4,6 @@ import json
 
 import pytest
 
-from wordcraft_kg.graphs.library import DATA_VARIABLE
-
 
 @pytest.fixture
 def doctor(run, home):
@@ -46,21 +44,10 @@ def test_only_a_deliberate_light_installation_passes_without_packages(
     assert checks["packages"][2].endswith("pip install 'pykeen<1.12,>=1.11.1'")
 
 
-@pytest.mark.slow
-def test_an_old_package_a_changed_book_and_folders_without_permission_fail(
-    doctor, home, monkeypatch
-):
+def test_an_old_package_fails(doctor, monkeypatch):
     monkeypatch.setattr(
         "wordcraft_kg.base.extras.version", lambda name: "1.0" if name == "scipy" else "99"
     )
-    (home / "cache").write_text("")
-    (home / "alchemy2.json").write_text("{}")
-    monkeypatch.setenv(DATA_VARIABLE, str(home))
     code, checks = doctor()
-    assert (code, checks["little-alchemy-2"][0], checks["folder for books"][0]) == (
-        1,
-        "error",
-        "error",
-    )
+    assert code == 1
     assert "scipy has version 1.0, expected >=1.12" in checks["packages"][1]
-    assert "44136fa355b3, expected 757422df36f8" in checks["little-alchemy-2"][1]

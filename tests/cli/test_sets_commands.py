@@ -31,7 +31,7 @@ def test_sets_are_built_described_exported_trained_on_and_ranked(run, folder, tm
     assert "pesto = basil + cheese + garlic + oil + salt + walnut" in text_of(
         "describe", folder, "--entity", "pasta with pesto"
     )
-    for format in ("nt", "hif", "parquet", "graphml"):
+    for format in ("hif", "parquet", "graphml"):
         assert run("export", folder, "--format", format, "--out", tmp_path / format).code == 0
     model = tmp_path / "model"
     trained = run("train-complex", folder, *QUICK, "--out", model, "--json")

@@ -48,7 +48,7 @@ WORKING = (
         "describe graph",
         "describe graph --entity bread",
     ),
-    *("describe graph --tasks --limit 2", "export graph --format nt --out graph.nt"),
+    *("describe graph --tasks --limit 2", "export graph --format hif --out graph.hif.json"),
     *(
         "export graph --format graphml --out graph.graphml",
         "play graph",

@@ -14,7 +14,7 @@ from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.slices import MADE, NOT_MADE
+from wordcraft_kg.evaluation.agent_metrics import MADE, NOT_MADE
 from wordcraft_kg.graphs import SplitConfig, open_book, open_graph
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.models.folder import open_model

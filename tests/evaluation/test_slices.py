@@ -1,6 +1,6 @@
 import numpy as np
 
-from wordcraft_kg.evaluation.slices import OPEN_END, binned
+from wordcraft_kg.evaluation.agent_metrics import OPEN_END, binned
 
 
 def test_bins_hold_their_bounds_and_are_named_by_them():

@@ -1,10 +1,8 @@
 import csv
-import re
+import json
 from pathlib import Path
 from typing import get_args
-from urllib.parse import unquote
 
-import graph_oracles as oracles
 import networkx as nx
 import pandas as pd
 import pytest
@@ -14,7 +12,7 @@ from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_book, open_g
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.cli.graphs import Format
 from wordcraft_kg.graphs import Recipe, RecipeBook, read_book
-from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph, triples_frame
+from wordcraft_kg.graphs.export import EXPORTERS, export_graph, triples_frame
 from wordcraft_kg.graphs.folder import OpenedGraph, entities_frame
 from wordcraft_kg.graphs.triples import RELATIONS
 
@@ -110,38 +108,20 @@ def test_graphml_holds_each_recipe_as_a_node(source, tmp_path):
             )
 
 
-def test_rdf_holds_the_triples_and_labels(source, tmp_path):
-    rdflib = pytest.importorskip("rdflib")
-    store = rdflib.Graph().parse(exported(source, "nt", tmp_path), format="nt")
-    entity, relation = f"{NAMESPACE}entity:", f"{NAMESPACE}relation:"
-    found = {
-        (
-            unquote(head.removeprefix(entity)),
-            predicate.removeprefix(relation),
-            unquote(tail.removeprefix(entity)),
-        )
-        for head, predicate, tail in (map(str, triple) for triple in store)
-        if predicate.startswith(relation)
-    }
-    assert found == oracles.triples(source.graph.recipe_labels())
-    labels = {str(label) for label in store.objects(predicate=rdflib.RDFS.label)}
-    assert labels == set(source.graph.entities)
-    made = {}
-    for recipe, predicate, thing in store:
-        if str(predicate).startswith(f"{NAMESPACE}role:"):
-            roles = made.setdefault(str(recipe), ([], []))
-            roles[str(predicate).endswith("result")].append(
-                unquote(str(thing).removeprefix(entity))
-            )
-    # The name of a recipe says how often an ingredient is needed, and its roles that it is.
-    recipes = []
-    for name, (parts, results) in made.items():
-        recipe = Recipe.of(*map(unquote, re.split(r"[+=]", name.rpartition(":")[2])))
-        assert (sorted(set(recipe.ingredients)), [recipe.result]) == (sorted(parts), results)
-        recipes.append(recipe)
-    assert sorted(recipes) == sorted(source.graph.recipe_labels())
-    roles = sum(len(parts) + 1 for parts, _ in made.values())
-    assert len(store) == len(found) + len(labels) + roles + len(recipes)
+def test_a_recipe_is_a_directed_edge_of_hif_and_a_self_pair_has_the_weight_2(tmp_path):
+    rows = [("water", "water", "lake"), ("lake", "fire", "mist")]
+    graph = RecipeGraph.from_recipes(rows, base=["fire", "water"], name="small")
+    document = json.loads(
+        exported(opened(graph, SplitConfig("none")), "hif", tmp_path).read_text(encoding="utf-8")
+    )
+    assert document["network-type"] == "directed"
+    assert document["metadata"] == {"name": "small", "hash": graph.hash}
+    base = {node["node"] for node in document["nodes"] if node["attrs"]["base"]}
+    assert base == {"fire", "water"}
+    assert [row for row in document["incidences"] if row["edge"] == 1] == [
+        {"edge": 1, "node": "water", "direction": "tail", "weight": 2},
+        {"edge": 1, "node": "lake", "direction": "head"},
+    ]
 
 
 def test_sentences_name_each_recipe_of_the_part_once(source, tmp_path):
@@ -194,10 +174,6 @@ def test_an_export_holds_the_part_that_is_asked_for(source, tmp_path, part):
     )
     export_graph(source, "graphml", tmp_path / "a.graphml", part=part)
     assert recipes_in(nx.read_graphml(tmp_path / "a.graphml")) == sorted(book.recipes)
-    export_graph(source, "nt", tmp_path / "a.nt", part=part)
-    statements = (tmp_path / "a.nt").read_text(encoding="utf-8").splitlines()
-    assert sum(":relation:" in statement for statement in statements) == len(triples)
-    assert sum(statement.endswith("Recipe> .") for statement in statements) == len(book.recipes)
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.arrays import absent
+from wordcraft_kg.graphs.arrays import absent, json_recipes, row_text
 from wordcraft_kg.graphs.book_files import read_book
 from wordcraft_kg.graphs.book_files.reader import BookRows
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
-from wordcraft_kg.graphs.row_text import json_recipes, row_text
 
 HEADER = "ingredient_a,ingredient_b,result\n"
 PLAIN = HEADER + "water,earth,mud\nearth,earth,land\nearth,water,mud\nmud,sun,mud\n"
@@ -109,7 +108,7 @@ def test_an_odd_row_has_the_result_or_the_fault_of_its_line(put, odd, after):
 
 @pytest.mark.parametrize("name", ["the header again", "a control character"])
 def test_a_fault_behind_the_first_piece_has_its_line(put, monkeypatch, name):
-    monkeypatch.setattr("wordcraft_kg.graphs.plain_rows._PIECE", 20)
+    monkeypatch.setattr("wordcraft_kg.graphs.book_files.texts._PIECE", 20)
     assert ", line 6: " in outcome(put(PLAIN + ODD[name]))
 
 
@@ -117,7 +116,7 @@ def test_pieces_end_at_lines(put, monkeypatch):
     path = put(PLAIN)
     whole = outcome(path)
     for size in range(1, len(PLAIN)):
-        monkeypatch.setattr("wordcraft_kg.graphs.plain_rows._PIECE", size)
+        monkeypatch.setattr("wordcraft_kg.graphs.book_files.texts._PIECE", size)
         assert outcome(path) == whole
 
 
@@ -159,7 +158,7 @@ def test_text_of_rows_equals_that_of_single_rows(names, data):
     ids = st.integers(0, len(names) - 1)
     rows = data.draw(st.lists(st.tuples(ids, ids, ids)))
     columns = [[f"{name}, " for name in names], [f"{name}\t" for name in names], names]
-    with patch("wordcraft_kg.graphs.row_text._PIECE", data.draw(st.integers(1, 4))):
+    with patch("wordcraft_kg.graphs.arrays._PIECE", data.draw(st.integers(1, 4))):
         pieces = list(row_text(np.array(rows, dtype=np.int64).reshape(-1, 3), columns))
         lines = "".join(json_recipes(np.array(rows, dtype=np.int64).reshape(-1, 3), names))
     assert "".join(pieces) == "".join(f"{names[a]}, {names[b]}\t{names[c]}" for a, b, c in rows)

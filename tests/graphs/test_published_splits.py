@@ -1,5 +1,6 @@
 """Splits from files, and the split of a table whose results have one recipe each."""
 
+import gzip
 import json
 import logging
 
@@ -168,3 +169,15 @@ def test_the_audit_counts_sets_inside_others_and_pairs_that_train_knows():
 
 def test_a_graph_of_pairs_has_no_statistics_of_sets(kitchen):
     assert audit(kitchen, make_split(kitchen, SplitConfig())).sets is None
+
+
+def test_a_split_in_gzip_is_read(tmp_path):
+    path = tmp_path / "split.csv.gz"
+    path.write_bytes(gzip.compress(FILES["results.csv"].encode()))
+    plain = tmp_path / "split.csv"
+    plain.write_text(FILES["results.csv"])
+    splits = [read_published_split(each, GRAPH) for each in (path, plain)]
+    assert splits[0].parts.tolist() == splits[1].parts.tolist()
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(SplitError):
+        read_published_split(path, GRAPH)

@@ -224,9 +224,10 @@ def test_a_registered_split_is_made_read_and_offered(kitchen, monkeypatch):
     split = make_split(kitchen, SplitConfig("by-letter"))
     assert all(kitchen.entities[i] >= "m" for i in split.recipes("test")[:, 2])
     assert read_split(json.loads("".join(split.to_json())), kitchen).hash == split.hash
-    from wordcraft_kg.cli import build_graph
 
-    assert "by-letter (by letter)" in build_graph._kinds()
+    from wordcraft_kg.cli import graphs
+
+    assert "by-letter (by letter)" in graphs._kinds()
 
 
 def test_a_split_needs_one_function_the_groups_of_recipes(kitchen, monkeypatch):

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, with_letters
-from wordcraft_kg.reports.glossary import GLOSSARY
+from wordcraft_kg.reports.pages import GLOSSARY
 
 ROOT = Path(__file__).parents[2]
 

@@ -50,8 +50,7 @@ from wordcraft_kg.models.scorers.ranking import (
     ranking_metrics,
     triple_groups,
 )
-from wordcraft_kg.reports.glossary import GLOSSARY
-from wordcraft_kg.reports.pages import render, write_report
+from wordcraft_kg.reports.pages import GLOSSARY, render, write_report
 
 
 def values_of(report):

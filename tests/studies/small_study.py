@@ -2,8 +2,7 @@
 
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.folder import PlayedGraph, open_graph
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import Pool, run_plan
 from wordcraft_kg.studies.perform import perform

@@ -26,8 +26,7 @@ from wordcraft_kg.base.errors import ArtefactError, TrainingError
 from wordcraft_kg.base.records import as_values, parse_record
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.record import end_run, start_run
@@ -40,7 +39,6 @@ from wordcraft_kg.studies.results import (
     RunMetrics,
     StudyResults,
     collect_study,
-    failure_of,
     hash_of,
     own_results,
     read_metrics,
@@ -231,7 +229,6 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
     broken = the("scorers", plan).address
 
     def work(task, root):
-        assert failure_of(root, task.address) is None, "what went wrong the last time is forgotten"
         return (
             Outcome(task.address, "failed", "the oven is broken")
             if task.address == broken
@@ -240,12 +237,11 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
 
     state = run_plan(plan, tmp_path, Pool(1), work=work)
     assert (state.done, len(state.failed), state.kept, state.total) == (5, 5, 0, 10)
-    assert failure_of(tmp_path, broken) == "the oven is broken"
+    assert state.failed[broken].error == "the oven is broken"
     run = next(address for address, task in plan.tasks.items() if broken in task.needs)
-    assert failure_of(tmp_path, run) == f"{plan.tasks[broken].title} failed: the oven is broken"
+    assert state.failed[run].error == f"{plan.tasks[broken].title} failed: the oven is broken"
     assert run_plan(plan, tmp_path, Pool(1), work=work).kept == 5
     assert len(run_small(tmp_path, plan, pretend)) == 5
-    assert failure_of(tmp_path, run) is None
 
 
 def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):

@@ -45,7 +45,7 @@ from wordcraft_kg.cli.failures import Failure, Manual, failure_of
 
 CORE = {
     "Recipe books and graphs": {
-        "build-graph": "build_graph",
+        "build-graph": "graphs",
         "describe": "graphs",
         "check-book": "books",
         "books": "books",
@@ -58,9 +58,9 @@ CORE = {
         "evaluate-links": "links",
         "score": "links",
     },
-    "Agents": {"train-agent": "train", "evaluate-agent": "evaluate_agent", "explain": "explain"},
+    "Agents": {"train-agent": "train", "evaluate-agent": "agents", "explain": "agents"},
     "Comparisons and studies": {"compare": "compare", "reproduce": "reproduce"},
-    "Tasks and play": {"discover": "discover"},
+    "Tasks and play": {"discover": "agents"},
     "Knowledge from outside the book": {"import-knowledge": "import_knowledge"},
     "Installation": {"doctor": "doctor"},
 }

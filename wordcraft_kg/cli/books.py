@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.cli.console import Output, aligned, lines_of, split_labels
@@ -24,7 +24,6 @@ EXAMPLES = {
     "check-book": (
         "wordcraft-kg check-book recipes.csv",
         "wordcraft-kg check-book recipes.csv --fix mended.csv",
-        "wordcraft-kg check-book everyday --against kitchen",
     ),
 }
 
@@ -85,7 +84,6 @@ def check_book(
     book: Book,
     *,
     base: Base = None,
-    against: str | None = None,
     limit: int = 10,
     fix: Path | None = None,
     force: Force = False,
@@ -102,7 +100,6 @@ def check_book(
     Args:
         book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
             Minecraft recipes, also in gzip or zip; or a known book's name.
-        against: another book; report the share of recipes that both books have.
         limit: findings to show for each kind; the rest are counted. The JSON lists all findings.
         fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
             without results among their ingredients, in UTF-8 and the file's order, tables with
@@ -116,16 +113,9 @@ def check_book(
     if fix is not None:
         check_output_file(fix, force=force, setting="fix")
     labels = split_labels(base) if base else None
-    view = view_check(book, labels, against, fix=fix, **file.for_reading())
+    view = view_check(book, labels, fix=fix, **file.for_reading())
     output.result(view, _text_of_check(view, limit))
     return 0 if view.passed else 1
-
-
-def _shown(name: str, value: Any) -> Any:
-    """Return a share as a percentage with three digits, any other figure as it is."""
-    from wordcraft_kg.graphs.book_check import SHARES
-
-    return f"{100 * value:.3g} %" if name in SHARES and value is not None else value
 
 
 def _where(finding: "Finding") -> str:
@@ -166,11 +156,10 @@ def _text_of_check(view: "CheckedBook", limit: int) -> Iterator[str]:
     from wordcraft_kg.base.records import as_values
 
     figures = as_values(view.figures)
-    shown = {name: _shown(name, value) for name, value in figures.items()}
     # The base is what a user has to see as a whole: a slip in a label makes a base entity.
-    if shown.get("base"):
-        shown["base"] = ", ".join(map(quoted, shown["base"]))
-    yield from lines_of(shown)
+    if figures.get("base"):
+        figures["base"] = ", ".join(map(quoted, figures["base"]))
+    yield from lines_of(figures)
     if view.fixed is not None:
         yield f"wrote the mended book to {view.fixed}"
         yield from _left_out(view)

@@ -164,14 +164,6 @@ def _agents_text(view: "AgentsView") -> Iterator[str]:
         for agent in view.agents:
             if str(amount) not in agent.success:
                 yield f"  {agent.name} plays with {agent.trained_with} distractors only"
-    if view.references:
-        amounts = ", ".join(map(str, view.distractors))
-        yield f"published, on these tasks with {amounts} distractors"
-        published = []
-        for row in view.references:
-            cells = [row.shown(amount) or "-" for amount in view.distractors]
-            published.append((f"  {row.player}", row.kind, *cells))
-        yield from aligned(published)
 
 
 def _success(success: "AgentSuccess | None", unit: str) -> Iterator[str]:

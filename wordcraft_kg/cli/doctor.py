@@ -3,22 +3,12 @@
 import os
 import platform
 from collections.abc import Iterator
-from importlib.metadata import distributions, metadata
-from pathlib import Path
+from importlib.metadata import metadata
 from typing import Literal, NamedTuple
 
-from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.extras import CPU_TORCH, NOT_INSTALLED, pip_install, requirements, unmet
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned
-from wordcraft_kg.cli.failures import pykeen_folder
-from wordcraft_kg.graphs.library import (
-    DATA_VARIABLE,
-    FETCHABLE,
-    cache_folder,
-    data_folder,
-    known_books,
-)
 
 EXAMPLES = ("wordcraft-kg doctor", "wordcraft-kg doctor --json")
 
@@ -40,13 +30,13 @@ class CheckResult(NamedTuple):
 
 
 def doctor(*, output: Output = Output()) -> int:
-    """Check the installation: Python, packages, torch, extras, folders and published books.
+    """Check the installation: Python, packages, torch and extras.
 
     The exit code is 1 if a required part is missing or broken. Missing extras are notes, with the
     command that installs the extra. Nothing is sent or written.
     """
     # Checks do not raise: one broken part must not hide the state of the others.
-    findings = [*_packages(), *_torch(), *_extras(), *_words(), *_folders(), *_books()]
+    findings = [*_packages(), *_torch(), *_extras()]
     passed = all(finding.state != "error" for finding in findings)
     rows = []
     for finding in findings:
@@ -100,22 +90,12 @@ def _torch() -> Iterator[CheckResult]:
     if cuda:
         build = f"CUDA {cuda} build, {'with' if has_gpu else 'no'} GPU"
     threads = counted(torch.get_num_threads(), "thread")
-    result = f"{torch.__version__}, {build}, {_torch_size() / 1e9:.1f} GB, {threads}"
+    result = f"{torch.__version__}, {build}, {threads}"
     if cuda and not has_gpu:
         remedy = f"the CPU build is smaller; first in a new environment, {CPU_TORCH}"
         yield CheckResult("torch", "note", result, remedy)
     else:
         yield CheckResult("torch", "ok", result)
-
-
-def _torch_size() -> int:
-    """Return the bytes of torch on disk, with the CUDA libraries that pip installs beside it."""
-    size = 0
-    for part in distributions():
-        if part.name == "torch" or part.name.startswith(("nvidia-", "triton")):
-            paths = [Path(str(file.locate())) for file in part.files or ()]
-            size += sum(path.stat().st_size for path in paths if path.is_file())
-    return size
 
 
 def _extras() -> Iterator[CheckResult]:
@@ -126,47 +106,3 @@ def _extras() -> Iterator[CheckResult]:
             yield CheckResult(f"extra {extra}", "note", _listed(problems), pip_install(extra=extra))
         else:
             yield CheckResult(f"extra {extra}", "ok", "installed")
-
-
-def _words() -> Iterator[CheckResult]:
-    from wordcraft_kg.models.scorers.features import ENCODE
-
-    result = "MiniLM for labels of the built-in books, only GloVe for those of all other books"
-    yield CheckResult("words", "ok", result, f"stronger words of a book, {ENCODE}")
-
-
-def _folders() -> Iterator[CheckResult]:
-    for check, folder, variable in (
-        ("books", cache_folder(), "XDG_CACHE_HOME"),
-        ("PyKEEN", pykeen_folder(), "PYSTOW_HOME"),
-    ):
-        # A folder that is made later is written by whoever may write in the nearest one above.
-        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        if existing.is_dir() and os.access(existing, os.W_OK):
-            yield CheckResult(f"folder for {check}", "ok", str(folder))
-        else:
-            advice = f"set {variable} to a folder with write permission"
-            yield CheckResult(f"folder for {check}", "error", f"{folder} cannot be written", advice)
-
-
-def _books() -> Iterator[CheckResult]:
-    folder = data_folder()
-    if folder is not None and not folder.is_dir():
-        yield CheckResult(
-            DATA_VARIABLE, "error", f"{folder} is not a folder", "correct or unset the variable"
-        )
-    for book in known_books():
-        if book.name not in FETCHABLE:
-            continue
-        remedy = f"wordcraft-kg books --fetch {book.name}"
-        if book.path is None:
-            yield CheckResult(book.name, "note", "not on this machine", remedy)
-            continue
-        # Another state of a published book gives other splits, and results that nobody can compare.
-        actual = sha256_of(book.path)
-        published = FETCHABLE[book.name].sha256
-        if actual == published:
-            yield CheckResult(book.name, "ok", f"{book.path}, SHA-256 {actual[:12]} as published")
-        else:
-            result = f"{book.path} has SHA-256 {actual[:12]}, expected {published[:12]}"
-            yield CheckResult(book.name, "error", result, remedy)

@@ -317,7 +317,7 @@ def _reported(
     counts = f"{counted(state.done, 'task')} done, {state.kept:,} already done"
     text = [f"{counts}, {len(failures):,} failed"]
     reasons = [f"  {title}: {error}" for title, error in failures.items()]
-    text += _first(reasons, f"in {options.out / 'failed'}/")
+    text += _first(reasons, "--json lists all")
     try:
         if results.runs:
             view = view_study(results)

@@ -9,14 +9,12 @@ Schema of ``report.json`` is derived from the view's type and checked when the f
     view.metrics["all"].mrr
 
 - Links: ``ranked_links`` ranks and compares models, ``links`` and ``link_sections`` make the view,
-  ``probabilities`` checks calibration.
+  which has the slices and the calibration.
 - Single scores: ``queries`` parses, ``scores`` answers for triples and recipes.
 - Play: ``agents`` and ``agent_metrics`` for trained agents, ``players`` for one agent or scripted
   players, ``discovery`` for open-ended play.
-- Other results to compare with: ``reference`` reads published ones in ``references/``, and
-  recorded games of people and text agents.
-- ``books``: views of recipe books and their tasks. ``slices``: named groups.
+- ``books``: views of recipe books and their tasks.
 
 Helpers may change at will. A view's fields are read by programs: add fields with defaults, and keep
-the names. A new kind of recorded games is a ``GameReader`` in the app that writes them.
+the names.
 """

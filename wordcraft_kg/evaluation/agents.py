@@ -19,7 +19,6 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import agent_metrics
 from wordcraft_kg.evaluation.agent_metrics import SourceGain, source_gains
-from wordcraft_kg.evaluation.reference import ReferenceRow, play_of, reference_rows
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import shown_setting
@@ -32,8 +31,6 @@ _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 # The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
-_SCRIPTED = ("random", players.FEWEST_USES, "recipe oracle")
-"""Players that need no training, at the same tables as the agents."""
 
 
 class SharedGraph(Record):
@@ -166,8 +163,7 @@ class AgentsView(Record):
         agents: the agents; the first is the reference of all differences.
         baselines: scripted players, and the agents' scorers alone.
         episodes: example episodes of each agent.
-        references: published results under these conditions; empty without any for this graph and
-            split.
+
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -183,7 +179,6 @@ class AgentsView(Record):
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
     baselines: tuple[BaselineSuccess, ...]
     episodes: tuple[AgentEpisodes, ...]
-    references: tuple[ReferenceRow, ...] = ()
 
 
 def by_success(view: AgentsView, amount: int) -> list[AgentEntry]:
@@ -341,7 +336,6 @@ def view_agents(
             AgentEpisodes(name, of[0].name, _episodes(of[0], world, episodes))
             for name, of in groups.items()
         ),
-        references=_references(first, part, played),
     )
 
 
@@ -422,22 +416,6 @@ def _words_beside(agent: OpenedAgent) -> dict[str, players.Player]:
     recipe_knowledge = [source for source in knowledge if isinstance(source, RecipeKnowledge)]
     return players.words_player(
         agent.opened.graph, recipe_knowledge[0] if recipe_knowledge else None
-    )
-
-
-def _references(
-    agent: OpenedAgent, part: TaskPart, played: Sequence[int]
-) -> tuple[ReferenceRow, ...]:
-    play = play_of(agent.config.tasks, part)
-    if play is None:
-        return ()
-    opened = agent.opened
-    rows = reference_rows(opened.graph.hash, opened.split.hash, play, played)
-    # Scripted players are measured on the agents' own tables and would stand in the report twice.
-    return tuple(
-        row
-        for row in rows
-        if row.player not in _SCRIPTED and not players.is_words_player(row.player)
     )
 
 

@@ -2,7 +2,6 @@
 
 from contextlib import suppress
 from dataclasses import replace
-from itertools import compress
 from pathlib import Path
 from typing import Unpack
 
@@ -10,17 +9,15 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base.artefacts import staged_file
-from wordcraft_kg.base.errors import RecipeFileError, SplitError
+from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.graphs.audit import BookFigures
 from wordcraft_kg.graphs.book_check import (
     LISTED,
     BookCheck,
-    BookStatistics,
     Finding,
     check_book,
-    listed,
-    twin_message,
 )
 from wordcraft_kg.graphs.book_files import ReadOptions, read_book, write_book
 from wordcraft_kg.graphs.book_files.rows import Place
@@ -35,18 +32,11 @@ from wordcraft_kg.graphs.library import (
     open_book,
 )
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.tasks import TaskPart
 
 MAX_COUNTED = 8 * 2**20
 """Bytes. A larger book's size is not listed, because counting takes seconds."""
-
-
-_ONE_MEANING = 0.6
-"""Least cosine of two spellings: .78 for yogurt and yoghurt; below .55 for all words of the books
-everyday and little-alchemy-2 that differ in a letter."""
 
 
 class ListedBook(Record):
@@ -103,7 +93,7 @@ class CheckedBook(Record):
     passed: bool
     reading: Reading | None
     fixed: str | None
-    figures: BookStatistics | dict[str, None]
+    figures: BookFigures | dict[str, None]
     findings: tuple[Finding, ...]
     left_out: dict[str, tuple[Place, ...]] = msgspec.field(default_factory=dict)
     columns_left_out: tuple[str, ...] = ()
@@ -145,19 +135,15 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
 def view_check(
     book: str,
     base: list[str] | None,
-    against: str | None,
     *,
     fix: Path | None = None,
     **options: Unpack[ReadOptions],
 ) -> CheckedBook:
-    """Check a book, its words without vectors, and its overlap with another book.
-
-    Without the packages for word vectors, as in the light installation, words are not checked.
+    """Check a book, and write a mended one if asked for.
 
     Args:
         book: file, folder or known name.
         base: labels of the base entities; None for the book's own, or else inferred ones.
-        against: another book to compare with; None for no comparison.
         fix: file for the mended book: readable recipes, each once, in UTF-8; None for none.
         options: what a user says about the file, see
             :class:`~wordcraft_kg.graphs.book_files.BookOptions`.
@@ -174,10 +160,7 @@ def view_check(
     path = in_folder if in_folder.is_file() else located.path
     # A file that another process writes during this check is not replaced.
     replaces = fix is not None and fix.exists()
-    # Opened before the check, which may take seconds: a wrong name fails at once.
-    compared_book = None if against is None else open_book(against)
     check = check_book(path, base or located.base, located.name, **options)
-    graph = check.graph
     kept_columns = False
     if fix is not None:
         if check.book is None:
@@ -186,16 +169,6 @@ def view_check(
             )
         with staged_file(fix, force=replaces) as staged:
             kept_columns = write_mended(check, check.book, staged)
-    if graph is not None:
-        try:
-            check = _with_words(check, graph)
-        except ImportError as error:
-            message = f"words were not checked for word vectors, which need {error.name}"
-            check = check.adding([Finding("vector", "note", (), message)])
-    if graph is not None and compared_book is not None:
-        shared = len(set(graph.recipe_labels()) & set(compared_book.recipes))
-        share = shared / graph.num_recipes
-        check = check.adding((), against=compared_book.name, shared_recipes=shared, shared=share)
     return CheckedBook(
         book,
         str(path),
@@ -254,51 +227,6 @@ def write_mended(check: BookCheck, book: RecipeBook, path: Path) -> bool:
             return True
     write_rows(book, path, (), [(labels, ()) for labels, _ in rows])
     return not reading.ignored
-
-
-def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
-    # Imported late: the list of books needs neither torch nor word vectors.
-    from wordcraft_kg.models.scorers.features import glove_features
-    from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
-
-    features = glove_features(graph.entities)
-    words = features.words
-    missing = features.missing_words
-    message = f"{len(missing)} of {len(words)} words have no word vector: {listed(missing)}"
-    findings = [Finding("vector", "note", (), message)] if missing else []
-    check = check.adding(
-        findings, words=len(words), words_with_vector=1 - len(missing) / len(words)
-    )
-    check = _without_unlike(check)
-    try:
-        split = make_split(graph, SplitConfig())
-    except SplitError:  # too few recipes to split
-        return check
-    share = float(near_synonym_recipes(split, features)[split.is_in("test")].mean())
-    return check.adding((), near_synonym_share=share, near_synonym_cosine=NEAR_SYNONYM)
-
-
-def _without_unlike(check: BookCheck) -> BookCheck:
-    """Return a check without twins that mean two things by their word vectors: plant and planet."""
-    from wordcraft_kg.models.scorers.features import glove_features
-
-    if not check.twins:
-        return check
-    # The words that differ: Apple Pi and Apple Pie share a word.
-    texts: list[str] = []
-    for label, twin in check.twins:
-        words, twin_words = label.split(), twin.split()
-        texts.append(" ".join(word for word in words if word not in twin_words) or label)
-        texts.append(" ".join(word for word in twin_words if word not in words) or twin)
-    features = glove_features(texts)
-    vectors = features.vectors.reshape(len(check.twins), 2, -1)
-    lengths = np.linalg.norm(vectors, axis=2)
-    cosines = (vectors[:, 0] * vectors[:, 1]).sum(1) / np.maximum(lengths.prod(1), 1e-9)
-    is_known = np.array(features.known).reshape(-1, 2).all(1)
-    is_unlike = is_known & (cosines < _ONE_MEANING)
-    unlike = {twin_message(pair) for pair in compress(check.twins, is_unlike)}
-    findings = tuple(finding for finding in check.findings if finding.message not in unlike)
-    return replace(check, findings=findings)
 
 
 class ShownTask(Record):

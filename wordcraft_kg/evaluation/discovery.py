@@ -5,16 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import msgspec
-import numpy as np
-from msgspec.structs import replace
-from numpy.typing import NDArray
-
 from wordcraft_kg.agents.discovery import (
     HUMAN_CURVE,
     HUMAN_SOURCE,
-    NEVER,
-    Plays,
     make_discoverers,
     play_runs,
     summarise_curves,
@@ -22,8 +15,6 @@ from wordcraft_kg.agents.discovery import (
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, literature, reference_rows
-from wordcraft_kg.graphs.bottlenecks import WorldStatistics, world_statistics
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import is_in
 
@@ -32,9 +23,6 @@ if TYPE_CHECKING:
 
     from wordcraft_kg.models.recipes.inductive import LabelledScorer
 
-SHOWN_BOTTLENECKS = 5
-"""Most bottlenecks of a world in results."""
-_EVIDENCE = 3  # most recipes that support a choice
 ORACLES = ("greedy", "empowerment")
 """Players that know the world; the better one is the measure of all others."""
 
@@ -104,65 +92,6 @@ class KnownEntities(Record):
     repeated: Share
 
 
-class Passage(Record):
-    """How often, and when, a player learns an entity that many others need.
-
-    Attributes:
-        entity: label of the bottleneck.
-        share: share of the runs that learn it.
-        attempt: median attempt of these runs; None without any.
-    """
-
-    entity: str
-    share: Share
-    attempt: float | None
-
-
-class SupportingRecipe(Record):
-    """A recipe that the player's scorer was trained on.
-
-    As ``Witness`` of recipe scorers, whose module imports torch: play without a scorer needs none.
-
-    Attributes:
-        ingredient_a: label.
-        ingredient_b: label.
-        result: label.
-        weight: similarity to the recipe that the player expected, 1 for equality.
-    """
-
-    ingredient_a: str
-    ingredient_b: str
-    result: str
-    weight: Share
-
-
-class TriedPair(Record):
-    """An attempt of a player, and why the player made it.
-
-    Attributes:
-        attempt: number of the attempt, from 1.
-        ingredient_a: label.
-        ingredient_b: label.
-        made: labels of the new entities.
-        reason: ``random start``, ``cover`` (pairs with an entity in the fewest attempts) or
-            ``value`` (the likeliest useful new result).
-        chance: probability of a new result, from the attempts before.
-        expected: the likeliest result that was not known; None without any.
-        share: probability of this result among the candidates.
-        evidence: recipes that support the expected result, the most similar first.
-    """
-
-    attempt: Count
-    ingredient_a: str
-    ingredient_b: str
-    made: tuple[str, ...]
-    reason: str
-    chance: Share
-    expected: str | None
-    share: Share
-    evidence: tuple[SupportingRecipe, ...]
-
-
 class DiscoveryView(Record, omit_defaults=True):
     """Results of open-ended play, crafting without a goal.
 
@@ -180,17 +109,10 @@ class DiscoveryView(Record, omit_defaults=True):
         players: known entities by player and attempt count.
         people: entities that people know in another game, by attempt count.
         people_source: publication of these numbers.
-        references: published results from the same base and the literature, of players that are not
-            in `players`.
-        out: the written page; None without a page.
         knows_recipes: whether the guiding scorer has seen recipes of this graph in training.
         shared_recipes: number of recipes of this graph that a guiding recipe scorer was trained on.
         contradicted: number of pairs for which it was trained on other results only.
         book: name of the book that guides ``book-votes``; None without one.
-        statistics: sizes and the main bottlenecks of the world.
-        passed: for each player, how often and when the runs learn these bottlenecks, in the same
-            order.
-        tried: the attempts of one run of ``recipe-learner``, with reasons; empty without a page.
     """
 
     graph: str
@@ -206,15 +128,10 @@ class DiscoveryView(Record, omit_defaults=True):
     players: dict[str, dict[str, KnownEntities]]
     people: dict[str, float]
     people_source: str
-    references: tuple[ReferenceRow, ...] = ()
-    out: str | None = None
     knows_recipes: bool = False
     shared_recipes: Count = 0
     contradicted: Count = 0
     book: str | None = None
-    statistics: WorldStatistics | None = None
-    passed: dict[str, tuple[Passage, ...]] = msgspec.field(default_factory=dict)
-    tried: tuple[TriedPair, ...] = ()
 
 
 def view_discovery(
@@ -227,7 +144,7 @@ def view_discovery(
     base: Sequence[str] | None = None,
     scorer: Guide | None = None,
     book: RecipeGraph | None = None,
-) -> tuple[DiscoveryView, Plays]:
+) -> DiscoveryView:
     """Let players craft without a goal.
 
     Args:
@@ -241,7 +158,7 @@ def view_discovery(
         book: recipes that guide ``book-votes``; None without this player.
 
     Returns:
-        The results, and the runs that they summarise.
+        The results.
 
     Raises:
         ConfigError: if a player is unknown or lacks its scorer, a number is out of range, or the
@@ -257,12 +174,7 @@ def view_discovery(
     discoverers = make_discoverers(players, graph, learner, book)
     plays = play_runs(graph, discoverers, attempts, runs, seed, start.base)
     table = summarise_curves(plays.frame())
-    statistics = main_statistics(graph, start.base)
-    passed = {
-        name: passages(graph, statistics, plays.learnt[number])
-        for number, name in enumerate(plays.players)
-    }
-    view = DiscoveryView(
+    return DiscoveryView(
         graph=graph.name,
         hash=graph.hash,
         entities=graph.num_entities,
@@ -276,125 +188,11 @@ def view_discovery(
         players={name: _known(table[table["player"] == name]) for name in players},
         people={str(attempt): entities for attempt, entities in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
-        references=_references(graph, graph.labels(start.base), players),
         knows_recipes=scorer is not None and scorer.shared > 0,
         shared_recipes=0 if scorer is None else scorer.shared,
         contradicted=0 if scorer is None else scorer.contradicted,
         book=None if book is None else book.name,
-        statistics=statistics,
-        passed=passed if statistics.bottlenecks else {},
     )
-    return view, plays
-
-
-def main_statistics(graph: RecipeGraph, base: Sequence[int]) -> WorldStatistics:
-    """Return a world's statistics with its main bottleneck first, and a few further ones."""
-    statistics = world_statistics(graph, base)
-    main = statistics.main
-    if main is None:
-        return statistics
-    further_bottlenecks = [
-        bottleneck for bottleneck in statistics.bottlenecks if bottleneck != main
-    ]
-    return replace(statistics, bottlenecks=(main, *further_bottlenecks[: SHOWN_BOTTLENECKS - 1]))
-
-
-def passages(
-    graph: RecipeGraph, statistics: WorldStatistics, learnt: NDArray[np.int32]
-) -> tuple[Passage, ...]:
-    """Return how often and when a player learns each bottleneck.
-
-    Args:
-        graph: the world.
-        statistics: its bottlenecks.
-        learnt: attempt of each entity, shape (..., E), from
-            :class:`~wordcraft_kg.agents.discovery.Plays`.
-    """
-    passage_rows = []
-    for bottleneck in statistics.bottlenecks:
-        attempts = learnt[..., graph.id_of(bottleneck.entity)].ravel()
-        passed = attempts[attempts != NEVER]
-        attempt = float(np.median(passed)) if len(passed) else None
-        passage_rows.append(Passage(bottleneck.entity, len(passed) / len(attempts), attempt))
-    return tuple(passage_rows)
-
-
-def explain_run(
-    graph: RecipeGraph,
-    guide: Guide,
-    attempts: int = 100,
-    seed: int = 0,
-    base: Sequence[int] | None = None,
-) -> tuple[TriedPair, ...]:
-    """Repeat the first run of ``recipe-learner``, and say why each pair was tried.
-
-    Args:
-        graph: the graph to explore.
-        guide: the recipe scorer.
-        attempts: most attempts.
-        seed: root seed, as for the run to be repeated.
-        base: ids known at the start; None for the graph's base.
-
-    Raises:
-        ConfigError: if nothing can be made from the base.
-    """
-    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
-
-    player = RecipeDiscoverer(guide.recipes)
-    scorer = guide.recipes.scorer
-    game = Discovery(graph, base)
-    player.begin(game.base, np.random.default_rng([seed, 0]))
-    tried = []
-    for attempt in range(1, attempts + 1):
-        pair = player.choose()
-        thought = player.thought
-        new, _ = game.combine(*pair)
-        player.observe(pair, new)
-        first_label, second_label = graph.labels(sorted(pair))
-        expected = None
-        evidence: tuple[SupportingRecipe, ...] = ()
-        if thought.expected >= 0:
-            expected = scorer.entities[thought.expected]
-            # The scorer's labels: its own spelling, where the graph has another.
-            rows = guide.recipes.rows[list(pair)].tolist()
-            names = [scorer.entities[row] for row in rows]
-            witnesses = scorer.supporting_recipes(names[0], names[1], expected, _EVIDENCE)
-            evidence = tuple(
-                SupportingRecipe(first, second, result, witness.weight)
-                for witness in witnesses
-                for first, second, result in [witness.recipe]
-            )
-        tried.append(
-            TriedPair(
-                attempt=attempt,
-                ingredient_a=first_label,
-                ingredient_b=second_label,
-                made=graph.labels(new),
-                reason=thought.reason,
-                chance=thought.chance,
-                expected=expected,
-                share=thought.share,
-                evidence=evidence,
-            )
-        )
-        if game.is_complete:
-            break
-    return tuple(tried)
-
-
-def _references(
-    graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]
-) -> tuple[ReferenceRow, ...]:
-    bundled_rows = reference_rows(graph.hash, None, OpenPlay(base))
-    published_rows = literature(["entities known", "new combinations"])
-    # The people's curve is a part of every view, so the same numbers as a row would stand twice.
-    shown = {str(attempt): entities for attempt, entities in HUMAN_CURVE.items()}
-    reference_list = [row for row in bundled_rows if row.player not in players]
-    for row in published_rows:
-        values = {at: figure.value for at, figure in row.figures.items()}
-        if values != shown:
-            reference_list.append(row)
-    return tuple(reference_list)
 
 
 def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:

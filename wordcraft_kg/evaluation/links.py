@@ -12,7 +12,7 @@ from wordcraft_kg.agents.evaluation import PlayerSuccess
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.evaluation import link_sections
-from wordcraft_kg.evaluation.probabilities import Reliability, view_probabilities
+from wordcraft_kg.evaluation.link_sections import Reliability, view_probabilities
 from wordcraft_kg.evaluation.ranked_links import RankedLinks
 from wordcraft_kg.graphs.audit import Leakage, SplitSummary, leakage, split_summary
 from wordcraft_kg.graphs.folder import TrainedOn

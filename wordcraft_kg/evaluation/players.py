@@ -41,10 +41,10 @@ from wordcraft_kg.evaluation.agent_metrics import (
     SliceSuccess,
     SourceGain,
     compare_with_scorer,
+    goal_groups,
     slice_successes,
     source_gains,
 )
-from wordcraft_kg.evaluation.slices import goal_groups
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import with_letters

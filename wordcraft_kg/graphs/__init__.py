@@ -8,11 +8,11 @@ depend only on the recipe book and the split's settings.
 
 Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
-- ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``: recipe books, as values,
+- ``recipes``, ``book_files``, ``book_check``, ``library``: recipe books, as values,
   as files of any shape, under construction, by name, and with invented words;
 - ``reading``: how a file was read;
-- ``recipe_graph``, ``arrays``, ``triples``, ``planner``, ``bottlenecks``: the graph, its id
-  arrays, its triples, the cheapest derivations, and the entities that many others need;
+- ``recipe_graph``, ``arrays``, ``triples``, ``planner``: the graph, its id arrays, its
+  triples, and the cheapest derivations;
 - ``splits``, ``published_splits``, ``folds``, ``train_samples``: recipes held out for tests, drawn
   or from a file, for cross-fitting, or left out and changed to train on less;
 - ``tasks``, ``task_search``: crafting tasks and the search for all their shortest plans;

@@ -135,6 +135,28 @@ class AlikeLabels(Record):
     alike_labels: tuple[tuple[str, ...], ...]
 
 
+class BookFigures(Record):
+    """Statistics for the recipes of a book.
+
+    Attributes:
+        entities: number of entities.
+        recipes: number of recipes.
+        pairs: number of distinct ingredient sets, which are pairs in most books.
+        base: labels of the base entities.
+        ambiguity: pairs with several results.
+        reachability: entities that can be made from the base.
+        degrees: recipes and uses of entities.
+    """
+
+    entities: Count
+    recipes: Count
+    pairs: Count
+    base: tuple[str, ...]
+    ambiguity: Ambiguity
+    reachability: Reachability
+    degrees: Degrees
+
+
 class SetStatistics(Record):
     """Sizes of ingredient sets, and what a split tells about the larger ones.
 
@@ -357,24 +379,32 @@ def audit(
     # Relation ids are 0 and 1, also where a book has no triple of one.
     relation = graph.triples[:, 1]
     combines_with, component_of = np.bincount(relation, minlength=len(RELATIONS)).tolist()
+    figures = book_figures(graph)
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
         merged_duplicates=None if book is None else book.merged_duplicates,
         reading=graph.reading,
-        entities=graph.num_entities,
-        recipes=graph.num_recipes,
-        pairs=graph.num_pairs,
-        base=graph.base,
         base_is_inferred=graph.base_is_inferred,
         hash=graph.hash,
         triples=TripleCounts(combines_with, component_of, len(graph.triples)),
         sets=_set_statistics(split),
-        ambiguity=_ambiguity(graph),
-        reachability=reachability(graph),
-        degrees=degrees(graph),
         labels=AlikeLabels(len(alike), tuple(alike[:SHOWN])),
         split=split_summary(split),
         leakage=leakage(split),
+        **{name: getattr(figures, name) for name in BookFigures.__struct_fields__},
+    )
+
+
+def book_figures(graph: RecipeGraph) -> BookFigures:
+    """Return the statistics of a graph without its split."""
+    return BookFigures(
+        entities=graph.num_entities,
+        recipes=graph.num_recipes,
+        pairs=graph.num_pairs,
+        base=graph.base,
+        ambiguity=_ambiguity(graph),
+        reachability=reachability(graph),
+        degrees=degrees(graph),
     )
 
 

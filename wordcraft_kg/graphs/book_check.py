@@ -12,15 +12,14 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal, Unpack
 
-import msgspec
 import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, for_terminal, quoted
-from wordcraft_kg.graphs.audit import degrees, reachability, sets_inside_others
+from wordcraft_kg.graphs.audit import BookFigures, book_figures, sets_inside_others
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.files import Decoded, read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
@@ -46,7 +45,6 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
-from wordcraft_kg.graphs.twins import alike_by_a_letter, used_and_made
 
 FAULTY = "with a problem"
 """Reason of rows that are no recipe because of a fault."""
@@ -73,54 +71,6 @@ class Finding(Record):
     message: str
 
 
-class BookStatistics(Record, omit_defaults=True):
-    """Statistics for a recipe book; the last seven need word vectors or a second book.
-
-    Attributes:
-        reachable: base entities (known at the start) and entities that can be made from the base.
-        max_layer: rounds of combining all known pairs until the last reachable entity.
-        mean_recipes_per_craftable: recipes of a craftable entity (one with a recipe), on average.
-        share_with_two_recipes: share of the craftable entities with at least two recipes.
-        terminal: craftable entities that no recipe uses.
-        self_pairs: entities that combine with themselves.
-        pairs_with_two_or_three_results, pairs_with_more_results: pairs by number of results.
-        most_used_share: share of all recipes that use ``most_used``.
-        words_with_vector: share of the words in entity labels with a word vector.
-        near_synonym_share: share of the default split's test recipes that repeat a train recipe with
-            one ingredient replaced by a near-synonym (cosine ``near_synonym_cosine`` or more).
-        against: name of a second book.
-        shared_recipes: recipes in both books; ``shared`` is their share in this book.
-    """
-
-    entities: Count
-    recipes: Count
-    pairs: Count
-    base: tuple[str, ...]
-    reachable: Count
-    max_layer: Count
-    mean_recipes_per_craftable: float
-    share_with_two_recipes: Share
-    terminal: Count
-    self_pairs: Count
-    pairs_with_two_or_three_results: Count
-    pairs_with_more_results: Count
-    most_used: str
-    most_used_share: Share
-    words: Count | None = None
-    words_with_vector: Share | None = None
-    near_synonym_share: Share | None = None
-    near_synonym_cosine: float | None = None
-    against: str | None = None
-    shared_recipes: Count | None = None
-    shared: Share | None = None
-
-
-SHARES = frozenset(
-    name for name, kind in BookStatistics.__annotations__.items() if kind in (Share, Share | None)
-)
-"""Names of the statistics that are shares, from 0 to 1."""
-
-
 @dataclass(frozen=True)
 class BookCheck:
     """The check of a book.
@@ -135,36 +85,21 @@ class BookCheck:
         lost: places of the rows that are no recipe of ``book``, by reason; a reason without places
             has only its number in ``reading``.
         records: cells of a table's rows by the names of its columns, by line.
-        twins: pairs of labels that may be one word, in two spellings.
     """
 
     findings: tuple[Finding, ...]
-    figures: BookStatistics | None
+    figures: BookFigures | None
     graph: RecipeGraph | None
     book: RecipeBook | None = None
     reading: Reading | None = None
     places: Mapping[Recipe, Place] = field(default_factory=dict)
     lost: Mapping[str, Sequence[Place]] = field(default_factory=dict)
     records: Mapping[Place, Mapping[str, str]] = field(default_factory=dict)
-    twins: Sequence[tuple[str, str]] = ()
 
     @property
     def passed(self) -> bool:
         """Whether the book has no problems."""
         return all(finding.severity == "note" for finding in self.findings)
-
-    def adding(self, findings: Iterable[Finding], **figures: Any) -> "BookCheck":
-        """Return a copy with more findings, and with new values of ``figures``.
-
-        Args:
-            findings: further findings, which are sorted among the others.
-            figures: new values by field name; without effect if the check has no statistics.
-        """
-        new_figures = None
-        if self.figures is not None:
-            new_figures = msgspec.structs.replace(self.figures, **figures)
-        all_findings = _sorted([*self.findings, *findings])
-        return replace(self, findings=all_findings, figures=new_figures)
 
 
 @stage("checking the book")
@@ -236,20 +171,16 @@ def check_book(
     findings += _unreachable(graph, line_of, lines_of)
     findings += _plurals(graph, line_of)
     findings += _lonely(graph, line_of)
-    twins = list(alike_by_a_letter(graph.entities))
-    findings += [_note("twin", twin_message(pair), _at(pair, line_of)) for pair in twins]
-    findings += _short_names(graph, base_labels, line_of)
     mended = replace(book, base=None if base_labels is None else graph.base, reading=reading)
     return BookCheck(
         findings=_sorted(findings),
-        figures=_statistics(graph),
+        figures=book_figures(graph),
         graph=graph,
         book=mended,
         reading=reading,
         places={recipe: places[0] for recipe, places in lines_of.items()},
         lost=_lost(rows, lines_of),
         records=rows.source.records,
-        twins=twins,
     )
 
 
@@ -547,26 +478,6 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
                 yield _note("plural", message, _at((label, plural), line_of))
 
 
-def twin_message(pair: tuple[str, str]) -> str:
-    """Return the message on two labels that differ in a letter."""
-    label, similar_label = pair
-    return f"'{label}' and '{similar_label}' may be one word; if they are, use one spelling"
-
-
-def _short_names(
-    graph: RecipeGraph, base: tuple[str, ...] | None, line_of: Mapping[str, int]
-) -> Iterator[Finding]:
-    """Yield notes on things that are only used, although others of this name are made."""
-    for label, longer_labels in used_and_made(graph):
-        if base is None or label not in base:
-            verb = "is" if len(longer_labels) == 1 else "are"
-            message = (
-                f"'{label}' is only used, and {listed(longer_labels)} {verb} made; if they are the same "
-                "thing, use one name"
-            )
-            yield _note("twin", message, _at((label, *longer_labels), line_of))
-
-
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     num_recipes = graph.recipe_counts + graph.use_counts
     lonely = graph.labels(np.flatnonzero(num_recipes == 1))
@@ -574,31 +485,6 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
         subject = counted(len(lonely), "entity", "entities")
         message = f"{subject} in one recipe only: {listed(lonely)}"
         yield _note("lonely", message, _at(lonely[:LISTED], line_of))
-
-
-def _statistics(graph: RecipeGraph) -> BookStatistics:
-    """Return the statistics of a graph."""
-    reached = reachability(graph)
-    counts = degrees(graph)
-    results = np.diff(graph.pair_starts)
-    craftable_counts = graph.recipe_counts[graph.recipe_counts > 0]
-    (most_used, uses), *_ = counts.most_used
-    return BookStatistics(
-        entities=graph.num_entities,
-        recipes=graph.num_recipes,
-        pairs=graph.num_pairs,
-        base=graph.base,
-        reachable=reached.reachable,
-        max_layer=reached.rounds,
-        mean_recipes_per_craftable=float(craftable_counts.mean()),
-        share_with_two_recipes=float(np.mean(craftable_counts >= 2)),
-        terminal=counts.terminal,
-        self_pairs=counts.self_pairs,
-        pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
-        pairs_with_more_results=int(np.sum(results > 3)),
-        most_used=most_used,
-        most_used_share=uses / graph.num_recipes,
-    )
 
 
 def listed(labels: Iterable[str]) -> str:

@@ -3,11 +3,12 @@
 Add a format as an :class:`Exporter` in :data:`EXPORTERS`.
 """
 
-from collections.abc import Callable, Iterator
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
-from urllib.parse import quote
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.book_files import write_book
 from wordcraft_kg.graphs.book_files.texts import own_header
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.hif import hif_lines
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
@@ -29,14 +29,6 @@ if TYPE_CHECKING:
     import networkx as nx
     import pandas as pd
 
-NAMESPACE = "urn:wordcraft-kg:"
-"""Prefix of IRIs in RDF; labels in IRIs are percent-encoded.
-
-The rest is ``entity:<label>``, ``recipe:<a>+<b>=<result>`` with all ingredients,
-``relation:<name>``, ``role:ingredient`` or ``role:result``.
-"""
-_RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
-_RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
 ExportPart = Literal["full", "partial", "unseen"]
 """All recipes, the train recipes, or the held-out recipes and the triples of no train recipe."""
 MOST_BYTES = 4 * 2**30
@@ -96,7 +88,7 @@ def export_graph(
         raise ConfigError(
             f"`format` {format!r}: {graph.num_recipes:,} recipes would take about "
             f"{needed_bytes / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
-            "Take nt, tsv, parquet, csv, json, hif or sentences, which need little."
+            "Take tsv, parquet, csv, json, hif or sentences, which need little."
         )
     # Unseen triples are those that train recipes do not give; an unseen recipe may give others.
     triples = opened.split.unseen if part == "unseen" else opened.triples(part)
@@ -131,32 +123,73 @@ def _sentences(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
         yield f"Combining {first}{with_others if partners else ''} makes {recipe.result}.\n"
 
 
-def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
-    """Yield N-Triples; only labels are text, and a self pair has one ingredient."""
-    # An IRI holds neither blanks nor most signs; "+" and "=" part the names in that of a recipe.
-    names = [quote(label, safe="") for label in graph.entities]
-    entities = [f"<{NAMESPACE}entity:{name}>" for name in names]
-    for iri, label in zip(entities, graph.entities, strict=True):
-        # Backslashes first, or those before the quotation marks would be doubled, too.
-        escaped = label.replace("\\", "\\\\").replace('"', '\\"')
-        yield f'{iri} <{_RDFS_LABEL}> "{escaped}" .\n'
-    predicates = [f"<{NAMESPACE}relation:{name}>" for name in RELATIONS]
-    for head, relation, tail in triples.tolist():
-        yield f"{entities[head]} {predicates[relation]} {entities[tail]} .\n"
-    recipe_class = f"<{NAMESPACE}Recipe>"
-    has_ingredient = f"<{NAMESPACE}role:ingredient>"
-    has_result = f"<{NAMESPACE}role:result>"
-    for row, size in zip(graph.sets.tolist(), graph.sizes.tolist(), strict=True):
-        ingredients = row[:size]
-        # Named after its labels, so that equal recipes of two graphs are one node.
-        sum_of_names = "+".join(names[entity] for entity in ingredients)
-        recipe = f"<{NAMESPACE}recipe:{sum_of_names}={names[row[-1]]}>"
-        yield f"{recipe} <{_RDF_TYPE}> {recipe_class} .\n"
-        # RDF is a set of statements: the same ingredient twice would be one statement anyway; the
-        # name of the recipe has it twice.
-        for entity in dict.fromkeys(ingredients):
-            yield f"{recipe} {has_ingredient} {entities[entity]} .\n"
-        yield f"{recipe} {has_result} {entities[row[-1]]} .\n"
+def hif_lines(graph: RecipeGraph) -> Iterator[str]:
+    """Yield a graph in the Hypergraph Interchange Format, a node or an incidence in each line.
+
+    A recipe is an edge of a directed hypergraph: its ingredients are the edge's tail, its result is
+    the head. Nodes are entities by label, with ``base`` in their attributes; edges have the
+    recipe's ``kind`` and ``quantities``, if any.
+
+    Source: Coll et al., "HIF: The hypergraph interchange format for higher-order networks".
+    """
+    # NaN is no JSON, and other readers of HIF would refuse the file.
+    dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
+    metadata = {"name": graph.name, "hash": graph.hash}
+    yield "{\n"
+    yield '"network-type": "directed",\n'
+    yield f'"metadata": {dump(metadata)},\n'
+    # Generators: a large graph has millions of lines.
+    yield '"nodes": [\n'
+    yield from _lines(map(dump, _described_nodes(graph)))
+    yield '],\n"edges": [\n'
+    yield from _lines(map(dump, _described_edges(graph)))
+    yield '],\n"incidences": [\n'
+    yield from _lines(map(dump, _incidences(graph)))
+    yield "]\n}\n"
+
+
+def _described_nodes(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
+    """Yield a node for each entity, which says whether it is in the base."""
+    base = set(graph.base_ids.tolist())
+    for entity, label in enumerate(graph.entities):
+        yield {"node": label, "attrs": {"base": entity in base}}
+
+
+def _described_edges(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
+    """Yield an edge for each recipe, with its kind and quantities if the graph has them."""
+    nothing = [""] * graph.num_recipes
+    facts_of_edges = zip(graph.kinds or nothing, graph.quantities or nothing, strict=True)
+    for edge, facts in enumerate(facts_of_edges):
+        described: dict[str, Any] = {"edge": edge}
+        attributes = {
+            name: fact for name, fact in zip(("kind", "quantities"), facts, strict=True) if fact
+        }
+        if attributes:
+            described["attrs"] = attributes
+        yield described
+
+
+def _incidences(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
+    for edge, recipe in enumerate(graph.recipe_labels()):
+        # A node is once in an edge; an entity with itself has the weight 2.
+        for label, count in Counter(recipe.ingredients).items():
+            tail: dict[str, Any] = {"edge": edge, "node": label, "direction": "tail"}
+            if count > 1:
+                tail["weight"] = count
+            yield tail
+        yield {"edge": edge, "node": recipe.result, "direction": "head"}
+
+
+def _lines(values: Iterable[str]) -> Iterator[str]:
+    """Yield values as the lines of a JSON list, with commas between them."""
+    # A value is held back until the next one shows that a comma follows.
+    before = None
+    for value in values:
+        if before is not None:
+            yield f"{before},\n"
+        before = value
+    if before is not None:
+        yield f"{before}\n"
 
 
 def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
@@ -226,10 +259,6 @@ EXPORTERS = {
         "GraphML, with a node for each recipe between its ingredients and its result",
         _graphml,
         _GRAPHML_BYTES,
-    ),
-    "nt": Exporter(
-        "RDF N-Triples, with a node for each recipe",
-        lambda graph, triples, path: write_atomically(path, _rdf_lines(graph, triples)),
     ),
     "parquet": Exporter(
         "triples as a Parquet table",

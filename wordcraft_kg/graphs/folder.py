@@ -17,14 +17,13 @@ import numpy as np
 from wordcraft_kg.base.artefacts import (
     dump_json,
     read_json,
-    read_large_file,
     staged_folder,
     what_is,
     write_atomically,
 )
 from wordcraft_kg.base.errors import ArtefactError, GraphError, RecipeFileError, SplitError
 from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.records import Hash, Record, as_values
 from wordcraft_kg.graphs.arrays import Ids, stacked
 from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.book_files import ReadOptions, book_json, read_book, recipe_table
@@ -104,6 +103,37 @@ class OpenedGraph:
         return TrainSample.of(self.graph, rows[kg])
 
 
+class PlayedGraph(Record, frozen=True):
+    """Identity of a recipe graph and its split.
+
+    Attributes:
+        name: name of the graph.
+        hash: content hash of the graph.
+        kind: kind of the split.
+        split_seed: seed of the split.
+        split: content hash of the split.
+    """
+
+    name: str
+    hash: Hash
+    kind: str
+    split_seed: int
+    split: Hash
+
+    @classmethod
+    def of(cls, opened: OpenedGraph) -> "PlayedGraph":
+        """Return the identity of an opened graph and its split."""
+        graph = opened.graph
+        split = opened.split
+        return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
+
+    @property
+    def in_words(self) -> str:
+        """Graph and split as text, with the first digits of the hashes."""
+        split = f"{self.kind} split {self.split[:12]}, seed {self.split_seed}"
+        return f"{self.name} {self.hash[:12]}, {split}"
+
+
 def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
     """Return a data frame with a row per entity, in id order.
 
@@ -142,50 +172,6 @@ def _derived_files(split: Split, book: RecipeBook) -> dict[str, Iterable[str]]:
     for name, triples in parts.items():
         files[f"triples/{name}.tsv"] = triple_lines(triples, graph.entities)
     return files
-
-
-def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
-    """Check that all files of a graph folder agree with its ``graph.json`` and ``split.json``.
-
-    Commands read only these two, but people read the tables: a folder from elsewhere may hold other
-    recipes there.
-
-    Args:
-        folder: the graph folder.
-        opened: what :func:`open_graph` returned for it.
-
-    Raises:
-        ArtefactError: if a file is missing, a table differs from the table of this graph and split,
-            or a value in ``audit.json`` differs from the value computed here. Values that this
-            version does not know are not compared.
-        RecipeFileError: if ``graph.json`` cannot be read.
-    """
-    book = read_book(folder / "graph.json", keep_self_results=True, single_ingredient="alone")
-    for name, lines in _derived_files(opened.split, book).items():
-        if read_large_file(folder / name) != "".join(lines).encode():
-            raise ArtefactError(
-                f"{folder / name} does not agree with graph.json and split.json. Build the graph "
-                "again, or restore a copy."
-            )
-    # The statistics count lines of the first file, which graph.json does not hold.
-    source = read_json(folder / "graph.json").get("source")
-    counts = {}
-    if isinstance(source, dict):
-        counts = {name: source.get(name, 0) for name in _DROPPED}
-    expected = audit(opened.graph, opened.split, replace(book, **counts))
-    if not _agree(read_json(folder / "audit.json"), as_values(expected)):
-        raise ArtefactError(
-            f"{folder / 'audit.json'} does not agree with graph.json and split.json. Build the "
-            "graph again, or restore a copy."
-        )
-
-
-def _agree(recorded: Any, expected: Any) -> bool:
-    """Return whether values are equal, in objects the values of the names that both have."""
-    if isinstance(recorded, dict) and isinstance(expected, dict):
-        shared_names = recorded.keys() & expected
-        return all(_agree(recorded[name], expected[name]) for name in shared_names)
-    return bool(recorded == expected)
 
 
 @stage("writing the graph folder")

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.base.artefacts import check_file
+from wordcraft_kg.base.artefacts import check_file, gunzip, is_gzip
 from wordcraft_kg.base.errors import SplitError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.arrays import Ids, stacked
@@ -57,7 +57,7 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
     the shares of the recipes.
 
     Args:
-        path: a CSV or JSON file.
+        path: a CSV or JSON file, also in gzip.
         graph: the graph whose recipes it divides.
         fold: whether labels are folded to lower case, as those of the graph were.
 
@@ -67,17 +67,9 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
             test part is empty.
     """
     check_file(path, MAX_BOOK_SIZE)
-    data = path.read_bytes()
-    try:
-        text = data.decode("utf-8-sig")
-        if text.lstrip()[:1] in ("{", "["):
-            entries = list(_json_entries(json.loads(text, object_pairs_hook=without_repeated_keys)))
-        else:
-            entries = list(_table_entries(text))
-    except RecursionError:
-        raise SplitError(f"{path}: no split (nested too deeply); {_EXPECTED}.") from None
-    except (ValueError, csv.Error) as error:
-        raise SplitError(f"{path}: no split ({error}); {_EXPECTED}.") from None
+    packed = path.read_bytes()
+    data = gunzip(path, packed, MAX_BOOK_SIZE, SplitError) if is_gzip(packed) else packed
+    entries = _entries(path, data)
     if fold:
         entries = [(tuple(map(str.lower, labels)), part) for labels, part in entries]
     parts = np.full(graph.num_recipes, _NO_PART, dtype=np.int8)
@@ -105,8 +97,21 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
             raise SplitError(f"{path}: the {PARTS[part]} part has no recipe of this graph.")
     train, valid = (float(np.mean(parts == part)) for part in (TRAIN, VALID))
     kind = "by-goal" if _is_whole(groups_of(graph, "by-goal"), parts) else "by-recipe-plain"
-    published = Published(file=path.name, sha256=sha256(data).hexdigest(), unknown=unknown)
+    published = Published(file=path.name, sha256=sha256(packed).hexdigest(), unknown=unknown)
     return Split(graph, SplitConfig(kind, train, valid), Draw(parts, published=published))
+
+
+def _entries(path: Path, data: bytes) -> list[_Entry]:
+    """Return the entries of a JSON or CSV file; SplitError for a file of another shape."""
+    try:
+        text = data.decode("utf-8-sig")
+        if text.lstrip()[:1] in ("{", "["):
+            return list(_json_entries(json.loads(text, object_pairs_hook=without_repeated_keys)))
+        return list(_table_entries(text))
+    except RecursionError:
+        raise SplitError(f"{path}: no split (nested too deeply); {_EXPECTED}.") from None
+    except (ValueError, csv.Error) as error:
+        raise SplitError(f"{path}: no split ({error}); {_EXPECTED}.") from None
 
 
 def _json_entries(document: Any) -> Iterator[_Entry]:

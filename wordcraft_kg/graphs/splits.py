@@ -31,10 +31,16 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Hash, Record, as_values
 from wordcraft_kg.base.settings import one_of, require, whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.arrays import Ids, absent, different_ingredients, frozen, stacked
+from wordcraft_kg.graphs.arrays import (
+    Ids,
+    absent,
+    different_ingredients,
+    frozen,
+    json_recipes,
+    stacked,
+)
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.row_text import json_recipes
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 
 _SPLIT_FORMAT = "wordcraft-kg split 1"

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.graphs.arrays import Ids, are_among, sorted_unique
-from wordcraft_kg.graphs.row_text import row_text
+from wordcraft_kg.graphs.arrays import Ids, are_among, row_text, sorted_unique
 
 COMBINES_WITH = 0
 """Id of the relation ``combinesWith``: head and tail are ingredients of one recipe; symmetric."""

@@ -21,7 +21,7 @@ from wrapt import register_post_import_hook
 
 # Two hooks, because PyKEEN imports its models while its training package is still half imported.
 register_post_import_hook(
-    lambda _: import_module("wordcraft_kg.models.links.complex"), "pykeen.models"
+    lambda _: import_module("wordcraft_kg.models.links.builders"), "pykeen.models"
 )
 register_post_import_hook(
     lambda _: import_module("wordcraft_kg.models.links.symmetric_lcwa"), "pykeen.training"

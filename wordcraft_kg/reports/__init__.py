@@ -3,10 +3,10 @@
 Read :mod:`~wordcraft_kg.reports.pages` first: it renders templates and writes report folders.
 Reports evaluate nothing. A function takes a view and returns a :class:`~pages.Report` or a page:
 
-- ``link_report``, ``agent_report``, ``discovery_report``: a file for each page, with its template
+- ``link_report``, ``agent_report``: a file for each page, with its template
   of the same name in ``templates/``. The explorer shares the charts of agents.
-- ``charts``: figures of Matplotlib from plain numbers, shown as SVG; derivations in layers.
-- ``glossary`` and ``glossary.toml``: explained terms.
+- ``charts``: figures of Matplotlib from plain numbers, shown as SVG.
+- ``glossary.toml``: explained terms.
 
 A page is a single file that can be read without a script. Headings and explained terms are
 collected while the page template is rendered, and become the contents table and the glossary. A

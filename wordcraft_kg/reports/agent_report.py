@@ -13,7 +13,9 @@ from markupsafe import Markup
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.agents.players import advice_on_words
 from wordcraft_kg.evaluation.agent_metrics import (
+    MADE,
     NEVER,
+    NOT_MADE,
     CurvePoint,
     LambdaCurve,
     SeedCurve,
@@ -22,7 +24,6 @@ from wordcraft_kg.evaluation.agent_metrics import (
 )
 from wordcraft_kg.evaluation.agents import AgentsView, by_success
 from wordcraft_kg.evaluation.scores import BECAUSE, main_support, strength
-from wordcraft_kg.evaluation.slices import MADE, NOT_MADE
 from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.chart import element, titled

@@ -12,8 +12,7 @@ from wordcraft_kg.evaluation.ranked_links import LinkComparison, by_mrr
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.glossary import GLOSSARY
-from wordcraft_kg.reports.pages import Report, render_page
+from wordcraft_kg.reports.pages import GLOSSARY, Report, render_page
 
 if TYPE_CHECKING:
     import pandas as pd

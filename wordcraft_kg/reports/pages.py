@@ -3,13 +3,14 @@
 import base64
 import hashlib
 import re
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import jinja2
 from markupsafe import Markup
@@ -18,14 +19,62 @@ from wordcraft_kg.base.artefacts import drop_temporary, dump_json, staged_folder
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
 from wordcraft_kg.base.wording import for_html
-from wordcraft_kg.reports.charts import Chart, palette
-from wordcraft_kg.reports.glossary import Term, find_term
+from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
+from wordcraft_kg.reports.charts import COLOURS, Chart
+from wordcraft_kg.reports.charts.chart import DARK, LIGHT
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import locked
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+Topic = Literal["Graphs", "Links", "Play", "Agents"]
+
+
+class Term(Record):
+    """A glossary term.
+
+    Attributes:
+        topic: section of the glossary.
+        name: the term.
+        meaning: definition in one to three sentences.
+        symbol: symbol in formulas, or empty.
+    """
+
+    topic: Topic
+    name: str
+    meaning: str
+    symbol: str = ""
+
+
+def _term(label: Label) -> Term:
+    meaning = label.meaning or label.about
+    if label is not ALPHA:
+        # A reader of a report meets the letter, and needs the name that commands take.
+        meaning = f"{meaning} In commands and settings: {with_letters([label.name])}."
+    return Term("Agents", label.words, meaning, label.symbol)
+
+
+_FILE = Path(__file__).with_suffix(".toml")
+_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(_FILE.read_text("utf-8"))
+# Score sources define their own words, so that a term and a column never differ.
+GLOSSARY = {label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())}
+for _topic, _terms in _TERMS.items():
+    for _key, _words in _terms.items():
+        GLOSSARY[_key] = Term(_topic, *_words)
+
+
+def find_term(key: str) -> Term:
+    """Return the term for a key: a glossary entry or a registered score source.
+
+    Raises:
+        KeyError: if the key is unknown.
+    """
+    if key in GLOSSARY:
+        return GLOSSARY[key]
+    # Sources of other packages may be registered after this module was imported.
+    return _term(label_of(key))
 
 
 class Outline:
@@ -71,7 +120,7 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
     """Render a page from a template file that extends ``page.html.j2``.
 
     In the template, ``heading(title)`` begins a section and ``term(key)`` explains a term in
-    :data:`~wordcraft_kg.reports.glossary.GLOSSARY`. Labels and names are escaped, and a missing
+    :data:`~wordcraft_kg.reports.pages.GLOSSARY`. Labels and names are escaped, and a missing
     value is an error.
 
     Args:
@@ -105,7 +154,7 @@ def make_environment(*packages: str) -> jinja2.Environment:
         # A misspelt name in a template is an error, and not an empty place on the page.
         undefined=jinja2.StrictUndefined,
     )
-    environment.globals["palette"] = palette
+    environment.globals["palette"] = {"LIGHT": LIGHT, "DARK": DARK, "COLOURS": COLOURS}
     environment.filters["thousands"] = lambda number: f"{number:,}"
     return environment
 

@@ -30,8 +30,6 @@ from wordcraft_kg.studies.results import (
     METRICS_FILE,
     StudyResults,
     collect_study,
-    forget_failure,
-    note_failure,
     own_results,
     stop_file,
     write_plan,
@@ -183,7 +181,7 @@ def run_plan(
         with _connected(pool, plan) as cluster, _stop_file(root):
             for kind in _WAVES:
                 wave = [task for task in missing if task.kind == kind]
-                ready = _ready(wave, plan, root, state)
+                ready = _ready(wave, plan, state)
                 outcomes = _outcomes(plan, root, ready, cluster, work)
                 _receive(outcomes, plan, root, state, watch)
     return state
@@ -244,18 +242,17 @@ def _passes(check: Callable[[Task, Path], bool], task: Task, root: Path) -> bool
         return False
 
 
-def _ready(wave: Sequence[Task], plan: Plan, root: Path, state: StudyProgress) -> list[Task]:
+def _ready(wave: Sequence[Task], plan: Plan, state: StudyProgress) -> list[Task]:
     """Return the tasks whose inputs are there, and note the others as failed."""
     ready = []
     for task in wave:
-        forget_failure(root, task.address)  # of an earlier call
         broken = [address for address in task.needs if address in state.failed]
         if not broken:
             ready.append(task)
             continue
         # Named as failed, too: otherwise the study would seem to wait for them.
         reason = f"{plan.tasks[broken[0]].title} failed: {state.failed[broken[0]].error}"
-        _fail(Outcome(task.address, "failed", reason), plan, root, state)
+        state.failed[task.address] = Outcome(task.address, "failed", reason)
     return ready
 
 
@@ -370,7 +367,7 @@ def _receive(
             if outcome.termination == "done":
                 state.done += 1
             elif outcome.termination == "failed":
-                _fail(outcome, plan, root, state)
+                state.failed[outcome.address] = outcome
             is_full = is_full or outcome.disk_full
             is_interrupted = is_interrupted or outcome.termination == "interrupted"
             if is_full or is_interrupted:
@@ -390,17 +387,6 @@ def _receive(
         raise KeyboardInterrupt(
             f"interrupted; {state.kept + state.done:,} of {state.total:,} tasks are done, repeat "
             "the command to perform the rest"
-        )
-
-
-def _fail(outcome: Outcome, plan: Plan, root: Path, state: StudyProgress) -> None:
-    state.failed[outcome.address] = outcome
-    task = plan.tasks[outcome.address]
-    try:
-        note_failure(root, task, outcome)
-    except OSError as error:  # the disk may be full
-        logging.getLogger(__name__).warning(
-            "why '%s' failed cannot be kept (%s).", task.title, error.strerror
         )
 
 

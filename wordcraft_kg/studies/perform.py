@@ -1,9 +1,9 @@
 """Performing a task in its folder: train, resume, or return the finished task."""
 
+import logging
 import platform
 import shutil
 import time
-import traceback
 from contextlib import suppress
 from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError, WordCraftKGError, reason
-from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph, write_graph_folder
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
@@ -138,9 +137,9 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
     except WordCraftKGError as error:
         return Outcome(task.address, "failed", str(error), disk_full=_is_disk_full(error))
     except Exception as error:
-        return Outcome(
-            task.address, "failed", reason(error), traceback.format_exc(), _is_disk_full(error)
-        )
+        # An error that is not the user's: its traceback goes to the log.
+        logging.getLogger(__name__).exception("'%s' failed", task.title)
+        return Outcome(task.address, "failed", reason(error), _is_disk_full(error))
     return Outcome(task.address, "done" if is_finished else "interrupted")
 
 

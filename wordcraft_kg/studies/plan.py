@@ -99,14 +99,12 @@ class Outcome:
         address: address of the task.
         termination: done, failed, or interrupted with a checkpoint.
         error: the error in a line; empty without an error.
-        detail: traceback of an error that is not the user's; else empty.
         disk_full: whether the disk was full, which ends the study.
     """
 
     address: str
     termination: TerminationReason
     error: str = ""
-    detail: str = ""
     disk_full: bool = False
 
 

@@ -7,7 +7,6 @@ studies. A task's ``figures.json`` is written last and marks the task as done.
 |---|---|
 | ``graphs/``, ``scorers/``, ``runs/`` | a folder for each task, named by its address |
 | ``studies/<name>.json`` | a study, its cells, and each cell's run address |
-| ``failed/<address>.txt`` | a task's last failure |
 
 Results that are collected fit their graphs: they are of its split, and of all its test tasks.
 """
@@ -42,10 +41,9 @@ from wordcraft_kg.base.records import Count, Record, Share, as_record, as_values
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.studies.plan import Outcome, Plan, Task
+from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
+from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.study import Study, StudyCell, Values
 
 Curve = tuple[tuple[int, float], ...]
@@ -457,7 +455,6 @@ class PlayedTasks:
 
 _STUDIES = "studies"
 _STOP = ".stop"
-_FAILED = "failed"
 
 
 class PlannedStudy(Record, frozen=True):
@@ -569,37 +566,6 @@ def read_plan(root: Path, name: str) -> PlannedStudy:
     return read_record(root / _STUDIES / f"{name}.json", PlannedStudy)
 
 
-def _failure_file(root: Path, address: str) -> Path:
-    return root / _FAILED / f"{address.replace('/', '-')}.txt"
-
-
-def note_failure(root: Path, task: Task, outcome: Outcome) -> None:
-    """Record why a task failed, for later reports.
-
-    Args:
-        root: results folder.
-        task: the failed task.
-        outcome: its error, and the traceback of an error that is not the user's.
-    """
-    path = _failure_file(root, task.address)
-    path.parent.mkdir(exist_ok=True)
-    write_atomically(path, f"{task.title}\n{outcome.error}\n{outcome.detail}")
-
-
-def forget_failure(root: Path, address: str) -> None:
-    """Remove a task's recorded failure."""
-    _failure_file(root, address).unlink(missing_ok=True)
-
-
-def failure_of(root: Path, address: str) -> str | None:
-    """Return the recorded error of the training ``address``; None if it has not failed."""
-    path = _failure_file(root, address)
-    if not path.exists():
-        return None
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return lines[1] if len(lines) > 1 else "the reason is unknown"
-
-
 _KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_second")
 
 
@@ -696,7 +662,7 @@ def _origin(origins: dict[str, tuple[int, Origin]], figures: RunMetrics) -> int:
 
 def _run_metrics(root: Path, address: str) -> RunMetrics:
     if not (root / address / METRICS_FILE).exists():
-        raise ArtefactError(failure_of(root, address) or "not trained yet")
+        raise ArtefactError("not trained yet, or the training failed")
     figures = read_metrics(root / address, RunMetrics)
     if "test" not in figures.success:
         raise ArtefactError("the split has no test tasks of this kind")

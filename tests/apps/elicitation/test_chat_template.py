@@ -1,13 +1,18 @@
 """Chat templates: the text of transformers, within bounds of time and memory."""
 
+import sys
 import time
 from copy import copy
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.apps.elicitation import chat_template as module
-from wordcraft_kg.apps.elicitation.chat_template import ChatTemplate
 from wordcraft_kg.base.errors import ArtefactError
+
+sys.path.append(str(Path(__file__).parents[3] / "examples"))
+module = import_module("chat_template")
+ChatTemplate = module.ChatTemplate
 
 LOOP = "{% for _ in range(99999) %}{% for _ in range(99999) %}{% endfor %}{% endfor %}"
 TEMPLATE = (

@@ -190,7 +190,7 @@ def test_a_model_in_the_cache_of_the_hub_loads_through_its_links(sentence_folder
 
 
 def test_a_name_on_the_hub_downloads_no_code_and_no_pickle(monkeypatch, tmp_path):
-    from wordcraft_kg.apps.elicitation import weights
+    from wordcraft_kg.apps.elicitation import foreign_code as weights
 
     asked = {}
     monkeypatch.setattr(

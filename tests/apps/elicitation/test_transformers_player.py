@@ -3,6 +3,7 @@ import itertools
 import json
 import runpy
 import shutil
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -19,7 +20,10 @@ RULES = "rules: look up. " + 5 * "flour is a part of bread. "
 @cache
 def player():
     """The names of the example; it imports transformers, so no sooner than a test needs them."""
-    return runpy.run_path(str(Path(__file__).parents[3] / "examples" / "transformers_player.py"))
+    examples = Path(__file__).parents[3] / "examples"
+    # As for a script, whose folder comes first.
+    sys.path.append(str(examples))
+    return runpy.run_path(str(examples / "transformers_player.py"))
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,6 @@ OF_MODELS = (
     "/entity/water?model=kitchen-recipes&learned=true",
     "/recipes/water",
     "/recipes/bread?use=makes&part=train",
-    "/predictions",
-    "/predictions?known=all&relation=componentOf&side=head&sort=worst&page=2",
-    "/predictions?model=kitchen-recipes&known=learned&entity=water&sort=label",
     "/link",
     "/link?head=flour&tail=water&model=kitchen-recipes",
     "/link?head=flour&relation=componentOf&tail=bread",
@@ -40,11 +37,10 @@ OF_AGENTS = (
     "/run/guided",
     "/run/plain",
 )
-OF_GRAPHS = ("/map?entity=bread", "/path/bread")
+OF_GRAPHS = ("/path/bread",)
 LARGEST = 300 * 1024
 SLOW = (
     "/recipes/bread?use=makes&part=train",
-    "/predictions?known=all&relation=componentOf&side=head&sort=worst&page=2",
     "/link?head=flour&relation=componentOf&tail=bread",
     "/tasks?part=train&page=2&run=plain",
     "/tasks?part=all&depth=2",
@@ -160,9 +156,9 @@ QUICK_LABELS = (*HOSTILE[:3], "..")
 
 PAGES_OF_LABEL = {
     "entity": (("entity", "entity", {"learned": True}), ("recipes", "entity", {})),
-    "predictions": (("predictions", "entity", {"known": "all"}), ("pair", "a", {"b": HOSTILE[0]})),
+    "pair": (("pair", "a", {"b": HOSTILE[0]}),),
     "link": (("link", "head", LINK), ("link", "head", {**LINK, "relation": "componentOf"})),
-    "map": (("map", "entity", {}), ("path", "entity", {})),
+    "path": (("path", "entity", {}),),
 }
 
 
@@ -185,18 +181,15 @@ def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor
     for name, of_label, choices in pages:
         state = PAGES[name].state(**{of_label: label}, **choices)
         page, view = look(explored, state), view_of(explored, state)
-        assert getattr(view, of_label, label) == label or name == "map"
-        assert " ".join(label.split()) in page.text or name == "predictions"
+        assert getattr(view, of_label, label) == label
+        assert " ".join(label.split()) in page.text
         tags = [tag for tag, _ in page.tags]
-        assert tags.count("script") == (
-            3 if name == "map" else 1
-        )  # two files, and the data of the links
+        assert tags.count("script") == 1
         assert "img" not in tags
-        entities = {
-            target.entity for where, target in page.own if where in ("entity", "map", "path")
-        } - {""}
+        entities = {target.entity for where, target in page.own if where in ("entity", "path")} - {
+            ""
+        }
         assert entities <= set(explored.opened.graph.entities)
-        assert name != "map" or entities == set(explored.opened.graph.entities)
         for form in filters_of(page) if name in ("entity", "recipes") else ():
             _, _, subject = (form.attributes["action"] or "").removeprefix("/").partition("/")
             assert (unquote(subject) or dict(form.fields)["entity"]) == label
@@ -209,14 +202,8 @@ NO_BREAD = "Did you mean 'bread'"
     ("address", "message"),
     [
         *((f"/{name}/braed", NO_BREAD) for name in ("entity", "recipes", "path")),
-        *(
-            (f"/{name}?{field}=braed", NO_BREAD)
-            for name, field in (("map", "entity"), ("tasks", "goal"))
-        ),
-        *((f"/{name}?page=99", "`page` 99") for name in ("predictions", "tasks")),
-        ("/predictions?entity=braed", NO_BREAD),
-        ("/predictions?page=0", "`page` 0"),
-        ("/predictions?model=nothing", "no model 'nothing'"),
+        ("/tasks?goal=braed", NO_BREAD),
+        ("/tasks?page=99", "`page` 99"),
         ("/recipes", "has no entity"),
         ("/recipes/bread?page=9", "`page` 9"),
         ("/link?head=bread", "is missing"),

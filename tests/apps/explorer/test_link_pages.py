@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
-from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages import PAGES, predictions
+from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.link import LinkState
 from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
-from wordcraft_kg.apps.explorer.pages.predictions import PredictionsState
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.scorers.ranking import rank_triples
@@ -133,20 +131,8 @@ def test_an_example_offers_others_and_a_choice_does_not(explored, page):
     assert "try another" not in look(explored, chosen).text
 
 
-@pytest.mark.parametrize(
-    ("known", "how_many"), [("unseen", ""), ("all", " of these"), ("learned", "All of these")]
-)
-def test_ranks_of_what_was_learned_are_marked_as_memory(explored, known, how_many):
-    text = look(explored, PredictionsState(known=known)).text  # type: ignore[arg-type]
-    shown = f"{how_many} queries are for training triples: these ranks are in-sample"
-    assert (shown in text) == ("ranks are in-sample" in text) == bool(how_many)
-
-
 def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes):
     explored = explored_by(of_recipes(MANY, kg="full", kind="by-recipe-plain"))
-    page = look(explored, PredictionsState())
-    assert "no triple in the book is unseen" in page.text
-    assert PAGES["predictions"].address(PredictionsState(known="learned")) in page.links
     assert "was trained on all recipes" in look(explored, EntityState("part 1")).text
     a, b, result = explored.opened.graph.labels(explored.opened.split.recipes("test")[0])
     assert (
@@ -163,7 +149,6 @@ def test_a_book_without_a_split_has_pages_too(of_recipes):
         [("a", "b", "c"), ("b", "a", "d"), ("b", "c", "d"), ("a", "d", "e")], kind="none"
     )
     explored = explored_by(predictor)
-    assert "This model was trained on all recipes" in look(explored, PredictionsState()).text
     assert all(
         look(explored, state).text for state in (LinkState(), PairState(), RecipesState("a"))
     )
@@ -189,21 +174,9 @@ def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder):
     assert view.by_words
     assert "Nearest by word vectors" in look(explored, EntityState("bread")).text
     assert "In the book" in look(explored, PairState("flour", "water")).text
-    for state in (PredictionsState(), LinkState()):
-        with pytest.raises(ConfigError, match="--model FOLDER"):
-            view_of(explored, state)
-        assert not page_of(state).is_there(explored)
-
-
-def test_ranks_are_made_once_however_many_ask(kitchen_folder, links_folder, monkeypatch):
-    explored = Explored.open(kitchen_folder, [links_folder])
-    made, views, rank_graph = [], [], predictions.rank_graph
-    monkeypatch.setattr(
-        predictions, "rank_graph", lambda predictor: made.append(1) or rank_graph(predictor)
-    )
-    at_once(lambda: views.append(view_of(explored, PredictionsState())), 6)
-    assert (len(made), len(views)) == (1, 6)
-    assert all(view == views[0] for view in views)
+    with pytest.raises(ConfigError, match="--model FOLDER"):
+        view_of(explored, LinkState())
+    assert not page_of(LinkState()).is_there(explored)
 
 
 def test_a_graph_without_recipes_has_no_pair_in_the_menu():

@@ -46,24 +46,6 @@ def test_the_steps_are_the_cheapest_derivation(kitchen):
     assert seen == {"train", "test"}
 
 
-def test_each_craft_is_a_layer_after_all_that_it_needs(
-    kitchen,
-):
-    """Each craft is a layer after all that it needs and a layer before something that needs it."""
-    explored = explored_graph(kitchen)
-    for entity in kitchen.entities:
-        view = view_of(explored, PathState(entity))
-        layer = {step.recipe.result: step.layer for step in view.listed}
-        needed_in = {}
-        for step in view.listed:
-            for part in step.recipe[:2]:
-                assert layer.get(part, 0) < step.layer
-                needed_in.setdefault(part, set()).add(step.layer)
-        for label, number in layer.items():
-            assert label == entity or min(needed_in[label]) == number + 1
-        assert set(layer.values()) == set(range(1, view.layers + 1))
-
-
 LOST = [("gone", "b", "d")]
 
 
@@ -71,7 +53,7 @@ LOST = [("gone", "b", "d")]
     ("goal", "rows", "outcome", "blocked", "sources", "text"),
     [
         ("a", [("b", "b", "a")], "base", [], (), "a is a base entity"),
-        ("c", [("a", "b", "c")], "made", [], (), "1 craft in 1 layer"),
+        ("c", [("a", "b", "c")], "made", [], (), "1 craft; 1 with train recipes"),
         ("d", LOST, "impossible", [("gone",)], ("gone",), "d cannot be made from the base (a, b)"),
         (
             "d",
@@ -95,9 +77,7 @@ def test_a_path_says_whether_it_can_be_gone_and_why_not(
         blocked,
         sources,
     )
-    assert (view.steps, view.layers, len(view.drawn)) == (
-        (1, 1, 1) if outcome == "made" else (0, 0, 0)
-    )
+    assert view.steps == (1 if outcome == "made" else 0)
     assert text in look(explored, PathState(goal)).text
 
 
@@ -117,13 +97,11 @@ def test_the_view_says_what_unmakeable_entities_lack():
     assert (view.sources, view.num_sources, view.recipes) == (("gone", "lost"), 2, 2)
 
 
-def test_a_long_path_is_listed_page_by_page_and_its_last_layers_are_drawn(monkeypatch):
+def test_a_long_path_is_listed_page_by_page(monkeypatch):
     monkeypatch.setattr(paths, "STEPS_A_PAGE", 4)
-    monkeypatch.setattr(paths, "DRAWN", 3)
     view = path_to("00009", *chain(9), page=3)
     assert [step.number for step in view.listed] == [9]
     assert (view.paging.pages, view.steps) == (3, 9)
-    assert [step.layer for step in view.drawn] == [7, 8, 9]
     with refuses("page"):
         path_to("00009", *chain(9), page=4)
 
@@ -172,10 +150,8 @@ def test_a_chain_leads_between_two_entities_or_is_missing(start, goal, ends, rec
     chain = view_of(explored, PathState(goal, start=start)).chain
     assert (chain.start, chain.end) == tuple(ends)
     assert ["{} + {} -> {}".format(*step.recipe) for step in chain.steps] == recipes
-    assert [step.layer for step in chain.steps] == [step.number for step in chain.steps]
     page = look(explored, PathState(goal, start=start))
     assert text in page.text
-    assert ("Drawing of the chain" in page.page) == bool(recipes)
     assert all(recipe.replace("->", "→") in page.text for recipe in recipes)
 
 
@@ -195,7 +171,6 @@ def test_no_chain_is_shorter_than_the_shown_one(kitchen):
 def test_a_path_without_a_goal_leads_to_an_entity_of_the_last_layer(explored):
     view = view_of(explored, PathState())
     assert view == view_of(explored, PathState(entity=view.entity))
-    assert view.layers > 5
 
 
 @pytest.mark.slow
@@ -210,11 +185,11 @@ def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
     assert "about 2.8 × 10^4515" in repr(Planner(explored.opened.graph).derivation("15000"))
 
 
-def test_a_graph_without_entities_has_no_map_or_path():
-    """A graph without entities has no map or path in the menu and is no error of the program."""
+def test_a_graph_without_entities_has_no_path():
+    """A graph without entities has no path in the menu and is no error of the program."""
     explored = explored_graph([])
     site = Site(explored, lambda page, state: page.address(state), str)
-    assert {page.name for page, _ in site.menu}.isdisjoint({"map", "path"})
+    assert {page.name for page, _ in site.menu}.isdisjoint({"path"})
     with pytest.raises(ConfigError, match="no entities"):
         view_of(explored, PathState())
     client = client_of(explored)

@@ -98,7 +98,7 @@ def test_no_path_leads_out_of_the_site(client, path):
 @pytest.mark.parametrize(
     ("path", "is_meant"),
     [
-        *[("/entity/brea", True), ("/map?entity=brea", True), ("/path?entity=brea", True)],
+        *[("/entity/brea", True), ("/path?entity=brea", True)],
         *[("/run/brea", False), ("/entity/bread?model=x", False)],
     ],
 )
@@ -272,7 +272,6 @@ def test_ctrl_c_ends_the_server_within_3_s_while_a_page_is_computed():
         ("--host no.such.host.invalid", "unknown host", "ConfigError"),
         ("--host 203.0.113.7", "not an address of this machine", "ConfigError"),
         ("--force", "--export", "ConfigError"),
-        ("--games nowhere", "add --run FOLDER", "ConfigError"),
         ("--model nowhere", "nowhere", "ArtefactError"),
         ("--run nowhere", "nowhere", "ArtefactError"),
     ],

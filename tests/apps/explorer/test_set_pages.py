@@ -3,7 +3,6 @@
 from tests.apps.explorer.shown import explored_graph, look, view_of
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
-from wordcraft_kg.apps.explorer.pages.map import MapState
 from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
@@ -49,20 +48,12 @@ def test_a_pair_has_the_recipes_with_both_ingredients():
 def test_paths_lead_through_sets_and_name_what_is_missing():
     explored = explored_graph(ROWS, BASE)
     steps = view_of(explored, PathState("bread")).listed
-    assert [(str(step.recipe), step.layer) for step in steps] == [
-        ("flour + salt + water -> dough", 1),
-        ("dough -> bread", 2),
+    assert [str(step.recipe) for step in steps] == [
+        "flour + salt + water -> dough",
+        "dough -> bread",
     ]
     lacking = view_of(explored, PathState("roll"))
     assert [blocked.missing for blocked in lacking.blocked] == [("yeast",)]
     assert lacking.sources == ("yeast",)
     chain = view_of(explored, PathState("bread", start="salt")).chain
     assert [step.recipe.result for step in chain.steps] == ["dough", "bread"]
-
-
-def test_links_on_the_map_are_those_of_sets():
-    chosen = view_of(explored_graph(ROWS, BASE), MapState("flour")).chosen
-    assert set(chosen.combines.listed) == {"egg", "salt", "water"}
-    assert set(chosen.makes.listed) == {"dough", "pasta", "paste"}
-    chosen = view_of(explored_graph(ROWS, BASE), MapState("bread")).chosen
-    assert set(chosen.made_of.listed) == {"dough"}

@@ -5,6 +5,7 @@ import shlex
 import sys
 import zipfile
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import jsonschema
@@ -40,9 +41,7 @@ from wordcraft_kg.apps.text_agents.benchmark_players import (
     enter,
     reproduce,
 )
-from wordcraft_kg.apps.text_agents.commands.bench_leaderboard import bench_leaderboard
-from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
-from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
+from wordcraft_kg.apps.text_agents.commands.bench import bench_run, bench_verify
 from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
 from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
@@ -70,6 +69,8 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import make_features
 
+sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
+write_leaderboard = import_module("leaderboard_page").write_leaderboard
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PYTHON = shlex.quote(sys.executable)
 PROGRAM = f"program:{PYTHON} -c {shlex.quote(FIRST_TWO)}"
@@ -662,7 +663,7 @@ def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_pat
         (tmp_path / "all" / f"{number}").mkdir(parents=True)
         for file in submitted(track, player).glob("*.json*"):
             (tmp_path / "all" / f"{number}" / file.name).write_bytes(file.read_bytes())
-    bench_leaderboard(tmp_path / "all", out=page)
+    write_leaderboard(tmp_path / "all", page)
     text = page.read_text()
     rows = re.findall(r"^\| (\S) \| (\S+) \|.* \| (re\w+) \|$", text, re.MULTILINE)
     assert rows == [("1", "python", "replayed")], "chance has no rank"
@@ -674,23 +675,23 @@ def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_pat
     places = [float(place) for place in re.findall(r"[\d.]+", style)]
     expected = [100 * float(figure) for figure in (low, mean, high, chance)]
     assert places == pytest.approx(expected, abs=0.06), "the last is the line of chance"
-    assert re.findall(r"^## (\S+)", text, re.MULTILINE) == ["craft-8", "From"]
+    assert re.findall(r"^## (\S+)", text, re.MULTILINE) == ["craft-8"]
     assert f"<summary>craft-8-lite: 1 player, best {mean}</summary>" in text
-    bench_leaderboard(tmp_path / "all", out=page, check=True)
+    write_leaderboard(tmp_path / "all", page, check=True)
     page.write_text(text + " ")
     with pytest.raises(ArtefactError, match="not up to date"):
-        bench_leaderboard(tmp_path / "all", out=page, check=True)
+        write_leaderboard(tmp_path / "all", page, check=True)
     edit(copied(), look_ups=1)
     with pytest.raises(ArtefactError, match="'look_ups' is 1"):
-        bench_leaderboard(tmp_path / "copy", out=page)
+        write_leaderboard(tmp_path / "copy", page)
     with pytest.raises(ArtefactError, match=r"nothing/submission\.json is missing"):
-        bench_leaderboard(tmp_path / "nothing", out=page)
+        write_leaderboard(tmp_path / "nothing", page)
 
 
 def test_the_leaderboard_shows_hashes_of_weights_and_prompts_tokens_and_seconds(copied, tmp_path):
     folder = copied("craft-8-lite", PROGRAM)
     edit(folder, weights={"model": OTHER}, tokens={"input": 1_000, "output": 9}, seconds=12.3)
-    bench_leaderboard(tmp_path / "copy", out=tmp_path / "page.md")
+    write_leaderboard(tmp_path / "copy", tmp_path / "page.md")
     prompts = verify(folder).prompt_hash[:8]
     lines = (tmp_path / "page.md").read_text().splitlines()
     assert f"    - weights: model {OTHER[:8]}" in lines
@@ -711,7 +712,7 @@ def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
     from markdown_it import MarkdownIt
 
     edit(copied(), kind="own", **HOSTILE)
-    bench_leaderboard(tmp_path / "copy", out=tmp_path / "page.md")
+    write_leaderboard(tmp_path / "copy", tmp_path / "page.md")
     markdown = MarkdownIt("gfm-like")
     html = markdown.render((tmp_path / "page.md").read_text())
     (table,) = re.findall("<table>.*?</table>", html, re.DOTALL)
@@ -734,7 +735,7 @@ def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, 
         for file in submitted(player="votes").glob("*.json*"):
             (folder / file.name).write_bytes(file.read_bytes())
         edit(folder, player=name, kind=f"own-{kind}")
-    bench_leaderboard(tmp_path / "all", out=tmp_path / "page.md")
+    write_leaderboard(tmp_path / "all", tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
     assert sorted(re.findall(r"^\| 1 \| (.*?) \| 0\.", page, re.MULTILINE)) == [
         "Partial KG, votes",
@@ -744,7 +745,7 @@ def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, 
     ]
     folder = tmp_path / "all" / "3"
     edit(folder, player="partial KG,  votes")
-    bench_leaderboard(tmp_path / "all", out=tmp_path / "page.md")
+    write_leaderboard(tmp_path / "all", tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
     assert (
         len(re.findall(r"^\| 1 \| partial KG, +votes ‡", page, re.MULTILINE | re.IGNORECASE)) == 2
@@ -762,7 +763,7 @@ def test_a_name_that_stands_twice_in_a_track_is_marked(submitted, tmp_path):
             for file in submitted(player=player).glob("*.json*"):
                 (folder / file.name).write_bytes(file.read_bytes())
             edit(folder, player="mine", kind="own", **(values if number else {}))
-        bench_leaderboard(tmp_path, out=tmp_path / "page.md")
+        write_leaderboard(tmp_path, tmp_path / "page.md")
         return len(re.findall(r"^\| . \| mine ‡", (tmp_path / "page.md").read_text(), re.MULTILINE))
 
     other = {"prompts": "custom", "prompt_hash": OTHER}
@@ -813,7 +814,7 @@ def test_a_run_prints_the_share_of_answers_that_are_read(submitted, tmp_path, ca
         for folder in (tmp_path, submitted("craft-8-lite", PROGRAM))
     )
     assert (pairs == by_place) == bool(share)
-    bench_leaderboard(tmp_path, out=tmp_path / "page.md")
+    write_leaderboard(tmp_path, tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
     assert re.search(rf"\| answers read \| mark \|\n.*\n.* \| {share:.1%} \| replayed \|", page)
 
@@ -852,7 +853,7 @@ def test_an_archive_holds_a_submission_or_those_of_a_track(submitted, tmp_path, 
     assert bench_verify(several.parent) == 0
     shown = capsys.readouterr().out.splitlines()[-2:]
     assert [Path(line.split()[-1]).name for line in shown] == ["random", "votes"]
-    bench_leaderboard(several.parent, out=tmp_path / "page.md")
+    write_leaderboard(several.parent, tmp_path / "page.md")
     assert "| reproduced |" in (tmp_path / "page.md").read_text()
 
 

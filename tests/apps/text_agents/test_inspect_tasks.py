@@ -17,7 +17,7 @@ import wordcraft_kg
 from tests.apps.text_agents.scripted import PLAYERS, picks_of
 from wordcraft_kg import WordCraftConfig, World, save_scorer
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
-from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
+from wordcraft_kg.apps.text_agents.commands.bench import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log

@@ -28,7 +28,7 @@ from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_distinct
 from wordcraft_kg.apps.text_agents import conversation, mcp_server
 from wordcraft_kg.apps.text_agents.benchmark import open_track
-from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
+from wordcraft_kg.apps.text_agents.commands.bench import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, games_writer
 from wordcraft_kg.apps.text_agents.mcp_server import make_http_app, make_server, tools_hash

@@ -13,7 +13,7 @@ from collections import namedtuple
 
 import pytest
 
-from wordcraft_kg.apps.web.connections import MOST_CONNECTIONS, most_connections
+from wordcraft_kg.apps.web.serving import MOST_CONNECTIONS, most_connections
 
 resource = pytest.importorskip("resource")  # limits of open files, not on Windows
 
@@ -22,7 +22,7 @@ import asyncio, sys
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route, Router
-from wordcraft_kg.apps.web import connections
+from wordcraft_kg.apps.web import serving as connections
 from wordcraft_kg.apps.web.guard import Guard
 from wordcraft_kg.apps.web.serving import listen, serve
 

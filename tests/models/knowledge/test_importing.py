@@ -402,7 +402,7 @@ def num_edges(triples):
     return int((heads != tails).sum())
 
 
-@pytest.mark.parametrize("format", ["tsv", "nt"])
+@pytest.mark.parametrize("format", ["tsv"])
 def test_an_export_comes_back_with_a_warning_of_held_out_triples(tmp_path, caplog, format):
     opened = open_graph("kitchen")
     for part in ("full", "partial"):

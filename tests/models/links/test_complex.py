@@ -18,8 +18,13 @@ from small_scorers import embeddings
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.builders import POPULARITY_DIMS, log_counts, with_popularity
-from wordcraft_kg.models.links.complex import ComplExN3, MatmulComplExInteraction
+from wordcraft_kg.models.links.builders import (
+    POPULARITY_DIMS,
+    ComplExN3,
+    MatmulComplExInteraction,
+    log_counts,
+    with_popularity,
+)
 from wordcraft_kg.models.links.config import N3_PARTIAL, PAPER_DIM
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop

@@ -22,7 +22,7 @@ from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_spli
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.links import cross_fitting
+from wordcraft_kg.models.links import training as cross_fitting
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
@@ -265,7 +265,7 @@ def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(opened_kitchen, tmp_path,
 PROGRAM = """
 import sys
 from pathlib import Path
-from wordcraft_kg.models.links import cross_fitting
+from wordcraft_kg.models.links import training as cross_fitting
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.runs import checkpoints

@@ -21,7 +21,7 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import RELATIONS
-from wordcraft_kg.models.links.complex import ComplExN3
+from wordcraft_kg.models.links.builders import ComplExN3
 from wordcraft_kg.models.links.pykeen_bridge import (
     pykeen_guard,
     quiet_pykeen,

@@ -12,8 +12,7 @@ from torch.nn.functional import cross_entropy
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.links import config as link_config
-from wordcraft_kg.models.links.builders import make_training_loop
-from wordcraft_kg.models.links.complex import ComplExN3
+from wordcraft_kg.models.links.builders import ComplExN3, make_training_loop
 from wordcraft_kg.models.links.config import FULL_SOFTMAX, NEGATIVES, ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.links.symmetric_lcwa import (

@@ -47,7 +47,7 @@ from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.reports.glossary import find_term
+from wordcraft_kg.reports.pages import find_term
 
 SIZE = 6
 NOTHING = SIZE

@@ -1,8 +1,8 @@
 """Elicitation: knowledge from language models and sentence encoders, as tables and vectors.
 
 Read ``language_model`` first: it writes a knowledge folder, from texts that ``prompts`` describes.
-``encoder`` makes entity vectors. ``weights`` finds, hashes and loads the model files of both;
-``foreign_code`` and ``sizes`` refuse a model that would run code, or ask for far more memory than
+``encoder`` makes entity vectors. ``foreign_code`` finds, hashes and loads the model files of both,
+and refuses a model that would run code, or ask for far more memory than
 its weights hold, before any library reads it.
 
 Prompts may be added freely, in a file of the user's own. The default prompts were chosen on

@@ -21,11 +21,15 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.elicitation.foreign_code import (
+    check_counts,
     check_model_files,
+    check_modules,
     check_sentence_transformers,
+    check_size,
+    hash_weights,
+    loading,
+    working,
 )
-from wordcraft_kg.apps.elicitation.sizes import check_counts, check_modules, check_size
-from wordcraft_kg.apps.elicitation.weights import hash_weights, loading, working
 from wordcraft_kg.base.artefacts import (
     read_json,
     staged_folder,

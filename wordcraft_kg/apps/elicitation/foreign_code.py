@@ -7,18 +7,146 @@ rest, and by name. It imports no library of models, except to look up the kind o
 code and may not need it.
 """
 
+import io
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from importlib.metadata import version
+from math import prod
 from pathlib import Path
 from typing import Any
 
 from packaging.version import Version
 
-from wordcraft_kg.base.artefacts import SMALL_FILE, check_file, read_json
-from wordcraft_kg.base.errors import ArtefactError, MissingExtraError
+from wordcraft_kg.base.artefacts import SMALL_FILE, check_file, read_json, sha256_of
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    MissingExtraError,
+    WordCraftKGError,
+    reason,
+)
 from wordcraft_kg.base.extras import pip_install
+
+_FORMATS = ("onnx/*", "openvino/*", "*.h5", "*.ot", "*.msgpack", "*.onnx", "*.gguf")
+"""Weights in the formats of other libraries, in folders on the Hugging Face hub."""
+_CODE = ("*.py", "*.pyc", "*.so", "*.bin", "*.pt", "*.pth", "*.pkl", "*.pickle", "*.ckpt")
+"""Programs and pickles: no file of a model that runs code is needed here."""
+
+
+def locate_model(setting: str, name: str) -> Path:
+    """Return a model's path, after a download from the hub if it is not on disk.
+
+    Files of other libraries are not downloaded, nor programs and pickles.
+
+    Args:
+        setting: name of the setting, for the error.
+        name: path, or name on the Hugging Face hub.
+
+    Raises:
+        ConfigError: if there is no such path, and the model cannot be downloaded.
+    """
+    if os.path.exists(name):
+        return Path(name)
+    # Imported late: a model on disk needs no client of the hub.
+    from huggingface_hub import snapshot_download
+
+    try:
+        return Path(snapshot_download(name, ignore_patterns=[*_FORMATS, *_CODE]))
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"`{setting}` '{name}' is not on disk, and cannot be downloaded from the hub "
+            f"({reason(error)}). Give the path of a model folder with config.json and weights."
+        ) from None
+
+
+def hash_weights(path: Path) -> dict[str, str]:
+    """Return SHA-256 hashes of a model's weights by file name.
+
+    Names are relative to the folder, so that a record tells nothing of the machine.
+
+    Args:
+        path: folder of a pretrained model; or a single file with all weights, such as ``.gguf``.
+
+    Raises:
+        ArtefactError: if the folder has no weights in safetensors, or no config.json.
+    """
+    if path.is_file():
+        return {path.name: sha256_of(path)}
+    files = weight_files(path)
+    if not files or not (path / "config.json").is_file():
+        missing = "config.json" if files else "weights (*.safetensors)"
+        raise ArtefactError(
+            f"'{path}' has no {missing}; expected the folder of a pretrained model. Download the "
+            "whole folder."
+        )
+    return {file.relative_to(path).as_posix(): sha256_of(file) for file in files}
+
+
+def weight_files(folder: Path) -> list[Path]:
+    """Return the safetensors files of a model folder, and of its modules in folders inside."""
+    files = sorted(folder.glob("*")) + sorted(folder.glob("*/*"))
+    return [file for file in files if file.suffix == ".safetensors" and file.is_file()]
+
+
+@contextmanager
+def loading(path: Path, expected: str) -> Iterator[None]:
+    """Load a model without bars, warnings and questions.
+
+    Args:
+        path: the model, for errors.
+        expected: kind of model in words, such as "a sentence encoder".
+
+    Raises:
+        ArtefactError: if the model is damaged, not of the ``expected`` kind, or needs code of its
+            own.
+    """
+    stdin = sys.stdin
+    try:
+        # A library that asks "run the custom code? [y/N]" reads no answer, whatever stands in a
+        # pipe.
+        sys.stdin = io.StringIO()
+        with (
+            redirect_stderr(io.StringIO()),
+            redirect_stdout(io.StringIO()),
+            working(path, f"cannot be loaded as {expected}"),
+        ):
+            yield
+    finally:
+        sys.stdin = stdin
+
+
+@contextmanager
+def working(path: str | Path, problem: str = "fails") -> Iterator[None]:
+    """Turn errors of the libraries that load or use a model into one that names the model.
+
+    Args:
+        path: the model.
+        problem: what an error means, in words.
+
+    Raises:
+        ArtefactError: for any error but those of this package.
+    """
+    try:
+        yield
+    except WordCraftKGError:
+        raise
+    except BaseException as error:  # libraries report damaged files by errors of many classes
+        # A panic of the tokenizers, which are written in Rust, is no Exception.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
+        # The only sign of this cause, which needs another remedy than a damaged file.
+        if "trust_remote_code" in str(error):
+            raise ArtefactError(
+                f"'{path}' needs its own Python code, and code of a model is never run. Give a "
+                "model that transformers itself knows."
+            ) from None
+        raise ArtefactError(
+            f"'{path}' {problem}: {reason(error)}. Give another model, or restore a copy."
+        ) from None
+
 
 SAFE_SENTENCE_TRANSFORMERS = "6.0.1"
 """Earlier versions import any module that a local modules.json names, whatever they are told."""
@@ -258,3 +386,116 @@ def _is_known(folder: Path) -> bool:
     file = folder / "config.json"
     config = read_json(file) if file.is_file() else {}
     return isinstance(config, dict) and config.get("model_type") in CONFIG_MAPPING_NAMES
+
+
+_COUNT = re.compile(r".*(layer|block|expert|group|depth|stage)(?!.*_size$).*|num_labels")
+"""Names of numbers of parts, such as num_hidden_layers, n_layer or depths; block_size is a length.
+
+transformers makes a text for each of the ``num_labels``, even for a model without classes.
+"""
+_MORE_PARTS = 1_024
+"""Parts beyond the number of stored tensors: layers may share the tensors of one part."""
+_MORE_ELEMENTS = 2**26
+"""Elements beyond twice the stored ones: computed tables, and new parts such as a pooler."""
+
+
+def check_counts(path: Path, config: Mapping[str, Any]) -> None:
+    """Check the numbers of parts in a model's settings against its weights.
+
+    The model is not built: even a model without values takes memory for each of its layers.
+
+    Args:
+        path: model folder or ``.gguf`` file.
+        config: content of ``config.json``, or the settings in a ``.gguf`` file.
+
+    Raises:
+        ArtefactError: if a number of layers or other parts is far above the number of stored
+            tensors.
+    """
+    limit = len(_shapes(path)) + _MORE_PARTS
+    for name, value in _numbers(config):
+        if value > limit and _COUNT.fullmatch(name):
+            raise _too_large(path, f"{name} is {value:,}", f"at most {limit:,} for these weights")
+
+
+def check_size(path: Path, build: Callable[[], Any]) -> None:
+    """Check the size of a model against its weights.
+
+    Args:
+        path: model folder or ``.gguf`` file.
+        build: builds the model, a torch module; called on torch's device meta, which holds no
+            values.
+
+    Raises:
+        ArtefactError: if the model has far more elements than the weights.
+    """
+    import torch
+
+    # Building a model draws from the global generator; its state is restored.
+    with torch.random.fork_rng(devices=[]), torch.device("meta"):
+        model = build()
+    # Buffers count as well: tables of positions may be larger than the weights.
+    tensors = [*model.parameters(), *model.buffers()]
+    num_elements = sum(tensor.numel() for tensor in tensors)
+    stored = sum(prod(shape) for shape in _shapes(path))
+    limit = 2 * stored + _MORE_ELEMENTS
+    if num_elements > limit:
+        raise _too_large(path, f"config.json gives {num_elements:,} numbers", f"at most {limit:,}")
+
+
+def check_modules(folder: Path) -> None:
+    """Check the modules of a sentence encoder, each in a folder with settings and weights.
+
+    Raises:
+        ArtefactError: if a matrix of a module is far larger than the weights in the module's
+            folder.
+    """
+    for file in sorted(folder.glob("*/config.json")):
+        config = read_json(file)
+        sizes = dict(_numbers(config)) if isinstance(config, dict) else {}
+        matrix = sizes.get("in_features", 1) * sizes.get("out_features", 1)
+        # Each kind of module has one of these sizes; a missing size counts as 1.
+        num_elements = max(matrix, sizes.get("dimension", 1))
+        stored = sum(prod(shape) for shape in _shapes(file.parent))
+        if num_elements > 2 * stored + _MORE_ELEMENTS:
+            raise _too_large(
+                file.parent, f"config.json gives {num_elements:,} numbers", f"{stored:,}"
+            )
+
+
+def _too_large(path: Path, found: str, expected: str) -> ArtefactError:
+    return ArtefactError(
+        f"'{path}' is damaged: {found}, expected {expected}. Restore a copy of config.json and "
+        "the weights."
+    )
+
+
+def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, int]]:
+    """Yield all whole numbers in settings with the name of their setting, at any depth."""
+    if isinstance(value, Mapping):
+        for inner_name, inner in value.items():
+            yield from _numbers(inner, str(inner_name))
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from _numbers(inner, name)
+    elif isinstance(value, int) and not isinstance(value, bool):
+        yield name, value
+    # JSON may write a whole number as 1e9, which Python reads as a float.
+    elif isinstance(value, float) and value > _MORE_PARTS and value == value // 1:
+        yield name, int(value)
+
+
+def _shapes(path: Path) -> list[Sequence[int]]:
+    """Return the shapes of all stored tensors; only the heads of the files are read."""
+    if path.is_file():
+        from gguf import GGUFReader
+
+        return [tuple(map(int, tensor.shape)) for tensor in GGUFReader(path).tensors]
+    from safetensors import safe_open
+
+    shapes: list[Sequence[int]] = []
+    for file in weight_files(path):
+        with safe_open(file, framework="numpy") as tensors:
+            names = tensors.keys()
+            shapes += [tensors.get_slice(name).get_shape() for name in names]
+    return shapes

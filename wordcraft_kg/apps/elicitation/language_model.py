@@ -10,23 +10,37 @@ import json
 import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import safetensors.torch
 import torch
 from torch import Tensor
 
-from wordcraft_kg.apps.elicitation.foreign_code import check_model_files
+from wordcraft_kg.apps.elicitation.foreign_code import (
+    check_counts,
+    check_model_files,
+    check_size,
+    hash_weights,
+    loading,
+    working,
+)
 from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
-from wordcraft_kg.apps.elicitation.saved_rows import read_rows, save_rows, saved_rows
-from wordcraft_kg.apps.elicitation.sizes import check_counts, check_size
-from wordcraft_kg.apps.elicitation.weights import hash_weights, loading, working
-from wordcraft_kg.base.artefacts import check_output, read_json, with_a_name
+from wordcraft_kg.base.artefacts import (
+    TEMPORARY,
+    check_output,
+    read_json,
+    read_large_file,
+    with_a_name,
+    write_atomically,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
+from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.folder import (
     KnowledgeRecord,
@@ -35,7 +49,49 @@ from wordcraft_kg.models.knowledge.folder import (
     write_knowledge,
 )
 from wordcraft_kg.runs.record import front_matter
-from wordcraft_kg.runs.run_folder import Progress
+from wordcraft_kg.runs.run_folder import Progress, locked_folder
+
+
+@contextmanager
+def saved_rows(out: Path, key: str) -> Iterator[Path]:
+    """Yield the locked, hidden folder beside ``out`` for the rows with this key.
+
+    Args:
+        out: output of the command.
+        key: everything that decides about the rows: another model, prompt or graph has another
+            key, and so never takes these rows.
+
+    Raises:
+        ArtefactError: if another process writes there.
+    """
+    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
+    folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
+    with locked_folder(folder, "written"):
+        yield folder
+
+
+def read_rows(folder: Path, number: int) -> Tensor | None:
+    """Return the rows of a part; None if they are not saved, or damaged."""
+    file = folder / f"{number}.safetensors"
+    if not file.exists():
+        return None
+    try:
+        return read_tensors(file, read_large_file(file))["rows"]
+    except ArtefactError:  # cut short by a power failure
+        return None
+
+
+def save_rows(folder: Path, number: int, rows: Tensor) -> None:
+    """Save the rows of a part; atomic: a part is either saved or not, even after a kill.
+
+    Args:
+        folder: folder of the saved parts, from :func:`saved_rows`.
+        number: number of the part, from 0.
+        rows: shape (rows of the part, any width).
+    """
+    content = safetensors.torch.save({"rows": rows})
+    write_atomically(folder / f"{number}.safetensors", content)
+
 
 _BATCH = 32
 """Texts in a forward pass; part of the result's last bits, so also of the key of saved rows."""

@@ -9,7 +9,7 @@ server and the static site render the same pages and differ only in their addres
 - ``page``: the class ``Page``, addresses, and long lists.
 - ``pages``: a module for each page (``runs`` and ``entity`` have two), and ``PAGES``, the registry.
 - ``explored``: opened folders, and values that are computed once, by the first page that needs them
-  (``Explored.once``): ranks, the map, a policy bound to tasks.
+  (``Explored.once``): tasks, the planner, a policy bound to tasks.
 - ``predictor``: a link predictor's scores, ranks and reasons, for the pages about links.
 - ``rendering``: templates and links between pages, for the server and for static sites.
 - ``server``, ``export``: the two ways to publish the pages; ``commands``: ``wordcraft-kg explore``.

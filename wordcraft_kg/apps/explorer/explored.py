@@ -17,7 +17,6 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityEr
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.reference import TableGame, read_table_games
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.planner import Planner
 from wordcraft_kg.graphs.splits import TEST
@@ -35,7 +34,7 @@ AskedDepth = Literal[0, 1, 2, 3, 4, 5]
 
 
 class Explored:
-    """Content for all pages: a graph, link prediction models, agents' runs, and recorded games.
+    """Content for all pages: a graph, link prediction models, and agents' runs.
 
     Pages are computed in several threads at the same time; all methods are safe for that.
 
@@ -44,7 +43,6 @@ class Explored:
         models: link predictors for this graph by name, in the given order.
         runs: run folders of agents on this graph by name; they may be unfinished, or training at
             this moment.
-        games: recorded games of other players by goal and entities on the table.
     """
 
     def __init__(
@@ -52,24 +50,17 @@ class Explored:
         opened: OpenedGraph,
         models: Mapping[str, LinkPredictor] | None = None,
         runs: Mapping[str, Path] | None = None,
-        games: Iterable[TableGame] = (),
     ):
-        """Hold opened folders, and recorded games.
+        """Hold opened folders.
 
         Args:
             opened: graph and split.
             models: link predictors for this graph by name; None for none.
             runs: run folders of agents on this graph by name; None for none.
-            games: recorded games on this graph.
         """
         self.opened = opened
         self.models = dict(models or {})
         self.runs = dict(runs or {})
-        self.games: dict[tuple[str, frozenset[str]], list[TableGame]] = {}
-        for game in games:
-            # The order of entities on a table has no meaning: players may have seen different ones.
-            table = frozenset(game.table)
-            self.games.setdefault((game.goal, table), []).append(game)
         self._values: dict[Hashable, Any] = {}
         self._locks: dict[Hashable, threading.Lock] = {}
         self._lock = threading.Lock()
@@ -80,15 +71,13 @@ class Explored:
         graph: str | Path,
         models: Iterable[str | Path] = (),
         runs: Iterable[str | Path] = (),
-        games: Iterable[Path] = (),
     ) -> "Explored":
-        """Open a graph, models, runs and recorded games; nothing is written.
+        """Open a graph, models and runs; nothing is written.
 
         Args:
             graph: graph folder, recipe book file, or built-in book name.
             models: folders of link predictors.
             runs: run folders of agents, or folders with several seeds.
-            games: folders or files with recorded games.
 
         Returns:
             the content for all pages; equal folder names are told apart by the folders above them.
@@ -97,7 +86,6 @@ class Explored:
             ArtefactError: if a folder is of another kind or damaged, or a model is unfinished.
             GraphMismatchError: if a model, run or game belongs to another graph or split.
             RecipeFileError: if there is no such graph, or a book cannot be read.
-            ConfigError: if a file or folder has no games on tasks, or an unknown format.
         """
         opened_graph = open_graph(graph)
         predictors = {
@@ -108,8 +96,7 @@ class Explored:
         for folder in folders.values():
             # Only the check for the graph: unfinished runs have no weights yet.
             RunFiles(folder, AGENTS.read_record(folder)).graph(opened_graph)
-        recorded = chain.from_iterable(read_table_games(opened_graph, path) for path in games)
-        return cls(opened_graph, predictors, folders, recorded)
+        return cls(opened_graph, predictors, folders)
 
     def predictor(self, name: str = "") -> LinkPredictor:
         """Return a model with all entity similarities computed; by default the first model.
@@ -146,8 +133,8 @@ class Explored:
         Other threads that need the value wait for it. A failure is not kept: the next call tries
         again.
         """
-        # One lock for each key: a thread that computes the map must not stop the pages that do not
-        # need it.
+        # One lock for each key: a thread that searches for tasks must not stop the pages that do
+        # not need them.
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:

@@ -12,7 +12,7 @@ from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.apps.explorer.server import PACKAGE, SCRIPTS
-from wordcraft_kg.apps.web.files import static_texts, style_sheet
+from wordcraft_kg.apps.web.guard import static_texts, style_sheet
 from wordcraft_kg.base.artefacts import dump_json, sha256_of, staged_folder, write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.progress import steps

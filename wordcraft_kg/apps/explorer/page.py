@@ -47,8 +47,6 @@ class Page(Generic[S]):
             None without pictures.
         exported: returns settings for each file in a static site; by default a single file with
             default settings, and none for a page with a subject.
-        questions: returns examples of questions that the page answers, with settings; also in a
-            static site.
         is_there: returns a true value if the page has content.
         is_live: returns whether the view may change, so that the page must not be cached.
         package: package with the template, in the folder ``templates``.
@@ -61,7 +59,6 @@ class Page(Generic[S]):
     subject: str = ""
     draw: Callable[[Any, S, Addresses], Mapping[str, Any]] | None = None
     exported: Callable[[Explored], Iterable[S]] | None = None
-    questions: Callable[[Explored], Iterable[tuple[str, S]]] = lambda _: ()
     is_there: Callable[[Explored], object] = lambda _: True
     is_live: Callable[[Explored, S], bool] = lambda *_: False
     package: str = "wordcraft_kg.apps.explorer"
@@ -70,14 +67,10 @@ class Page(Generic[S]):
         """Return settings for each file of this page in a static site; settings may repeat."""
         if not self.is_there(explored):
             return []
-        states: Iterable[S]
         if self.exported is not None:
-            states = self.exported(explored)
-        else:
-            # The plain address of a page with a subject has no subject to show.
-            states = [] if self.subject else [self.state()]
-        # A static site cannot answer a question at an address that has no file.
-        return [*states, *(state for _, state in self.questions(explored))]
+            return self.exported(explored)
+        # The plain address of a page with a subject has no subject to show.
+        return [] if self.subject else [self.state()]
 
     def address(self, state: S) -> str:
         """Return the path and query for page settings, without defaults."""

@@ -15,9 +15,6 @@ from wordcraft_kg.base.wording import for_html
 from wordcraft_kg.reports.agent_report import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 
-QUESTIONS = 5
-"""Maximum number of example questions on the first page."""
-
 
 class Site:
     """Renders pages.
@@ -50,17 +47,6 @@ class Site:
         entries = [(page, self.address(page, page.state())) for page in pages]
         # A static site lacks the pages that need a server.
         return [entry for entry in entries if entry[1]]
-
-    @property
-    def questions(self) -> list[tuple[str, str]]:
-        """Example questions, with the addresses of pages that answer them, about agents first."""
-        links = []
-        # The reverse of the menu: a reader with an agent is most curious about the agent.
-        for page in reversed(PAGES.values()):
-            if page.is_there(self.explored):
-                for text, state in page.questions(self.explored):
-                    links.append((text, self.address(page, state)))
-        return [link for link in links if link[1]][:QUESTIONS]
 
     def page(self, page: Page[Any], state: PageState) -> str:
         """Return a page as HTML.

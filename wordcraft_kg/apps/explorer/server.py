@@ -23,15 +23,14 @@ from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.apps.explorer.pages.entities import search_entities
 from wordcraft_kg.apps.explorer.rendering import Site
-from wordcraft_kg.apps.web.files import file_endpoint
-from wordcraft_kg.apps.web.guard import Guard
+from wordcraft_kg.apps.web.guard import Guard, file_endpoint
 from wordcraft_kg.base.artefacts import json_text
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.base.records import as_values
 
 T = TypeVar("T")
 PACKAGE = "wordcraft_kg.apps.explorer"
-SCRIPTS = ("explorer.js", "map.js")
+SCRIPTS = ("explorer.js",)
 _KEPT = 256
 """Rendered pages in memory, 50 KB each."""
 _THREADS = 8

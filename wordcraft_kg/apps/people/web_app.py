@@ -22,8 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
 from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, PosedTask
 from wordcraft_kg.apps.people.study import HumanStudy
-from wordcraft_kg.apps.web.files import file_endpoint
-from wordcraft_kg.apps.web.guard import Guard
+from wordcraft_kg.apps.web.guard import Guard, file_endpoint
 from wordcraft_kg.reports.pages import make_environment
 
 PRIVATE = {"Cache-Control": "no-store"}

@@ -18,9 +18,9 @@ What lies where:
 * doors for training: ``hosted_games`` (games by name and number), ``trl`` (an environment and a
   data set), ``openenv_server``, ``text_env`` (Gymnasium), ``chats`` (to fine-tune on);
 * results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as
-  agent evaluation), ``result_reader`` (recorded games for the explorer);
+  agent evaluation);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
-  (write and verify), ``leaderboard``;
+  (write and verify);
 * ``commands``: the commands, by entry points in ``pyproject.toml``.
 
 Change freely: kinds of players, wording of errors, tables, commands. A changed prompt makes another

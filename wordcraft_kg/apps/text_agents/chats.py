@@ -8,7 +8,7 @@ nothing, so whoever learns from them has seen no test recipe.
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -25,11 +25,7 @@ from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.base.artefacts import json_text, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.arrays import padded
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.library import known_books
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
@@ -275,44 +271,19 @@ def _game(talk: Conversation) -> TaskGame:
     return talk.game
 
 
-def card_path(out: Path) -> Path:
-    """Return the path of the card beside a file of conversations: ``sft.README.md``."""
-    return out.with_name(f"{out.stem}.README.md")
-
-
-def licence_of(graph: RecipeGraph) -> str:
-    """Return the licence of conversations about a graph: of our own books, else ``unknown``.
-
-    A book file may name a licence in a comment, which anyone may have written.
-    """
-    # By content: a graph folder of a book may have any name.
-    for book in known_books():
-        if book.origin == "built in" and open_graph(book.name).graph.hash == graph.hash:
-            return "cc0-1.0"
-    return "unknown"
-
-
-def write_chats(
-    out: Path,
-    rows: Iterator[dict[str, Any]],
-    card: Callable[[str], str],
-    *,
-    force: bool = False,
-) -> str:
-    """Write conversations as JSON lines, and the card beside them; both complete, or neither.
+def write_chats(out: Path, rows: Iterator[dict[str, Any]], *, force: bool = False) -> str:
+    """Write conversations as JSON lines, complete or not at all.
 
     Args:
         out: file to write.
         rows: conversations.
-        card: function that returns the card's text, from the SHA-256 of the file. It is called
-            after all rows, when their counts are known.
-        force: whether existing files are replaced.
+        force: whether an existing file is replaced.
 
     Returns:
         The SHA-256 of the file.
 
     Raises:
-        OutputExistsError: if a file exists, without ``force``.
+        OutputExistsError: if the file exists, without ``force``.
         ConfigError: if there is no conversation.
     """
     digest = hashlib.sha256()
@@ -323,7 +294,6 @@ def write_chats(
             digest.update(line.encode())
             yield line
 
-    # The card is in place first: a file without a card would be data of nobody.
     with staged_file(out, force=force) as staged:
         write_atomically(staged, lines())
         if not staged.stat().st_size:
@@ -331,75 +301,4 @@ def write_chats(
                 "no conversation is left: the player made no goal; expected a better player, or "
                 "`keep` all."
             )
-        with staged_file(card_path(out), force=force) as staged_card:
-            write_atomically(staged_card, card(digest.hexdigest()))
     return digest.hexdigest()
-
-
-def card_text(
-    plays: Sequence[Play],
-    player: str,
-    settings: ChatSettings,
-    counts: ChatCounts,
-    licence: str,
-    command: str,
-    digest: str,
-) -> str:
-    """Return the card of a file of conversations, in Markdown with the header of data hubs.
-
-    Args:
-        plays: the games, with equal graph and split.
-        player: the player's name in tables.
-        settings: the settings of the conversations.
-        counts: counts of games and conversations.
-        licence: licence of the conversations.
-        command: command line that makes the file.
-        digest: SHA-256 of the file.
-    """
-    settings_of_games = plays[0].settings
-    games = plays[0].games
-    assert isinstance(games, TaskGames)
-    kind = games.world.split.config.kind
-    reading = (
-        "`messages` and `tools` are as TRL's `SFTTrainer` reads them; an attempt is a call of the "
-        "tool `combine`."
-        if settings.style == "tools"
-        else "`messages` are as TRL's `SFTTrainer` reads them; an attempt is a line of text."
-    )
-    depths = ", ".join(
-        f"{counted(number, 'conversation')} of depth {depth}"
-        for depth, number in sorted(counts.by_depth.items())
-    )
-    facts = [
-        f"book: {settings_of_games.graph}, graph `{settings_of_games.graph_hash}`",
-        f"split: {kind}, `{settings_of_games.split_hash}`, part train",
-        f"player: {player}, seed {settings.seed}, "
-        f"{counted(settings.tables, 'table')} for each task",
-        f"conversations: {counts.written:,} ({depths}), all different",
-        f"games: {counts.played:,} played, {counts.made:,} made the goal; left out: "
-        f"{counts.left_out:,} not to be kept ({settings.kept}), "
-        f"{counts.repeated:,} repeated",
-        f"prompts: `{settings_of_games.prompt_hash}`",
-        f"SHA-256 of the file: `{digest}`",
-        f"licence: {licence}",
-        "mark in the column `canary` of each row, by which collections of texts can recognise and "
-        f"leave out this file: {canary()}",
-    ]
-    header = ["---", f"license: {licence}", "task_categories:", "- text-generation", "---"]
-    lines = [
-        *header,
-        f"# Crafting conversations, {settings_of_games.graph}",
-        "",
-        f"Games of a crafting world, played by {player}, to fine-tune language models on.",
-        reading,
-        f"Test recipes of the {kind} split do not occur, so what a model learns here can be",
-        "measured on the test part of this split. Another split has other test recipes.",
-        "",
-        *(f"- {fact}" for fact in facts),
-        "",
-        "Made by:",
-        "",
-        f"    {command}",
-        "",
-    ]
-    return "\n".join(lines)

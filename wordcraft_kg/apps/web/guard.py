@@ -2,17 +2,20 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Awaitable, Callable, Collection
 from contextlib import suppress
+from importlib.resources import files
 from urllib.parse import SplitResult, urlsplit
 
 from h11 import LocalProtocolError
 from starlette.datastructures import Headers
+from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.wording import for_terminal
+from wordcraft_kg.reports.pages import make_environment
 
 POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src "
@@ -200,3 +203,41 @@ def _split(address: str) -> SplitResult:
         return urlsplit(address)
     except ValueError:
         return urlsplit("")
+
+
+def style_sheet() -> str:
+    """Return the style sheet for reports, extended for sites."""
+    environment = make_environment("wordcraft_kg.apps.web", "wordcraft_kg.reports")
+    return environment.get_template("explorer.css.j2").render()
+
+
+def static_texts(package: str, names: Collection[str]) -> dict[str, str]:
+    """Return texts from the folder ``static`` of a package, by name."""
+    folder = files(package) / "static"
+    return {name: (folder / name).read_text(encoding="utf-8") for name in names}
+
+
+def file_endpoint(
+    package: str, names: Collection[str], missing: Callable[[str], Response]
+) -> Callable[[Request], Awaitable[Response]]:
+    """Return the endpoint for ``/files/{name}``: the style sheet and static files.
+
+    The files are read once. A name is only a key among them, never a path, so no other file of the
+    machine can be asked for.
+
+    Args:
+        package: package with the folder ``static``.
+        names: names of the static files.
+        missing: returns the answer for another name, from a message.
+    """
+    texts = {"explorer.css": style_sheet(), **static_texts(package, names)}
+
+    async def file(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in texts:
+            return missing(f"The file '{name[:60]}' does not exist.")
+        kind = "text/css" if name.endswith(".css") else "text/javascript"
+        # no-cache lets browsers keep a file, but ask each time: another version has other files.
+        return Response(texts[name], media_type=kind, headers={"Cache-Control": "no-cache"})
+
+    return file

@@ -1,4 +1,4 @@
-"""Formats of their own: our JSON, the paper's, HIF, dumps of Infinite Craft, packs of Minecraft.
+"""Formats of their own: our JSON, the paper's, dumps of Infinite Craft, packs of Minecraft.
 
 In a pack a pattern becomes the set of its ingredients, of two pieces a pair; where one of several
 items may be used, each choice is a recipe. A tag that the pack defines stands for its members,
@@ -26,7 +26,6 @@ from wordcraft_kg.graphs.book_files.rows import (
     without_nothing,
 )
 from wordcraft_kg.graphs.book_files.words import QUANTITIES
-from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
 from wordcraft_kg.graphs.label_notes import NOTHING
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import check_label, label_fault, shown
@@ -44,8 +43,11 @@ def known_layout(path: Path, document: Any) -> FileRows | None:
     """
     if not isinstance(document, dict):
         return None
-    if is_hif(document):
-        return _hypergraph(path, document)
+    if isinstance(document.get("incidences"), list):
+        raise RecipeFileError(
+            f"{path}: a hypergraph (HIF), which is written and not read. Write its recipes as a "
+            "table with the columns ingredient_a, ingredient_b, ... and result."
+        )
     entities, recipes, items = (document.get(key) for key in ("entities", "recipes", "items"))
     if isinstance(entities, list) and isinstance(recipes, list):
         return _our_layout(path, document)
@@ -139,21 +141,6 @@ def _exact(
             yield Row(place, row[:-1], row[-1], *facts)
         else:
             yield Fault(place, "label", f"{place}: {fault}")
-
-
-def _hypergraph(path: Path, document: Mapping[str, Any]) -> FileRows:
-    """Read a directed hypergraph in HIF, as `export --format hif` writes it."""
-    hif_recipes = recipes_of_hif(document, str(path))
-    source = _listing("a hypergraph (HIF)", path, hif_recipes.listed, hif_recipes.base)
-    source.reading = Reading(shape=source.reading.shape, counts_dropped=hif_recipes.dropped_counts)
-    # For people, edges count from 1.
-    source.entries = [
-        Row(f"edge {number}", row[:-1], row[-1], *facts)
-        for number, (row, *facts) in enumerate(
-            zip(hif_recipes.rows, hif_recipes.kinds, hif_recipes.quantities, strict=True), start=1
-        )
-    ]
-    return source
 
 
 def _dump(path: Path, items: Sequence[Any], rows: Sequence[Sequence[int]]) -> FileRows:

@@ -316,6 +316,7 @@ class BookRows:
         self.rows = 0
         self.left_out: defaultdict[str, list[Place]] = defaultdict(list)
         self.arities: Counter[int] = Counter()
+        self._other_quantities = 0
 
     def all_at_once(self) -> RecipeRows | None:
         """Return the recipes of all rows, if they are nothing but plain pairs; None to iterate.
@@ -399,7 +400,8 @@ class BookRows:
                 return fault_at(place, "row", message, "quantities")
             # In the order of the recipe's ingredients; of a recipe that is repeated, the first.
             in_order = [number for _, number in sorted(zip(ingredients, numbers, strict=True))]
-            self.quantities.setdefault(recipe, " ".join(in_order))
+            first_numbers = self.quantities.setdefault(recipe, " ".join(in_order))
+            self._other_quantities += first_numbers != " ".join(in_order)
         return recipe
 
     @cached_property
@@ -463,6 +465,10 @@ class BookRows:
         left_out[REPEATED] += merged
         left_out[SELF_RESULT] += self_results
         reading = self.source.reading
+        notes = [*reading.notes, *notes_about(labels)]
+        if self._other_quantities:
+            repeated = counted(self._other_quantities, "repeated recipe")
+            notes.append(f"{repeated} with other quantities, of which the first row counts")
         return replace(
             reading,
             container=self.content.container,
@@ -472,7 +478,7 @@ class BookRows:
             kept=self.rows - left_out.total(),
             left_out={reason: number for reason, number in left_out.items() if number},
             arities={str(arity): self.arities[arity] for arity in sorted(self.arities)},
-            notes=(*reading.notes, *notes_about(labels)),
+            notes=tuple(notes),
         )
 
 

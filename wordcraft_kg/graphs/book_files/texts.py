@@ -8,15 +8,16 @@ clay + rain`` gives two recipes. Marks of lists are no part of labels.
 
 import io
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from functools import cache
-from itertools import chain, takewhile
+from itertools import chain, count, takewhile
 from operator import ne
 from pathlib import Path
 from string import ascii_lowercase
 from typing import NamedTuple
 
+import numpy as np
 from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
@@ -51,9 +52,77 @@ from wordcraft_kg.graphs.book_files.words import (
     is_plain,
     ways_by_words,
 )
-from wordcraft_kg.graphs.plain_rows import number_plain_rows
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, label_fault
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, RecipeRows, label_fault
+
+_PIECE = 2**20  # characters that are parted at once; all cells of a large book would take gigabytes
+
+
+def number_plain_rows(
+    text: str,
+    start: int,
+    delimiter: str,
+    has_fault: Callable[[str], object],
+) -> RecipeRows | None:
+    """Return the rows of a plain table, in file order, or None if any row is not plain.
+
+    Args:
+        text: text of the file.
+        start: place of the first row in it.
+        delimiter: one character between cells.
+        has_fault: returns a true value for a cell that is no label; each cell is judged once.
+
+    Returns:
+        The rows, with labels numbered in the order in which they are met. None also for a table
+        without rows.
+    """
+    # Blanks around cells are looked for below; a blank between cells would be one of them.
+    if delimiter == " " or not delimiter.isascii():
+        return None
+    number_of: defaultdict[str, int] = defaultdict(count().__next__)
+    pieces = []
+    while start < len(text):
+        # Up to the end of a line; a last line may have none.
+        end = text.find("\n", start + _PIECE) + 1 or len(text)
+        piece = text[start:end]
+        start = end
+        if not _is_plain(piece, delimiter):
+            return None
+        # All cells of the piece in one list: a line end parts cells as a delimiter does.
+        cells = piece.removesuffix("\n").replace("\n", delimiter).split(delimiter)
+        numbers = map(number_of.__getitem__, cells)
+        pieces.append(np.fromiter(numbers, np.int64, len(cells)))
+    if not pieces:
+        return None
+    if any(map(has_fault, number_of)):
+        return None
+    # Three cells each, in file order: shape (num_rows, 3).
+    ids = np.concatenate(pieces).reshape(-1, 3)
+    return RecipeRows(number_of, ids)
+
+
+def _is_plain(piece: str, delimiter: str) -> bool:
+    """Return whether whole lines consist of three cells each, without blanks and quotes."""
+    blanks = (f" {delimiter}", f"{delimiter} ", " \n", "\n ")
+    # A byte order mark, and line ends of other systems, have their own rules.
+    if any(sign in piece for sign in ('"', "\r", "\ufeff", *blanks)):
+        return False
+    if piece[0] == " " or piece[-1] == " ":
+        return False
+    letters = np.frombuffer(piece.encode(errors="surrogatepass"), np.uint8)
+    between_cells = ord(delimiter)
+    line_end = ord("\n")
+    # The signs that part cells, in file order. In UTF-8 no other character holds their bytes.
+    is_mark = (letters == between_cells) | (letters == line_end)
+    marks = letters[is_mark]
+    if letters[-1] != line_end:
+        marks = np.append(marks, np.uint8(line_end))
+    if len(marks) % 3 != 0:
+        return False
+    # A row of three cells has two delimiters, then the line's end: shape (num_rows, 3).
+    row = (between_cells, between_cells, line_end)
+    return bool(np.all(marks.reshape(-1, 3) == row))
+
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 

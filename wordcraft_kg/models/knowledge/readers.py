@@ -24,7 +24,6 @@ import numpy as np
 
 from wordcraft_kg.base.artefacts import read_lines
 from wordcraft_kg.base.errors import KnowledgeFileError
-from wordcraft_kg.graphs.export import NAMESPACE
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 
 HEADER = ["head", "relation", "tail"]
@@ -411,8 +410,6 @@ def _statement(line: str) -> Triple | Name | None:
         raise ValueError("expected a statement of N-Triples, such as <urn:a> <urn:b> <urn:c> .")
     subject_iri, subject_blank, predicate, object_iri, object_blank, literal = match.groups()
     subject = subject_iri or subject_blank
-    if subject.startswith(f"{NAMESPACE}recipe:"):
-        return None
     relation = local_name(predicate)
     if literal is None:
         entity = object_iri or object_blank

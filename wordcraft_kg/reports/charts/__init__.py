@@ -1,12 +1,10 @@
-"""Charts: Matplotlib figures that pages show as SVG, and drawings of our own as SVG strings.
+"""Charts: Matplotlib figures that pages show as SVG.
 
 Charts follow the page's light and dark colours without JavaScript, see
-:mod:`~wordcraft_kg.reports.charts.palette`.
+:mod:`~wordcraft_kg.reports.charts.chart`.
 """
 
-from wordcraft_kg.reports.charts.chart import Chart, as_file, figure_of
-from wordcraft_kg.reports.charts.layered import Made, layered
-from wordcraft_kg.reports.charts.palette import COLOURS, colour_of
+from wordcraft_kg.reports.charts.chart import COLOURS, Chart, as_file, colour_of, figure_of
 from wordcraft_kg.reports.charts.series import (
     CurvePoint,
     Estimate,
@@ -22,14 +20,12 @@ __all__ = [
     "Chart",
     "CurvePoint",
     "Estimate",
-    "Made",
     "as_file",
     "colour_of",
     "curves",
     "dots",
     "figure_of",
     "intervals",
-    "layered",
     "log_reliability",
     "scatter",
 ]

@@ -7,8 +7,18 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.base.wording import for_terminal
-from wordcraft_kg.reports.charts.chart import HEIGHT, SMALL, WIDTH, Chart, Labels, shortened, spread
-from wordcraft_kg.reports.charts.palette import COLOURS, LIGHT, LIGHT_SERIES
+from wordcraft_kg.reports.charts.chart import (
+    COLOURS,
+    HEIGHT,
+    LIGHT,
+    LIGHT_SERIES,
+    SMALL,
+    WIDTH,
+    Chart,
+    Labels,
+    shortened,
+    spread,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -136,10 +136,6 @@ def test_each_page_works_without_javascript(open_page, site, visits):
     page.locator("#q").fill("bread")
     page.locator("#q").press("Enter")
     assert page.url == f"{site}/entities?q=bread"
-    visit(page, f"{site}/map?entity=bread")
-    page.locator("svg.world a", has_text="flour").first.click()
-    assert "entity=flour" in page.url
-    assert "flour" in page.locator("h1").inner_text()
 
 
 def test_the_files_of_a_static_site_work_from_a_disk(open_page, static_site, explored):
@@ -158,15 +154,6 @@ def test_the_files_of_a_static_site_work_from_a_disk(open_page, static_site, exp
     page.keyboard.press("Enter")
     page.wait_for_url("**/bread.html")
     assert "bread" in page.locator("h1").inner_text()
-    # There the map shows the links of what is pointed at, and leads to the entity.
-    visit(page, (static_site / "map" / "map.html").as_uri())
-    page.locator("main").get_by_role("link", name="crafting layer").click()
-    assert "shade-0" in page.locator("svg.world .dots").inner_html()
-    dot = page.locator("svg.world a", has_text="bread").first.locator("circle")
-    dot.hover()
-    page.locator(".links + g path").first.wait_for(state="attached")
-    dot.click()
-    page.wait_for_url("**/entity/bread.html")
 
 
 LONG, MARKUP = max(HOSTILE, key=len), HOSTILE[1]
@@ -189,9 +176,8 @@ def predicted_site(hostile_predictor):
             ("recipes", {"entity": LONG}),
         ),
         *(("link", {"head": LONG, "tail": MARKUP}), ("pair", {"a": LONG, "b": MARKUP})),
-        ("predictions", {"known": "all"}),
     ],
-    ids=range(6),
+    ids=range(5),
 )
 def test_long_labels_and_markup_break_no_page_of_predictions(
     open_page, predicted_site, name, choices
@@ -227,7 +213,7 @@ def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page, sit
 
 def test_escape_closes_the_list_and_enter_then_lists_all_that_fit(open_page, site):
     page = open_page()
-    page.goto(f"{site}/map")
+    page.goto(f"{site}/entities")
     page.keyboard.press("/")
     page.keyboard.insert_text("bre")
     page.locator("#found li").first.wait_for()
@@ -245,26 +231,20 @@ def test_escape_closes_the_list_and_enter_then_lists_all_that_fit(open_page, sit
 
 def test_a_slash_in_a_text_is_a_slash(open_page, site):
     page = open_page()
-    page.goto(f"{site}/map")
-    page.locator("#entity").fill("")
-    page.locator("#entity").press("/")
-    assert page.locator("#entity").input_value() == "/"
+    page.goto(f"{site}/tasks")
+    page.locator("#goal").fill("")
+    page.locator("#goal").press("/")
+    assert page.locator("#goal").input_value() == "/"
 
 
 def test_the_way_back_leads_through_the_states_before(open_page, site):
     page = open_page()
-    page.goto(f"{site}/map")
-    page.locator("#details a").first.click()
-    chosen = page.locator("h1").inner_text()
-    assert chosen.startswith("Map: ")
-    page.locator("#colour").select_option("layer")
-    page.wait_for_url("**colour=layer**")
-    assert page.locator("h1").inner_text() == chosen
+    page.goto(f"{site}/tasks")
+    page.locator("#part").select_option("train")
+    page.wait_for_url("**part=train**")
     page.go_back()
-    assert "colour" not in page.url
-    assert page.locator("#colour").input_value() == "group"
-    assert page.locator("h1").inner_text() == chosen
-    page.go_back()
-    assert page.locator("h1").inner_text() == "Map"
+    assert "part" not in page.url
+    assert page.locator("#part").input_value() != "train"
     page.go_forward()
-    assert page.locator("h1").inner_text() == chosen
+    assert "part=train" in page.url
+    assert page.locator("#part").input_value() == "train"

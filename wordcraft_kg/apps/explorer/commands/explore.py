@@ -26,7 +26,6 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
     *,
     model: Paths = None,
     run: Paths = None,
-    games: Paths = None,
     export: Path | None = None,
     force: Force = False,
     host: str = "127.0.0.1",
@@ -47,9 +46,6 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
         model: folder of a link predictor for this graph. May be given several times.
         run: run folder of an agent on this graph, or a folder with several seeds; unfinished runs
             update live. May be given several times.
-        games: recorded games to show beside an agent's at the same tables: output of `people
-            serve`, `evaluate-agent`, `bench run` or `mcp --out`, or an Inspect AI log. May be given
-            several times.
         export: write a static site to this folder instead.
         host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages
             to other machines.
@@ -62,13 +58,11 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
 
     if export is None and force:
         raise ConfigError("--force replaces an exported folder; add --export FOLDER.")
-    if games and not run:
-        raise ConfigError("--games shows games beside an agent's; add --run FOLDER.")
     check_extra("explore")
     from wordcraft_kg.apps.explorer.explored import Explored
 
     def opened() -> Explored:
-        return Explored.open(graph, model or (), run or (), games or ())
+        return Explored.open(graph, model or (), run or ())
 
     if export is not None:
         _export(opened, export, force, output)

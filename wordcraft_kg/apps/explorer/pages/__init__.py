@@ -1,7 +1,7 @@
 """All pages, by their first address segment.
 
-Read ``entity`` first: a page with settings, a view, a static form and example questions. ``map``
-and ``path`` also draw. A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here,
+Read ``entity`` first: a page with settings, a view, and a static form. ``runs``
+also draws. A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here,
 an entry in :data:`CORE`, and a template of its name. Modules import ``page``, ``explored`` and
 ``predictor``, and other pages to link to them; no page imports the server. Other apps and
 distributions add pages by entry points ``module:PAGE`` in the group ``wordcraft_kg.pages``.
@@ -19,13 +19,10 @@ from wordcraft_kg.apps.explorer.pages import (
     entities,
     entity,
     episode,
-    games,
     home,
     link,
-    map,
     pair,
     path,
-    predictions,
     runs,
     tasks,
 )
@@ -38,14 +35,11 @@ CORE: tuple[Page[Any], ...] = (
     entities.PAGE,
     entity.PAGE,
     entity.RECIPES,
-    map.PAGE,
     path.PAGE,
-    predictions.PAGE,
     link.PAGE,
     pair.PAGE,
     tasks.PAGE,
     episode.PAGE,
-    games.PAGE,
     runs.PAGE,
     runs.RUN,
 )

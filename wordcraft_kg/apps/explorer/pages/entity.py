@@ -249,19 +249,11 @@ def _exported_recipes(explored: Explored) -> Iterator[RecipesState]:
                     yield RecipesState(label, use, page=page)
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, EntityState]]:
-    graph = explored.opened.graph
-    # A loop over one hub, or over none in a graph without entities.
-    for hub in graph.labels(np.argsort(-graph.use_counts, kind="stable")[:1]):
-        yield f"What combines with {hub}?", EntityState(hub)
-
-
 PAGE = Page(
     "entity",
     EntityState,
     _view,
     subject="entity",
     exported=lambda explored: map(EntityState, explored.opened.graph.entities[:EXPORTED]),
-    questions=_questions,
 )
 RECIPES = Page("recipes", RecipesState, _view_recipes, subject="entity", exported=_exported_recipes)

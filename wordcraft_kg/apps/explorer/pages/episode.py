@@ -1,27 +1,22 @@
-"""The episode page: agents' actions at a table, explained, and recorded games at that table.
+"""The episode page: agents' actions at a table, explained.
 
 ``_view`` first: it asks each agent to act at the table that the settings describe.
 """
 
-from collections.abc import Iterable, Iterator
-from functools import cache
+from collections.abc import Iterator
 from operator import attrgetter
 
 from wordcraft_kg.agents.explanation import (
-    ExplainedEpisode,
-    ExplainedStep,
     ExplainedTable,
-    Explainer,
 )
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
-from wordcraft_kg.apps.explorer.pages.games import GamesState, list_games
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
 from wordcraft_kg.apps.explorer.pages.tasks import list_tasks
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, WordCraftKGError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -90,48 +85,6 @@ class AgentAtTable(Record):
     problem: str = ""
 
 
-class Pick(Record):
-    """A chosen entity, with the first agent's opinion of this choice.
-
-    Attributes:
-        entity: label.
-        sources: scores by source; empty if the agent cannot choose the entity.
-        probability: probability of the choice; None if the agent cannot choose the entity.
-    """
-
-    entity: str
-    sources: dict[str, float]
-    probability: Share | None
-
-
-class Attempt(Record):
-    """A combined pair or set.
-
-    Attributes:
-        picks: the chosen entities, in turn.
-        made: labels of the new entities on the table.
-    """
-
-    picks: tuple[Pick, ...]
-    made: tuple[str, ...]
-
-
-class PlayerAtTable(Record):
-    """A player's game at the table.
-
-    Attributes:
-        player: name of the player.
-        kind: kind of the player, such as agent or people.
-        attempts: the combined pairs or sets; None for a lost attempt.
-        success: whether the player made the goal; None for an unfinished game.
-    """
-
-    player: str
-    kind: str
-    attempts: tuple[Attempt | None, ...]
-    success: bool | None
-
-
 class EpisodeView(Record):
     """A task, the entities on its table, and the actions of one or more agents there.
 
@@ -155,8 +108,6 @@ class EpisodeView(Record):
         table: labels of the entities on the table.
         selection: label of the entity that is selected at the start; None for none.
         agents: the agents; the others are compared with the first.
-        players: the agents and the players of recorded games at this table; empty for a single
-            agent without games.
     """
 
     runs: tuple[str, ...]
@@ -177,7 +128,6 @@ class EpisodeView(Record):
     table: tuple[str, ...]
     selection: str | None
     agents: tuple[AgentAtTable, ...]
-    players: tuple[PlayerAtTable, ...]
 
     @property
     def first(self) -> ExplainedTable:
@@ -231,99 +181,7 @@ def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
         table=explained.table,
         selection=explained.episode.steps[0].selection,
         agents=tuple(agents),
-        players=tuple(_players(explored, run, world, state, agents)),
     )
-
-
-def _players(
-    explored: Explored,
-    run: FollowedRun,
-    world: World,
-    state: EpisodeState,
-    agents: list[AgentAtTable],
-) -> Iterator[PlayerAtTable]:
-    """Yield the games of agents and recorded players at the first agent's table."""
-    first = agents[0].explained
-    assert first is not None, "a problem of the first agent is an error"
-    goal = first.episode.goal
-    games = explored.games.get((goal, frozenset(first.table)), [])
-    if not games and len(agents) == 1:
-        return
-    replay = _Replay(run.explainer(world), world, goal, state.task)
-    for agent in agents:
-        if agent.explained is not None:
-            episode = agent.explained.episode
-            success = None if episode.outcome == "in_progress" else episode.outcome == "goal"
-            most_picks = world.graph.most_ingredients
-            attempts = tuple(replay.attempts(first.table, _combined(episode, most_picks)))
-            yield PlayerAtTable(player=agent.run, kind="agent", attempts=attempts, success=success)
-    for game in games:
-        attempts = tuple(replay.attempts(first.table, game.pairs))
-        yield PlayerAtTable(
-            player=game.player,
-            kind=game.kind,
-            attempts=attempts,
-            success=game.success,
-        )
-
-
-def _combined(episode: ExplainedEpisode, most_picks: int) -> Iterator[tuple[str, ...]]:
-    """Yield the pairs or sets of an episode: a selection at the start and the actions in turn.
-
-    Args:
-        episode: the episode, which begins with one selected entity at most.
-        most_picks: entities of the largest set, which is complete with the last of them.
-    """
-    selection = episode.steps[0].selection
-    picks = [selection] if selection else []
-    for step in episode.steps:
-        if step.action:
-            picks.append(step.action)
-        if not step.action or len(picks) == most_picks:
-            yield tuple(picks)
-            picks = []
-
-
-class _Replay:
-    """Players' attempts, each with the opinion of an agent that would act in the player's place."""
-
-    def __init__(self, explainer: Explainer, world: World, goal: str, task: int):
-        self.explainer = explainer
-        self.world = world
-        self.goal = goal
-        self.task = task
-        # Players often reach the same table.
-        self._first_step = cache(self._explain)
-
-    def attempts(
-        self, table: tuple[str, ...], pairs: Iterable[tuple[str, ...] | None]
-    ) -> Iterator[Attempt | None]:
-        """Yield a player's attempts, with the entities that they add to the table."""
-        graph = self.world.graph
-        for pair in pairs:
-            if pair is None:
-                yield None
-                continue
-            # Outcomes are by ids in ascending order.
-            ids = tuple(sorted(map(graph.id_of, pair)))
-            results = graph.labels(self.world.outcomes.get(ids, ()))
-            new_labels = tuple(label for label in results if label not in table)
-            picks = [self._pick(label, table, pair[:place]) for place, label in enumerate(pair)]
-            yield Attempt(tuple(picks), new_labels)
-            table += new_labels
-
-    def _pick(self, label: str, table: tuple[str, ...], selection: tuple[str, ...]) -> Pick:
-        # A recorded player may use entities that this table does not have, such as results by other
-        # rules.
-        if {label, *selection} <= set(table):
-            for slot in self._first_step(table, selection).slots:
-                if slot.entity == label:
-                    return Pick(entity=label, sources=slot.sources, probability=slot.probability)
-        return Pick(entity=label, sources={}, probability=None)
-
-    def _explain(self, table: tuple[str, ...], selection: tuple[str, ...]) -> ExplainedStep:
-        explained = self.explainer.table(self.goal, table, selection, like=self.task)
-        return explained.episode.steps[0]
 
 
 def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable:
@@ -371,10 +229,6 @@ def _terminations(run: FollowedRun, world: World, task: int) -> tuple[Terminatio
 
 
 def _exported(explored: Explored) -> Iterator[EpisodeState]:
-    if explored.games:
-        yield from (
-            EpisodeState(**row.settings) for row in list_games(explored, GamesState()).tables
-        )
     # The tasks that the site's task pages list; all tasks may be thousands.
     for tasks in TASKS.states(explored):
         try:

@@ -1,4 +1,4 @@
-"""The first page: graph, models and runs, and questions that the other pages answer."""
+"""The first page: graph, models and runs."""
 
 import numpy as np
 

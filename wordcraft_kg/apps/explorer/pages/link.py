@@ -1,6 +1,5 @@
 """The page for a link (triple): its score, its ranks, its recipes, and the reasons of a model."""
 
-from collections.abc import Iterator
 from operator import attrgetter
 
 from wordcraft_kg.apps.explorer.explored import Explored
@@ -15,7 +14,7 @@ from wordcraft_kg.apps.explorer.predictor import (
     recipes_giving,
 )
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
+from wordcraft_kg.graphs.triples import RELATIONS, Relation
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence
 from wordcraft_kg.models.scorers.link_evidence import LinkReason
 
@@ -120,21 +119,10 @@ def _triple(predictor: LinkPredictor, state: LinkState) -> tuple[int, int, int]:
     return head, relation, tail
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, LinkState]]:
-    graph = explored.opened.graph
-    name = next(iter(explored.models))
-    # A loop over one unseen link, or over none if the split has no test recipes.
-    for head, relation, tail in explored.opened.split.held_out("test")[:1].tolist():
-        link = LinkState(graph.entities[head], RELATIONS[relation], graph.entities[tail])
-        verb = "combines with" if relation == COMBINES_WITH else "is an ingredient of"
-        yield f"How probable is it that {link.head} {verb} {link.tail} ({name})?", link
-
-
 PAGE = Page(
     "link",
     LinkState,
     _view,
     exported=lambda _: (),
-    questions=_questions,
     is_there=attrgetter("models"),
 )

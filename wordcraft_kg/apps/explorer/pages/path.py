@@ -1,16 +1,14 @@
 """The page for paths: from the base to a goal, and from any entity to another."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 from operator import attrgetter
 from typing import Literal
 
 import numpy as np
-from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState, Paging, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
 from wordcraft_kg.base.errors import ConfigError
@@ -20,12 +18,9 @@ from wordcraft_kg.graphs.planner import Planner
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF
-from wordcraft_kg.reports import charts
 
 STEPS_A_PAGE = 200
 """Listed crafts on a page; a derivation may have thousands."""
-DRAWN = 60
-"""Maximum number of drawn steps: the last ones."""
 EXAMPLES = 4
 """Example goals: the first is shown by default, the page links to the others."""
 LISTED = 20
@@ -54,14 +49,11 @@ class PathStep(Record):
         number: number in execution order, from 1.
         recipe: recipe by labels.
         part: split part of the recipe.
-        layer: layer in the drawing, after all ingredients, and as late as its uses allow; the goal
-            is in the last one.
     """
 
     number: Count
     recipe: Recipe
     part: Part
-    layer: Count
 
 
 class Chain(Record):
@@ -100,13 +92,11 @@ class PathView(Record):
         base: labels of the base entities.
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
         steps: number of crafts.
-        layers: number of layers in the drawing.
         cost: crafts without reuse, in words, since the number may have thousands of digits; empty
             for an impossible goal.
         parts: number of crafts by the split part of their recipes; parts without any are left out.
         paging: which crafts are listed.
         listed: the listed crafts.
-        drawn: the last crafts, at most :data:`DRAWN`, in execution order.
         recipes: number of recipes that make the goal.
         blocked: some of the ``recipes`` for an impossible goal.
         sources: some missing entities without a recipe; empty if recipes form a cycle.
@@ -119,12 +109,10 @@ class PathView(Record):
     base: tuple[str, ...]
     outcome: Outcome
     steps: Count
-    layers: Count
     cost: str
     parts: dict[Part, Count]
     paging: Paging
     listed: tuple[PathStep, ...]
-    drawn: tuple[PathStep, ...]
     recipes: Count
     blocked: tuple[Blocked, ...]
     sources: tuple[str, ...]
@@ -160,12 +148,10 @@ def _view(explored: Explored, state: PathState) -> PathView:
         base=planner.start,
         outcome=outcome,
         steps=len(steps),
-        layers=max((step.layer for step in steps), default=0),
         cost="" if cost == math.inf else approximate(int(cost)),
         parts={part: parts.count(part) for part in PARTS if part in parts},
         paging=shown,
         listed=steps[shown.rows],
-        drawn=_last(steps),
         recipes=len(graph.recipes_of(goal)),
         blocked=blocked,
         sources=graph.labels(sources[:LISTED]),
@@ -211,41 +197,10 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
     return Chain(graph.entities[start], graph.entities[goal], ())
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, PathState]]:
-    graph = explored.opened.graph
-    goal = int(layers_of(graph).argmax())
-    # The most used base entity that leads to the goal: its chain is the least special one.
-    for start in sorted(graph.base_ids.tolist(), key=lambda entity: -graph.use_counts[entity]):
-        chain = chain_between(explored, start, goal)
-        if chain.steps and chain.end == graph.entities[goal]:
-            yield (
-                f"How do I get from {chain.start} to {chain.end}?",
-                PathState(chain.end, start=chain.start),
-            )
-            return
-
-
 def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
-    """Return the recipes of a derivation, in execution order, with their parts and layers."""
-    # Forward: the earliest layer of each result, and with it the number of layers.
-    earliest: dict[str, int] = {}
-    for *ingredients, result in recipes:
-        before = max(earliest.get(ingredient, 0) for ingredient in ingredients)
-        earliest[result] = before + 1
-    layer = dict.fromkeys(earliest, max(earliest.values(), default=0))
-    # Backward: each ingredient as late as its uses allow, so that lines are short. Base entities
-    # have no layer.
-    for *ingredients, result in reversed(recipes):
-        for ingredient in ingredients:
-            if ingredient in layer:
-                layer[ingredient] = min(layer[ingredient], layer[result] - 1)
+    """Return the recipes of a derivation, in execution order, with their parts."""
     return tuple(
-        PathStep(
-            number=number,
-            recipe=recipe,
-            part=_part_of(split, recipe),
-            layer=layer[recipe.result],
-        )
+        PathStep(number=number, recipe=recipe, part=_part_of(split, recipe))
         for number, recipe in enumerate(recipes, start=1)
     )
 
@@ -259,12 +214,6 @@ def _part_of(split: Split, recipe: Recipe) -> Part:
     is_wanted = (graph.sets[rows] == [*ingredients, *padding, result]).all(axis=1)
     (row,) = rows[is_wanted].tolist()
     return PARTS[split.parts[row]]  # type: ignore[return-value]
-
-
-def _last(steps: tuple[PathStep, ...]) -> tuple[PathStep, ...]:
-    # Whole layers from the end, so that the drawing has no gaps.
-    latest = sorted(steps, key=lambda step: (-step.layer, -step.number))
-    return tuple(sorted(latest[:DRAWN], key=lambda step: step.number))
 
 
 def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
@@ -301,50 +250,13 @@ def _sources(planner: Planner, goal: int) -> list[int]:
     return sorted(sources)
 
 
-def _draw(view: PathView, _: PathState, address: Addresses) -> Mapping[str, Markup]:
-    pictures = {}
-    if view.drawn:
-        pictures["layers"] = _drawn(view.drawn, view.entity, view.base, address)
-    chain = view.chain
-    if chain is not None and chain.steps:
-        pictures["chain"] = _drawn(chain.steps, chain.end, (chain.start,), address)
-    return pictures
-
-
-def _drawn(
-    steps: Sequence[PathStep], goal: str, given: Collection[str], address: Addresses
-) -> Markup:
-    crafts = []
-    for step in steps:
-        *ingredients, result = step.recipe
-        styles = []
-        if result == goal:
-            styles.append("goal")
-        if step.part != "train":
-            styles.append("held")
-        crafts.append(
-            charts.Made(
-                label=result,
-                href=address(PAGE, PathState(entity=result)),
-                layer=step.layer,
-                of=tuple(ingredients),
-                style=" ".join(styles),
-                title=f"{' + '.join(ingredients)} → {result} ({step.part})",
-            )
-        )
-    return charts.layered(crafts, given, f"Crafts that lead to {goal}, in layers")
-
-
 PAGE = Page(
     "path",
     PathState,
     _view,
     title="Paths",
     subject="entity",
-    draw=_draw,
-    # Only the first page of each list: the drawing has the last crafts, and other pages would be
-    # many files.
+    # Only the first page of each list: other pages would be many files.
     exported=lambda explored: map(PathState, ("", *explored.opened.graph.entities)),
-    questions=_questions,
     is_there=attrgetter("opened.graph.num_entities"),
 )

@@ -1,7 +1,6 @@
 """The task page: all tasks of a depth and part, and how often an agent solved each of them."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -278,20 +277,6 @@ def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
     return ""
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, TasksState]]:
-    for name in explored.runs:
-        with suppress(ArtefactError):
-            _, run = explored.followed(name)
-            usual = explored.usual_part()
-            played = [task for task in run.episodes().values() if task.part == usual]
-            if any("goal" not in task.terminations for task in played):
-                yield (
-                    f"Which tasks are never solved ({name})?",
-                    TasksState(run=name, success="never"),
-                )
-                return
-
-
 PAGE = Page(
     "tasks",
     TasksState,
@@ -299,6 +284,5 @@ PAGE = Page(
     title="Tasks",
     # Only the first page for each agent: all pages would be too many files.
     exported=lambda explored: [TasksState(run=name) for name in ("", *explored.runs)],
-    questions=_questions,
     is_live=lambda explored, state: bool(explored.runs) and explored.is_any_live(state.run),
 )

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from wordcraft_kg.base.artefacts import check_output_file
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Output, command_line, whole_numbers
+from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.cli.options import Book, Force, Words
 from wordcraft_kg.graphs.task_search import MAX_DEPTH
 
@@ -40,9 +40,8 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
 ) -> None:
     """Write a player's games as conversations to fine-tune language models on.
 
-    A line is a conversation, in the messages format of TRL's SFTTrainer. A card beside the file
-    (NAME.README.md) has its licence, counts, hashes and this command. The same command writes the
-    same bytes.
+    A line is a conversation, in the messages format of TRL's SFTTrainer. The same command
+    writes the same bytes.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -72,18 +71,14 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.text_agents.chats import (
         ChatCounts,
         ChatSettings,
-        card_path,
-        card_text,
         chat_rows,
-        licence_of,
         write_chats,
     )
     from wordcraft_kg.apps.text_agents.games import TaskGames
     from wordcraft_kg.apps.text_agents.hosted_games import open_play
     from wordcraft_kg.graphs.folder import open_graph
 
-    for file in (out, card_path(out)):
-        check_output_file(file, force=force)
+    check_output_file(out, force=force)
     source = open_graph(graph)
     plays = []
     for task_depth, number in product(depths, numbers):
@@ -93,24 +88,13 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     title, played_by = named_player(player, source, first.world.tasks)
     settings = ChatSettings(style, keep, tables, tasks, seed)
     counts = ChatCounts()
-    # As it is repeated: the options that decide what is written.
-    words: list[str] = ["chats", graph, "--player", player, "--part", part]
-    words += ["--depth", ",".join(map(str, depths))]
-    words += ["--distractors", ",".join(map(str, numbers))]
-    words += [] if attempts is None else ["--attempts", str(attempts)]
-    words += ["--tables", str(tables), "--keep", keep, "--style", style, "--seed", str(seed)]
-    words += [] if tasks is None else ["--tasks", str(tasks)]
-    command = command_line(*words, "--out", out.name)
-    licence = licence_of(source.graph)
-
-    def card(digest: str) -> str:
-        return card_text(plays, title, settings, counts, licence, command, digest)
-
     rows = chat_rows(plays, played_by, settings, counts)
-    digest = write_chats(out, rows, card, force=force)
+    digest = write_chats(out, rows, force=force)
     view = {
         "out": str(out),
-        "card": str(card_path(out)),
+        "graph": source.graph.hash,
+        "split": source.split.hash,
+        "prompts": plays[0].settings.prompt_hash,
         "player": title,
         "sha256": digest,
         "counts": vars(counts),
@@ -120,6 +104,6 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         [
             f"{counted(counts.written, 'conversation')} of {counted(counts.played, 'game')} by "
             f"{title}; left out: {counts.left_out:,} not to be kept, {counts.repeated:,} repeated",
-            f"wrote {out} and {card_path(out)}",
+            f"wrote {out}",
         ],
     )

@@ -110,8 +110,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
     from wordcraft_kg.apps.text_agents.records import GamesHeader
-    from wordcraft_kg.apps.web.connections import most_web_sockets
-    from wordcraft_kg.apps.web.serving import listen, serve
+    from wordcraft_kg.apps.web.serving import listen, most_web_sockets, serve
 
     # A quarter of the web sockets is for clients who are told that all sessions are taken.
     max_sessions = most_web_sockets() * 3 // 4

@@ -1,9 +1,10 @@
 """Bottlenecks: entities without which a player cannot go on, and the size of what can be made."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from operator import attrgetter
 
 import numpy as np
+from msgspec.structs import replace
 
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.graphs.planner import layers, rounds
@@ -127,3 +128,19 @@ def world_statistics(graph: RecipeGraph, base: Iterable[Entity] | None = None) -
         bottlenecks=tuple(records),
         main=main,
     )
+
+
+SHOWN_BOTTLENECKS = 5
+"""Most bottlenecks of a world in results."""
+
+
+def main_statistics(graph: RecipeGraph, base: Sequence[int]) -> WorldStatistics:
+    """Return a world's statistics with its main bottleneck first, and a few further ones."""
+    statistics = world_statistics(graph, base)
+    main = statistics.main
+    if main is None:
+        return statistics
+    further_bottlenecks = [
+        bottleneck for bottleneck in statistics.bottlenecks if bottleneck != main
+    ]
+    return replace(statistics, bottlenecks=(main, *further_bottlenecks[: SHOWN_BOTTLENECKS - 1]))

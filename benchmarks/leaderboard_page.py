@@ -1,6 +1,14 @@
-"""The leaderboard: verified submissions by track, as a page in Markdown."""
+"""The leaderboard: verify all submissions in a folder, and write a page with a table for each track.
 
+    python benchmarks/leaderboard_page.py leaderboard/everyday-v3 --out docs/leaderboard.md [--check]
+
+The folder has folders of `bench run`, or ZIP archives of their files, at any depth. With --check
+nothing is written, and the script fails if the page would change.
+"""
+
+import argparse
 import json
+import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,9 +24,10 @@ from wordcraft_kg.apps.text_agents.submission import (
     submissions_at,
     verify,
 )
+from wordcraft_kg.base.artefacts import output_target, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.wording import counted, for_markdown, look_alike_key
-from wordcraft_kg.evaluation.reference import literature
 
 REFERENCES = {"oracle": "oracle", "random": "chance"}
 """Kinds of players that are lines of reference, without a rank, and their names above a table."""
@@ -113,7 +122,7 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     yield from (
         "# Leaderboard",
         "",
-        f"Made by `bench leaderboard` from verified submissions to {manifest.name}",
+        f"Made by `benchmarks/leaderboard_page.py` from verified submissions to {manifest.name}",
     )
     yield (
         f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). "
@@ -153,10 +162,6 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     yield from (
         "",
         "A submission cannot show that a person has played: see [Let people play](people.md).",
-    )
-    yield from ("", "## From the literature: other tasks, not comparable", "")
-    yield from (
-        f"- {row.player}: {row.in_words}. {row.reference}" for row in literature(["success"])
     )
 
 
@@ -297,3 +302,34 @@ def _details(row: _Row, twins: set[str]) -> Iterator[str]:
 
 def _row(cells: Iterator[str] | Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
+
+
+def write_leaderboard(folder: Path, out: Path, *, check: bool = False) -> None:
+    """Write the page of a folder of submissions, or compare it with the file.
+
+    Args:
+        folder: folder with submissions, at any depth.
+        out: Markdown page to write.
+        check: write nothing.
+
+    Raises:
+        ArtefactError: if a submission is refused, or with ``check`` if the page would change.
+    """
+    # The page depends on the submissions alone, so that it can be compared in full.
+    page = leaderboard_page(folder)
+    if not check:
+        write_atomically(output_target(out), page)
+    elif not out.is_file() or out.read_text(encoding="utf-8") != page:
+        raise ArtefactError(f"{out} is not up to date; omit --check.")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--check", action="store_true")
+    arguments = parser.parse_args()
+    try:
+        write_leaderboard(arguments.folder, arguments.out, check=arguments.check)
+    except WordCraftKGError as error:
+        sys.exit(str(error))

@@ -1,10 +1,12 @@
-"""``wordcraft-kg bench run``."""
+"""``wordcraft-kg bench list``, ``bench run`` and ``bench verify``."""
 
 import hashlib
 import shutil
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,9 +19,9 @@ from wordcraft_kg.base.artefacts import (
     read_small_file,
     what_is,
 )
-from wordcraft_kg.base.errors import ConfigError, OutputExistsError
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError, WordCraftKGError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import Force
 
 if TYPE_CHECKING:
@@ -27,12 +29,51 @@ if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.submission import Submission
 
 GROUP = "Text agents"
-EXAMPLES = (
-    "wordcraft-kg bench run craft-8-lite --player votes --out submission",
-    'wordcraft-kg bench run craft-8-lite --player "program:python examples/line_player.py" '
-    "--out submission",
-    "wordcraft-kg bench run depth-2 --player planner:models/recipes --out submission",
-)
+SUBJECT = "Play a benchmark's frozen tasks, and verify results by playing all games again."
+EXAMPLES = {
+    "bench list": ("wordcraft-kg bench list", "wordcraft-kg bench list --json"),
+    "bench run": (
+        "wordcraft-kg bench run craft-8-lite --player votes --out submission",
+        'wordcraft-kg bench run craft-8-lite --player "program:python examples/line_player.py" '
+        "--out submission",
+        "wordcraft-kg bench run depth-2 --player planner:models/recipes --out submission",
+    ),
+    "bench verify": (
+        "wordcraft-kg bench verify submission",
+        "wordcraft-kg bench verify submission --player scorer:models/mine",
+    ),
+}
+
+
+def bench_list(*, output: Output = Output()) -> None:
+    """List the benchmark's tracks, and the kinds of players for `bench run`."""
+    from wordcraft_kg.apps.text_agents.benchmark import read_manifest
+    from wordcraft_kg.apps.text_agents.benchmark_players import KINDS
+
+    manifest, manifest_hash = read_manifest()
+    tracks = {
+        name: {"about": track.about, "games": counted(len(track.tasks or track.orders), "game")}
+        for name, track in manifest.tracks.items()
+    }
+    kinds = {kind.usage(name): kind.about for name, kind in KINDS.items()}
+
+    def text() -> Iterator[str]:
+        yield f"{manifest.name} of {manifest.date}, {manifest.licence}, {manifest_hash[:12]}"
+        yield from aligned(
+            [(f"  {name}", track["games"], track["about"]) for name, track in tracks.items()]
+        )
+        yield "add -lite for 100 tasks, or 100 attempts, and -made-up for made-up words"
+        yield "players"
+        yield from aligned([(f"  {name}", about) for name, about in kinds.items()])
+
+    # Text names the endings once; programs get each full name.
+    view = {
+        "benchmark": manifest.name,
+        "hash": manifest_hash,
+        "date": manifest.date,
+        "tracks": tracks,
+    }
+    output.result({**view, "names": manifest.names, "players": kinds}, text())
 
 
 def bench_run(  # noqa: PLR0913 - parameters are the command's options
@@ -253,3 +294,51 @@ def _shown(submission: "Submission") -> list[str]:
         return [result]
     lost = counted(submission.lost_attempts, "attempt")
     return [result, f"answers read  {answers_text(submission)}, {lost} lost"]
+
+
+def bench_verify(
+    *folders: Path,
+    player: str | None = None,
+    weights: Path | None = None,
+    timeout: float = TIMEOUT,
+    output: Output = Output(),
+) -> int:
+    """Verify submissions: play all games again, and compute results and intervals again.
+
+    Each folder is marked as replayed, or refused with the reason. With --player, the player plays
+    the track again: if weights and games are the same, the submission is also marked as reproduced.
+    The exit code is 1 if any is refused.
+
+    Args:
+        folders: folders of `bench run`, ZIP archives of their two files, or folders and archives of
+            such folders.
+        player: the player of the submissions, as for `bench run`.
+        weights: file with a text player's weights.
+        timeout: seconds for an answer of a program.
+    """
+    from wordcraft_kg.apps.text_agents.submission import metrics_text, submissions_at, verify
+
+    if not folders:
+        raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")
+    marks: list[dict[str, Any]] = []
+    lines = []
+    for folder in chain.from_iterable(map(submissions_at, folders)):
+        # A refused submission does not end the command: the others are still checked.
+        try:
+            checked = verify(folder)
+            mark = "replayed"
+            if player is not None:
+                from wordcraft_kg.apps.text_agents.benchmark_players import reproduce
+
+                reproduce(folder, checked, player, timeout, weights)
+                mark = "reproduced"
+        except WordCraftKGError as error:
+            marks.append({"folder": str(folder), "mark": "refused", "reason": str(error)})
+            lines.append(f"refused  {error}")
+            continue
+        marks.append({"folder": str(folder), "mark": mark, "submission": checked})
+        games = counted(checked.figures.games, "game")
+        result = f"{metrics_text(checked.figures)} over {games}"
+        lines.append(f"{mark}  {checked.track}  {checked.player}  {result}   {folder}")
+    output.result({"submissions": marks}, lines)
+    return 1 if any(entry["mark"] == "refused" for entry in marks) else 0

@@ -41,7 +41,7 @@ class ChatTemplate:
         template = usual_template(tokenizer)
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__], stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL
+            [sys.executable, __file__], stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL
         )
         # Also at the end of this process.
         finalize(self, self._process.kill)

@@ -1,0 +1,438 @@
+"""``wordcraft-kg evaluate-agent``, ``wordcraft-kg explain`` and ``wordcraft-kg discover``."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import counted, quoted
+from wordcraft_kg.cli.console import (
+    Output,
+    aligned,
+    lines_of,
+    refuse_given,
+    split_labels,
+    whole_numbers,
+)
+from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Words
+from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.envs.draws import MOST_TASKS
+
+if TYPE_CHECKING:
+    from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
+    from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
+    from wordcraft_kg.evaluation.players import Baselines
+
+EXAMPLES = {
+    "evaluate-agent": (
+        "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --distractor-seeds 5",
+        "wordcraft-kg evaluate-agent runs/partial --agent kg-only",
+        "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday",
+        "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday --depth 2 "
+        "--limit 2000",
+        'wordcraft-kg evaluate-agent everyday --player "program:python examples/line_player.py"',
+    ),
+    "explain": (
+        "wordcraft-kg explain runs/partial --goal bread --episodes 3",
+        "wordcraft-kg explain runs/no-kg --part train --distractors 1",
+        "wordcraft-kg explain runs/deep --task 12",
+    ),
+    "discover": (
+        "wordcraft-kg discover everyday --players random,greedy --runs 20",
+        "wordcraft-kg discover everyday --scorer models/everyday-recipes",
+        "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 "
+        "--runs 20",
+        "wordcraft-kg discover everyday --book little-alchemy-2 --attempts 500 --runs 10",
+    ),
+}
+
+FILE_ONLY = {"evaluate-agent": ("--distractor-policy",)}
+
+
+@dataclass(frozen=True)
+class TaskOptions:
+    """Options for the played tasks.
+
+    Attributes:
+        distractors: comma-separated numbers of distractors. Default: as in training; 1,2,8 for
+            scripted players.
+        distractor_seeds: distractor seeds for each task; all players get the same tables. Default:
+            5, or 1 for a part with more than 6,000 tasks.
+        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
+            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
+            Default: as in training; any for scripted players.
+        limit: most tasks to play; of more, evenly spaced ones are played.
+    """
+
+    distractors: Words = None
+    distractor_seeds: int | None = None
+    distractor_policy: DistractorPolicy | None = None
+    limit: int = MOST_TASKS
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options for a trained agent.
+
+    Attributes:
+        agent: trained, random (chance), oracle (knows all recipes), or kg-only (the run's scorer
+            without the network).
+    """
+
+    agent: Literal["trained", "random", "oracle", "kg-only"] = "trained"
+    graph: MovedGraph = None
+
+
+@dataclass(frozen=True)
+class ScriptedOptions:
+    """Options for scripted players.
+
+    Attributes:
+        depth: recipes in the shortest plan, 1 to 5.
+        scorer: model folder; adds players guided by this scorer.
+        seed: seed for distractors and ties.
+        player: a further player by text on the same tables, such as "program:python my_player.py"
+            (line protocol). Repeat the command to continue its games.
+        out: folder for this player's games. Default: text-agents/<name>.
+        timeout: seconds for its answer.
+    """
+
+    depth: int = WordCraftConfig.depth
+    scorer: Path | None = None
+    seed: int = 0
+    player: str | None = None
+    out: Path | None = None
+    timeout: float = 60.0
+
+
+def evaluate_agent(
+    run: Book = "everyday",
+    *,
+    part: Part = "test",
+    played: Annotated[TaskOptions, Parameter(name="*", group="Tasks")] = TaskOptions(),
+    trained: Annotated[RunOptions, Parameter(name="*", group="Trained agent")] = RunOptions(),
+    scripted: Annotated[
+        ScriptedOptions, Parameter(name="*", group="Scripted players")
+    ] = ScriptedOptions(),
+    output: Output = Output(),
+) -> None:
+    """Evaluate an agent or scripted players on the tasks of a part, with fixed distractor seeds.
+
+    Agents act greedily. For a graph, baselines play: chance, votes of similar recipes, graphs, a
+    scorer, the oracle.
+
+    Args:
+        run: run folder (the last checkpoint is evaluated if training is unfinished); or graph, book
+            file or known book's name for scripted players.
+    """
+    whole("limit", played.limit, 1, MAX_SIZE)
+    if played.distractor_seeds is not None:
+        whole("distractor_seeds", played.distractor_seeds, 1, MAX_SIZE)
+    if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
+        refuse_given(scripted, f"scripted players on a graph, and '{run}' is not a graph")
+        from wordcraft_kg.agents.agent_folder import open_agent
+        from wordcraft_kg.evaluation.players import view_evaluation
+
+        opened = open_agent(Path(run), trained.graph)
+        amounts = whole_numbers(
+            "distractors", played.distractors or [str(opened.config.tasks.distractors)]
+        )
+        view = view_evaluation(
+            Path(run),
+            opened,
+            trained.agent,
+            part,
+            amounts,
+            played.distractor_seeds,
+            played.distractor_policy,
+            played.limit,
+        )
+        output.result(view, [*lines_of(view), *view.notes()])
+    else:
+        refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
+        amounts = whole_numbers("distractors", played.distractors or ["1,2,8"])
+        policy = played.distractor_policy or WordCraftConfig.distractor_policy
+        config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
+        from wordcraft_kg.evaluation.players import ExternalPlayer, view_baselines
+        from wordcraft_kg.graphs.folder import open_graph
+
+        external = None
+        if scripted.player is not None:
+            if scripted.seed:
+                raise ConfigError(f"`seed` {scripted.seed}: `player` has the tables of seed 0.")
+            external = ExternalPlayer(scripted.player, scripted.out, scripted.timeout)
+
+        graph = open_graph(run)
+        model = None
+        if scripted.scorer is not None:
+            from wordcraft_kg.models.folder import open_model
+
+            model = scripted.scorer.name, open_model(scripted.scorer, run)
+        baselines = view_baselines(
+            graph,
+            run,
+            config,
+            amounts,
+            model,
+            played.distractor_seeds,
+            scripted.seed,
+            played.limit,
+            external,
+        )
+        output.result(baselines, _table(baselines, amounts))
+
+
+def _table(view: "Baselines", amounts: list[int]) -> list[str]:
+    cells = {
+        (row.player, row.goals, row.distractors): (
+            f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]",
+            f"{row.by_plan:.3f}",
+        )
+        for row in view.rows
+    }
+    rows = [
+        (
+            "success",
+            *chain.from_iterable((counted(amount, "distractor"), "own") for amount in amounts),
+        )
+    ]
+    for name, goals in dict.fromkeys((name, goals) for name, goals, _ in cells):
+        title = f"  {goals}" if goals else name
+        rows.append((title, *chain.from_iterable(cells[name, goals, amount] for amount in amounts)))
+    distractor_seeds = counted(view.distractor_seeds, "distractor seed")
+    tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds}"
+    policy = (
+        "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
+    )
+    own = (
+        "own: success by the task's own recipe; the rest by other recipes for the goal, such as "
+        "train recipes"
+    )
+    shares = [f"{goals}: {share:.0%} of the tasks" for goals, share in view.shares.items()]
+    return [
+        *aligned(rows, numbers=True),
+        f"{tasks}{policy}; intervals: {view.intervals}",
+        *shares,
+        own,
+        *view.notes(),
+    ]
+
+
+def explain(
+    run: Path,
+    *,
+    goal: str | None = None,
+    task: int | None = None,
+    episodes: int | None = None,
+    part: Part = "test",
+    distractors: int | None = None,
+    graph: MovedGraph = None,
+    output: Output = Output(),
+) -> None:
+    """Explain an agent's actions.
+
+    Split each logit into contributions by attention and knowledge sources.
+
+    With recipe scores (w), show the best slots' partners, the supporting train recipes, and
+    evidence from outside knowledge. With plans (p), show the most probable plan, with the
+    probability of each expected result.
+
+    Args:
+        run: run folder.
+        goal: entity to make. Default: tasks spread evenly over the part.
+        task: number of the task, from 0.
+        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1
+            with `task`.
+        distractors: number of distractors on the table. Default: as in training.
+    """
+    from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.evaluation.players import view_explanation
+
+    if goal is not None and task is not None:
+        raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
+    if episodes is None:
+        episodes = 3 if task is None else 1
+    episodes = whole("episodes", episodes, 1, MAX_SIZE)
+    agent = open_agent(run, graph)
+    view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
+    lines: list[str] = []
+    for number, episode in enumerate(view.episodes, 1):
+        lines += _text(number, episode)
+    output.result(view, [*_legend(view.episodes[0].steps[0], lines), "", *lines])
+
+
+def _legend(step: "ExplainedStep", lines: Sequence[str]) -> Iterator[str]:
+    from wordcraft_kg.evaluation.scores import BECAUSE
+    from wordcraft_kg.models.policies.sources import label_of
+
+    labels = [label_of(name) for name in step.slots[0].sources]
+    rows = [(label.symbol, label.meaning or label.words) for label in labels]
+    if step.lambdas:
+        rows.append(
+            (
+                "λ",
+                "mixing weights of these scores; each product, such as λα·α, is a contribution to "
+                "β",
+            )
+        )
+    rows += [
+        ("β", "the slot's logit"),
+        ("π", "the action's probability"),
+        ("V", "the value of the state"),
+    ]
+    rows += [(">", "the action"), ("*", "an ingredient for the goal in a plan")]
+    yield from aligned(rows)
+    if any(" because " in line for line in lines):
+        yield f"because: {BECAUSE}"
+
+
+def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
+    plans = "; ".join(", then ".join(plan) for plan in episode.plans)
+    yield f"Episode {number}: make {episode.goal}   ({plans})"
+    for step in episode.steps:
+        yield from _step(step)
+    yield from ("  made it" if episode.outcome == "goal" else "  did not make it", "")
+
+
+def _step(step: "ExplainedStep") -> Iterator[str]:
+    from wordcraft_kg.evaluation.scores import because
+    from wordcraft_kg.models.policies.sources import label_of
+
+    lambdas = []
+    for name, value in step.lambdas.items():
+        coefficient = label_of(name).coefficient
+        lambdas.append(f"{coefficient} {value:z.2f}")
+    held = step.selection or "nothing"
+    line = f"  holding {held}   V {step.value:z.2f}   {'  '.join(lambdas)}"
+    yield ""
+    yield line.rstrip()
+    symbols = [label_of(name).symbol for name in step.slots[0].sources]
+    # Without mixing weights there are no products to show.
+    products = [f"λ{symbol}·{symbol}" for symbol in symbols] if step.lambdas else []
+    rows = [("  ", *symbols, *products, "β", "π")]
+    for slot in sorted(step.slots, key=lambda slot: -slot.logit):
+        figures = [*slot.sources.values()]
+        if step.lambdas:
+            figures += slot.contributions.values()
+        figures.append(slot.logit)
+        cells = [f"{figure:z.2f}" for figure in figures]
+        pointer = ">" if slot.entity == step.action else " "
+        star = " *" if slot.is_part else ""
+        label = f"  {pointer} {slot.entity or 'combine'}{star}"
+        rows.append((label, *cells, f"{slot.probability:.1%}"))
+    yield from aligned(rows, numbers=True)
+    for entity, evidence in step.best_evidence():
+        support = f" because {because(evidence.because)}" if evidence.because else ""
+        yield f"  {label_of(evidence.source).symbol}: {entity} + {evidence.partner}{support}"
+        if evidence.plan:
+            yield f"     plan: {', then '.join(map(str, evidence.plan))}"
+        yield from (f"     {piece}" for piece in evidence.outside)
+    if step.made:
+        yield f"  made {', '.join(map(quoted, step.made))}"
+
+
+def discover(  # noqa: PLR0913 - parameters are the command's options
+    graph: Graph = "everyday",
+    *,
+    attempts: int = 100,
+    runs: int = 100,
+    players: Words = None,
+    scorer: Path | None = None,
+    book: OptionalBook = None,
+    base: Words = None,
+    seed: int = 0,
+    output: Output = Output(),
+) -> None:
+    """Evaluate scripted players in open-ended mode: count discoveries, and compare with people.
+
+    Args:
+        attempts: combinations for each run.
+        runs: runs for each player.
+        players: comma-separated: random, random-no-repeat, nearest-words (similar labels), greedy,
+            empowerment (both know the graph), recipe-learner (guided by --scorer), book-votes
+            (guided by --book). Default: all that --scorer and --book allow, without nearest-words.
+        scorer: model folder of train-recipes, on this book or another one.
+        book: another book whose recipes guide book-votes.
+        base: comma-separated entities known at the start. Default: the graph's base. People begin
+            with air, earth, fire and water.
+        seed: root seed.
+    """
+    from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
+    from wordcraft_kg.evaluation.discovery import open_guide, view_discovery
+    from wordcraft_kg.graphs.folder import open_graph
+
+    played = open_graph(graph).graph
+    guide = None if scorer is None else open_guide(scorer, played)
+    # Nearest words load word vectors, so they play on request alone.
+    playable = [name for name in DISCOVERERS if name not in (*GUIDED, "nearest-words")]
+    if guide is not None:
+        playable.append("recipe-learner")
+    votes = None if book is None else open_graph(book).graph
+    if votes is not None:
+        playable.append("book-votes")
+    selection = list(dict.fromkeys(split_labels(players))) if players else playable
+    if not selection:
+        raise ConfigError(f"`players`: expected at least one of {', '.join(DISCOVERERS)}.")
+    labels = split_labels(base) if base else None
+    view = view_discovery(
+        played,
+        selection,
+        attempts=attempts,
+        runs=runs,
+        seed=seed,
+        base=labels,
+        scorer=guide,
+        book=votes,
+    )
+    output.result(view, _text_of_discovery(view))
+
+
+def _cell(known: "KnownEntities") -> str:
+    """Return a mean with its interval, if there is one."""
+    # A player without chance does the same in each run: there is nothing between the ends.
+    if known.low is None or known.high is None or known.low >= known.high:
+        return f"{known.mean:.1f}"
+    return f"{known.mean:.1f} [{known.low:.1f}, {known.high:.1f}]"
+
+
+def _rows(view: "DiscoveryView") -> list[tuple[str, ...]]:
+    """Return the table: a row for each player, and one for people."""
+    marks = [str(mark) for mark in view.marks]
+    rows: list[tuple[str, ...]] = [("entities known after", *marks, "repeated")]
+    for name, known in view.players.items():
+        cells = map(_cell, known.values())
+        # Repetitions are counted over whole runs, so the last mark has them all.
+        repeated = known[marks[-1]].repeated
+        rows.append((name, *cells, f"{repeated:.1%}"))
+    means = []
+    for mark in marks:
+        mean = view.people.get(mark)
+        means.append("" if mean is None else f"{mean:g}")
+    # People played with other entities, so their row is a rough guide and says so.
+    rows.append(("people, another game", *means))
+    return rows
+
+
+def _text_of_discovery(view: "DiscoveryView") -> Iterator[str]:
+    reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
+    yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
+    yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
+    # Unordered pairs, an entity with itself included.
+    if view.attempts > view.reachable * (view.reachable + 1) // 2:
+        yield f"note: more attempts than pairs; a run ends when all {view.reachable:,} are known"
+    yield ""
+    yield from aligned(_rows(view))
+    yield ""
+    yield f"people: {view.people_source}"
+    if view.knows_recipes:
+        seen = "it has seen these combinations"
+        yield f"note: {view.scorer} was trained on recipes of {view.graph}: {seen}"
+    if view.shared_recipes or view.contradicted:
+        shared = counted(view.shared_recipes, "recipe")
+        pairs = counted(view.contradicted, "pair")
+        yield f"      {shared} of {view.graph} in its training, {pairs} with other results only"

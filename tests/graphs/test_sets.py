@@ -27,8 +27,6 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.export import export_graph, to_networkx
-from wordcraft_kg.graphs.folder import check_derived_files
-from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.graphs.triples import RELATIONS
 
 ROWS = [

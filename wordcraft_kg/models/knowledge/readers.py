@@ -23,8 +23,8 @@ HEADER = ("head", "relation", "tail")
 HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 EXPECTED = (
-    "expected a header with head, relation, tail and perhaps weight, and below it rows with these "
-    "columns and positive weights, separated by tabs or commas, in UTF-8. "
+    "expected head, relation and tail with tabs between them, or below a header with these names "
+    "and perhaps weight (positive numbers), with tabs or commas, in UTF-8. "
     "`wordcraft-kg export --format tsv` and DataFrame.to_csv of pandas write such a table"
 )
 _USELESS = {
@@ -83,9 +83,10 @@ def read_conceptnet(path: Path) -> Network:
 
 
 def read_triples(path: Path) -> Network:
-    """Read a table of triples with a header: head, relation, tail and perhaps weight, in any order.
+    """Read a table of triples: tabs between head, relation and tail, or a header with these names.
 
-    Columns are separated by tabs, or by commas with quotation marks where a cell holds a comma.
+    A header may have the columns in any order, and a weight. Its columns are separated by tabs, or
+    by commas with quotation marks where a cell holds a comma.
 
     Raises:
         KnowledgeFileError: if the file cannot be read, has no triple, or has a wrong line (the
@@ -103,9 +104,12 @@ def read_triples(path: Path) -> Network:
             row = [" ".join(cell.split()) for cell in cells]
             if not header:
                 header = [name.casefold() for name in row]
-                if sorted(header) not in (sorted(HEADER), sorted((*HEADER, "weight"))):
+                if sorted(header) in (sorted(HEADER), sorted((*HEADER, "weight"))):
+                    continue
+                # Our exports, and data sets of link prediction, have tabs and no header.
+                if not has_tabs or not set(HEADER).isdisjoint(header):
                     raise ValueError
-                continue
+                header = list(HEADER)
             by_name = dict(zip(header, row, strict=True))
             weight = float(by_name.get("weight", 1))
             # Not a number fails both comparisons.

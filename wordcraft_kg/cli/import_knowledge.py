@@ -30,7 +30,7 @@ def import_knowledge(
     """Import WordNet, ConceptNet or any triples as knowledge for train-recipes and train-complex.
 
     The command aligns the labels with the general graph's nodes, and makes tables, triples and
-    facts. Among several senses of a word, the train recipes decide; other recipes are not read.
+    facts. Among several senses of a word, the first one counts; recipes are not read.
 
     Args:
         wordnet: folder with WordNet's database files, such as data.noun and index.noun.

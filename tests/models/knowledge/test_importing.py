@@ -14,7 +14,6 @@ from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.models.knowledge import surroundings
 from wordcraft_kg.models.knowledge.alignment import (
     Override,
-    _neighbours,
     align,
     with_overrides,
 )
@@ -104,7 +103,7 @@ def test_wordnet_becomes_tables_triples_and_facts(run, wordnet, opened, tmp_path
     rows = dict(
         line.split("\t")[:2] for line in (tmp_path / "wn/alignment.tsv").read_text().splitlines()
     )
-    # Neighbours in recipes choose the dough of bakers, not money; breads is the plural of bread.
+    # The first sense of dough, not money; breads is the plural of bread.
     assert (rows["dough"], rows["breads"], rows["zzyzx"]) == ("wn:00000004-n", "wn:00000003-n", "")
     mentions, part = table_of(tmp_path / "wn", "mentions"), table_of(tmp_path / "wn", "part")
     assert mentions("dough", "breads") > 0 == mentions("breads", "dough")
@@ -145,7 +144,7 @@ def test_each_method_of_alignment(wordnet):
         "zzyzx",
     ]
     network = read_wordnet(wordnet)
-    alignment = align(network, labels, np.zeros((0, 3), dtype=np.int64))
+    alignment = align(network, labels)
     assert alignment.methods == (
         "lemma",
         "exact",
@@ -194,7 +193,7 @@ def test_held_out_recipes_have_no_influence(wordnet, tmp_path):
 
 def test_large_graphs_are_bounded(triples, opened, monkeypatch):
     network = read_triples(triples)
-    alignment = align(network, opened.graph.entities, opened.graph.recipes)
+    alignment = align(network, opened.graph.entities)
     monkeypatch.setattr(surroundings, "MOST_TRIPLES", 2)
     monkeypatch.setattr(surroundings, "MOST_FACTS", 1)
     around = Surroundings(network, alignment, opened.graph.entities)
@@ -264,20 +263,6 @@ def test_overrides_that_do_not_exist_are_refused(opened, triples, tmp_path):
         )
 
 
-def test_neighbours_share_a_recipe_of_any_size():
-    # a + b -> c, d + d + e -> f, and g alone -> a; 7 is the padding.
-    recipes = np.array([[0, 1, 7, 2], [3, 3, 4, 5], [6, 7, 7, 0]])
-    is_whole = [True, True, True, True, False, True, True]
-    weights = _neighbours(recipes, is_whole).toarray()
-    expected = np.zeros((7, 7))
-    expected[0, [1, 2, 6]] = 1 / 3
-    expected[1, [0, 2]] = 1 / 2
-    expected[2, [0, 1]] = 1 / 2
-    expected[3, 5] = expected[5, 3] = expected[6, 0] = 1
-    expected[4, [3, 5]] = 1 / 2
-    np.testing.assert_array_equal(weights, expected)
-
-
 def test_knowledge_is_imported_for_a_book_of_sets(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     book = "ingredient_a,ingredient_b,ingredient_c,result\nflour,water,salt,dough\ndough,,,bread\n"
@@ -291,7 +276,7 @@ def test_knowledge_is_imported_for_a_book_of_sets(run, tmp_path, monkeypatch):
 def test_walks_are_those_of_a_slow_reference(triples, opened):
     network = read_triples(triples)
     entities = opened.graph.entities
-    alignment = align(network, entities, opened.graph.recipes)
+    alignment = align(network, entities)
     size = len(network.nodes)
     links = np.zeros((size, size))
     for (head, _, tail), weight in zip(
@@ -487,26 +472,8 @@ def test_a_cut_archive_is_refused(tmp_path):
             lambda text: text.replace("02 dough 0 lolly 0", "00"),
             "not a complete synset",
         ),
-        (
-            "data.noun",
-            lambda text: text.replace("00000006 27", "00000006 99"),
-            "not a complete synset",
-        ),
         ("noun.exc", lambda text: "loaves\n", "is not a plural that has a base form"),
         ("noun.exc", lambda text: "\n", "is not a plural that has a base form"),
-        (
-            "cntlist.rev",
-            lambda text: "dough%1:13:00:: 1\n",
-            "line 1: .* not a sense with its count",
-        ),
-        *(
-            (
-                "cntlist.rev",
-                lambda text, end=end: f"dough%1:13:00:: {end}\n",
-                "not a sense with its",
-            )
-            for end in ("1 1" + "0" * 400, "0 5", "-1 5", "1 -5")
-        ),
     ],
 )
 def test_a_damaged_wordnet_is_refused_with_the_line(wordnet, name, change, message):

@@ -50,9 +50,6 @@ class Network:
         lemmas: names of each node, as a person would write them; empty if the node's name is all
             there is.
         glosses: definition of each node; empty without definitions.
-        fields: broad field of each node by number, such as food or feeling; empty if unknown.
-        counts: occurrences of each pair of spelling and node in sense-tagged text; empty if
-            unknown.
     """
 
     source: str
@@ -65,8 +62,6 @@ class Network:
     exceptions: Mapping[str, Sequence[str]] = field(default_factory=dict)
     lemmas: Sequence[Sequence[str]] = ()
     glosses: Sequence[str] = ()
-    fields: Sequence[int] = ()
-    counts: Mapping[tuple[str, int], int] = field(default_factory=dict)
 
     def singulars(self, text: str) -> Iterator[str]:
         """Yield possible base forms of a :func:`plain` text, by its last word: exceptions first."""

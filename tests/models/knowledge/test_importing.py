@@ -105,8 +105,8 @@ def test_wordnet_becomes_tables_triples_and_facts(run, wordnet, opened, tmp_path
     )
     # The first sense of dough, not money; breads is the plural of bread.
     assert (rows["dough"], rows["breads"], rows["zzyzx"]) == ("wn:00000004-n", "wn:00000003-n", "")
-    mentions, part = table_of(tmp_path / "wn", "mentions"), table_of(tmp_path / "wn", "part")
-    assert mentions("dough", "breads") > 0 == mentions("breads", "dough")
+    forward, part = table_of(tmp_path / "wn", "forward"), table_of(tmp_path / "wn", "part")
+    assert forward("dough", "breads") > 0 == forward("breads", "dough")
     assert part("flour", "dough") > part("dough", "flour")
     assert not any(table_of(tmp_path / "wn", name)("zzyzx", "water") for name in values["tables"])
     text = (tmp_path / "wn/triples.tsv").read_text()

@@ -3,12 +3,8 @@
 The page docs/outside-knowledge.md says which graphs there are.
 """
 
-import re
-from array import array
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +27,6 @@ _ENDINGS = {
 
 Source: WordNet 3.0 manual, morphy(7).
 """
-_WORD = re.compile(r"[a-z0-9]+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,73 +70,6 @@ class Network:
             if last.endswith(ending) and len(last) >= shortest:
                 stem = last.removesuffix(ending)
                 yield before + stem + replacement
-
-    def base_form(self, word: str) -> str:
-        """Return a word's base form, or the word if the network has no spelling for any."""
-        if word in self.exceptions:
-            return self.exceptions[word][0]
-        for form in (word, *self.singulars(word)):
-            if form in self.spellings:
-                return form
-        return word
-
-    @cached_property
-    def definitions(self) -> list[list[str]]:
-        """The words of each gloss, in base forms."""
-        # The same words occur in most definitions.
-        base_form = cache(self.base_form)
-        words_of = [_WORD.findall(plain(gloss)) for gloss in self.glosses]
-        return [list(map(base_form, words)) for words in words_of]
-
-    @cached_property
-    def word_counts(self) -> sparse.csr_array:
-        """Numbers of the V different words in each node's definition and names, shape (N, V)."""
-        places: dict[str, int] = {}
-        # Arrays of C integers: lists of millions of Python integers would take ten times the
-        # memory.
-        rows = array("i")
-        columns = array("i")
-        counts = array("i")
-        base_form = cache(self.base_form)
-        for node, definition in enumerate(self.definitions):
-            words = Counter(definition)
-            for name in self.lemmas[node]:
-                words_of_name = plain(name).split()
-                words.update(map(base_form, words_of_name))
-            for word, count in words.items():
-                # A new word gets the next column.
-                column = places.setdefault(word, len(places))
-                rows.append(node)
-                columns.append(column)
-                counts.append(count)
-        shape = (len(self.nodes), len(places))
-        return sparse.csr_array((counts, (rows, columns)), shape=shape, dtype=float)
-
-    def with_edges(self, relation: str, edges: Ids, weights: NDArray[np.float64]) -> "Network":
-        """Return a network with a further relation.
-
-        Args:
-            relation: name of the relation.
-            edges: its edges, shape (M', 2): head and tail.
-            weights: their weights, shape (M',).
-
-        Returns:
-            A new network, which shares what was counted for this one.
-        """
-        heads, tails = edges.T
-        # The new relation gets the next id.
-        between = np.full(len(edges), len(self.relations))
-        rows = np.column_stack([heads, between, tails])
-        network = replace(
-            self,
-            relations=(*self.relations, relation),
-            edges=np.concatenate([self.edges, rows]),
-            weights=np.concatenate([self.weights, weights]),
-        )
-        # Definitions are the same, so words that were counted for this network need no second
-        # count: cached properties lie among the variables.
-        vars(network).update(vars(self) | vars(network))
-        return network
 
     def ids_of(self, names: Sequence[str]) -> list[int]:
         """Return the ids of relations by name; names that the network lacks are ignored."""

@@ -1,4 +1,4 @@
-"""Tables over pairs of entities from an aligned graph: paths, parts and definitions.
+"""Tables over pairs of entities from an aligned graph: paths and parts.
 
 Let S, shape (E, N), hold the confidence of each entity's node, and let A, shape (N, N), hold
 weights of edges from heads to tails. All tables have values from 0 to 1, and 0 on the diagonal:
@@ -9,21 +9,18 @@ The page docs/outside-knowledge.md has a row for each table.
 """
 
 import operator
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from wordcraft_kg.models.knowledge.alignment import HEAD_WORD, Alignment, sense_texts
+from wordcraft_kg.models.knowledge.alignment import Alignment
 from wordcraft_kg.models.knowledge.folder import TableInfo
-from wordcraft_kg.models.knowledge.network import Network, plain
+from wordcraft_kg.models.knowledge.network import Network
 
 IS_A = ("isA", "IsA")
 """Relations from a thing to its class, in the spellings of WordNet and ConceptNet."""
-DESCRIBED_BY = "describedBy"
-"""The relation that :func:`with_descriptions` adds."""
 PART_OF = ("partOf", "substanceOf", "memberOf", "PartOf")
 """Relations from a part to the whole."""
 HAS_PART = ("HasA", "MadeOf")
@@ -36,77 +33,6 @@ _BLOCK = 32
 """Entities in a block of dense walks."""
 Floats = NDArray[np.float64]
 Table = tuple[TableInfo, Floats]
-
-
-def with_descriptions(network: Network, alignment: Alignment, entities: Sequence[str]) -> Network:
-    """Add an edge from each node to each entity in its definition.
-
-    An entity in n of N definitions has edges of weight ``1 - log(1 + n) / log(1 + N)``: a word in
-    most definitions says little.
-
-    Args:
-        network: a network with definitions.
-        alignment: the node of each entity.
-        entities: labels in id order.
-
-    Returns:
-        The network with the further relation :data:`DESCRIBED_BY`; the given one stays as it is.
-    """
-    phrases = _phrases(network, alignment, entities)
-    # Sorted, because sets have no order that is the same in every process.
-    mentions = sorted(_mentions(network.definitions, phrases))
-    rows = np.array(mentions, dtype=np.int64)
-    # Without mentions, the reshape makes two columns all the same.
-    edges = rows.reshape(-1, 2)
-    num_nodes = len(network.nodes)
-    tail = edges[:, 1]
-    counts = np.bincount(tail, minlength=num_nodes)
-    log_counts = np.log1p(counts)
-    commonness = log_counts[tail] / np.log1p(num_nodes)
-    weights = 1 - commonness
-    return network.with_edges(DESCRIBED_BY, edges, weights)
-
-
-def _phrases(
-    network: Network,
-    alignment: Alignment,
-    entities: Sequence[str],
-) -> dict[str, set[int]]:
-    """Return the entities' nodes by their names in base forms, with blanks between words."""
-    phrases = defaultdict[str, set[int]](set)
-    for entity, node in enumerate(alignment.nodes.tolist()):
-        if node < 0:
-            continue
-        names = list(network.lemmas[node])
-        # The label of an entity that only shares a head word means another thing.
-        if alignment.methods[entity] != HEAD_WORD:
-            names.append(entities[entity])
-        for name in names:
-            words = plain(name).split()
-            base_forms = map(network.base_form, words)
-            phrases[" ".join(base_forms)].add(node)
-    return phrases
-
-
-def _mentions(
-    definitions: Sequence[Sequence[str]],
-    phrases: dict[str, set[int]],
-) -> Iterator[tuple[int, int]]:
-    """Yield pairs of a node and another one that its definition names."""
-    numbers_of_words = (phrase.count(" ") + 1 for phrase in phrases)
-    longest = max(numbers_of_words, default=0)
-    sizes = range(1, longest + 1)
-    for head, words in enumerate(definitions):
-        tails: set[int] = set()
-        for start in range(len(words)):
-            for size in sizes:
-                end = start + size
-                phrase = " ".join(words[start:end])
-                tails |= phrases.get(phrase, set())
-        # A definition that names its own node says nothing.
-        tails.discard(head)
-        for tail in tails:
-            yield head, tail
 
 
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
@@ -147,14 +73,13 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
 
 
 def make_tables(network: Network, alignment: Alignment) -> list[Table]:
-    """Return the tables that a network allows.
+    """Return the tables of a network: ``paths``, ``forward``, and ``part`` if it tells of parts.
 
-    These are ``paths`` and ``part``, and with definitions ``texts`` and ``mentions``. A network
-    without definitions has ``forward`` instead: walks of 1 and 2 steps from the ingredient to the
-    result along the edges' directions.
+    ``forward`` has walks of 1 and 2 steps from the ingredient to the result along the edges'
+    directions.
 
     Args:
-        network: the network; if it has definitions, also with edges :data:`DESCRIBED_BY`.
+        network: the network.
         alignment: the node of each entity.
 
     Returns:
@@ -162,34 +87,15 @@ def make_tables(network: Network, alignment: Alignment) -> list[Table]:
     """
     confidences = alignment.matrix(len(network.nodes))
     paths = _damped(hops(network, alignment))
-    tables = [_named("paths", paths, "{ingredient} is related to {result}")]
+    forward = _damped(_forward_walks(network, confidences))
+    tables = [
+        _named("paths", paths, "{ingredient} is related to {result}"),
+        _named("forward", forward, "{ingredient} leads to {result}"),
+    ]
     if network.ids_of([*PART_OF, *HAS_PART]):
         parts = _parts(network, confidences)
         tables.append(_named("part", parts, "{ingredient} is part of {result}"))
-    if network.glosses:
-        alike = _alike_texts(network, alignment)
-        tables.append(_named("texts", alike, "{ingredient} is defined similarly to {result}"))
-        descriptions = network.links([DESCRIBED_BY])
-        # From a result to the ingredients in its definition, so the table is turned round.
-        described = confidences @ descriptions @ confidences.T
-        mentions = described.toarray().T
-        tables.append(_named("mentions", mentions, "{result} is described by {ingredient}"))
-    else:
-        forward = _damped(_forward_walks(network, confidences))
-        tables.append(_named("forward", forward, "{ingredient} leads to {result}"))
     return tables
-
-
-def _alike_texts(network: Network, alignment: Alignment) -> Floats:
-    """Return cosines between the texts of entities' nodes, shape (E, E); 0 without a node."""
-    # Entities without a node get the text of node 0, and are masked afterwards.
-    nodes = np.maximum(alignment.nodes, 0)
-    texts = sense_texts(network, nodes, power=2)
-    products = texts @ texts.T
-    cosines = products.toarray()
-    # By column and by row: both entities of a pair need a node.
-    is_known = alignment.nodes >= 0
-    return np.asarray(cosines * is_known * is_known[:, None])
 
 
 def _forward_walks(network: Network, confidences: sparse.csr_array) -> list[Floats]:
@@ -232,8 +138,7 @@ def _named(name: str, values: Floats, phrase: str) -> Table:
 def _parts(network: Network, confidences: sparse.csr_array) -> Floats:
     """Return how directly a row is part of a column, shape (E, E).
 
-    In a network with definitions, parts are inherited from classes, with half the weight for each
-    step.
+    In WordNet, parts are inherited from classes, with half the weight for each step.
     """
     upward = (network.links(IS_A) != 0).astype(float)
     reach = confidences

@@ -33,7 +33,7 @@ from wordcraft_kg.models.knowledge.folder import (
     write_knowledge,
 )
 from wordcraft_kg.models.knowledge.network import Network
-from wordcraft_kg.models.knowledge.paths import make_tables
+from wordcraft_kg.models.knowledge.paths import make_tables, with_descriptions
 from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
 from wordcraft_kg.models.knowledge.surroundings import Surroundings
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
@@ -85,7 +85,7 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
             from it know test recipes.
         coverage: labels by method, most first.
         nodes: number of nodes in the imported graph.
-        edges: number of edges in the imported graph.
+        edges: number of edges in the imported graph, with those from definitions.
         tables: names of the tables.
         triples: number of lines in ``triples.tsv`` without the header.
         facts: number of lines in ``facts.tsv`` without the header.
@@ -153,6 +153,8 @@ def import_knowledge(
                 f"'{entities[0]}', is in {network.source}.{near} Expected a graph with English "
                 "names, or `overrides`."
             )
+        if network.glosses:
+            network = with_descriptions(network, alignment, entities)
     with stage("making tables"):
         tables = make_tables(network, alignment)
         surroundings = Surroundings(network, alignment, entities)

@@ -3,8 +3,10 @@
 The page docs/outside-knowledge.md says which graphs there are.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,9 @@ _ENDINGS = {
 
 Source: WordNet 3.0 manual, morphy(7).
 """
+
+
+_WORD = re.compile(r"[a-z0-9]+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +75,44 @@ class Network:
             if last.endswith(ending) and len(last) >= shortest:
                 stem = last.removesuffix(ending)
                 yield before + stem + replacement
+
+    def base_form(self, word: str) -> str:
+        """Return a word's base form, or the word if the network has no spelling for any."""
+        if word in self.exceptions:
+            return self.exceptions[word][0]
+        for form in (word, *self.singulars(word)):
+            if form in self.spellings:
+                return form
+        return word
+
+    def definitions(self) -> list[list[str]]:
+        """The words of each gloss, in base forms."""
+        # The same words occur in most definitions.
+        base_form = cache(self.base_form)
+        words_of = [_WORD.findall(plain(gloss)) for gloss in self.glosses]
+        return [list(map(base_form, words)) for words in words_of]
+
+    def with_edges(self, relation: str, edges: Ids, weights: NDArray[np.float64]) -> "Network":
+        """Return a network with a further relation.
+
+        Args:
+            relation: name of the relation.
+            edges: its edges, shape (M', 2): head and tail.
+            weights: their weights, shape (M',).
+
+        Returns:
+            A new network.
+        """
+        heads, tails = edges.T
+        # The new relation gets the next id.
+        between = np.full(len(edges), len(self.relations))
+        rows = np.column_stack([heads, between, tails])
+        return replace(
+            self,
+            relations=(*self.relations, relation),
+            edges=np.concatenate([self.edges, rows]),
+            weights=np.concatenate([self.weights, weights]),
+        )
 
     def ids_of(self, names: Sequence[str]) -> list[int]:
         """Return the ids of relations by name; names that the network lacks are ignored."""

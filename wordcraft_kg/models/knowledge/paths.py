@@ -9,18 +9,21 @@ The page docs/outside-knowledge.md has a row for each table.
 """
 
 import operator
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from wordcraft_kg.models.knowledge.alignment import Alignment
+from wordcraft_kg.models.knowledge.alignment import HEAD_WORD, Alignment
 from wordcraft_kg.models.knowledge.folder import TableInfo
-from wordcraft_kg.models.knowledge.network import Network
+from wordcraft_kg.models.knowledge.network import Network, plain
 
 IS_A = ("isA", "IsA")
 """Relations from a thing to its class, in the spellings of WordNet and ConceptNet."""
+DESCRIBED_BY = "describedBy"
+"""The relation that :func:`with_descriptions` adds."""
 PART_OF = ("partOf", "substanceOf", "memberOf", "PartOf")
 """Relations from a part to the whole."""
 HAS_PART = ("HasA", "MadeOf")
@@ -33,6 +36,77 @@ _BLOCK = 32
 """Entities in a block of dense walks."""
 Floats = NDArray[np.float64]
 Table = tuple[TableInfo, Floats]
+
+
+def with_descriptions(network: Network, alignment: Alignment, entities: Sequence[str]) -> Network:
+    """Add an edge from each node to each entity in its definition.
+
+    An entity in n of N definitions has edges of weight ``1 - log(1 + n) / log(1 + N)``: a word in
+    most definitions says little.
+
+    Args:
+        network: a network with definitions.
+        alignment: the node of each entity.
+        entities: labels in id order.
+
+    Returns:
+        The network with the further relation :data:`DESCRIBED_BY`; the given one stays as it is.
+    """
+    phrases = _phrases(network, alignment, entities)
+    # Sorted, because sets have no order that is the same in every process.
+    mentions = sorted(_mentions(network.definitions(), phrases))
+    rows = np.array(mentions, dtype=np.int64)
+    # Without mentions, the reshape makes two columns all the same.
+    edges = rows.reshape(-1, 2)
+    num_nodes = len(network.nodes)
+    tail = edges[:, 1]
+    counts = np.bincount(tail, minlength=num_nodes)
+    log_counts = np.log1p(counts)
+    commonness = log_counts[tail] / np.log1p(num_nodes)
+    weights = 1 - commonness
+    return network.with_edges(DESCRIBED_BY, edges, weights)
+
+
+def _phrases(
+    network: Network,
+    alignment: Alignment,
+    entities: Sequence[str],
+) -> dict[str, set[int]]:
+    """Return the entities' nodes by their names in base forms, with blanks between words."""
+    phrases = defaultdict[str, set[int]](set)
+    for entity, node in enumerate(alignment.nodes.tolist()):
+        if node < 0:
+            continue
+        names = list(network.lemmas[node])
+        # The label of an entity that only shares a head word means another thing.
+        if alignment.methods[entity] != HEAD_WORD:
+            names.append(entities[entity])
+        for name in names:
+            words = plain(name).split()
+            base_forms = map(network.base_form, words)
+            phrases[" ".join(base_forms)].add(node)
+    return phrases
+
+
+def _mentions(
+    definitions: Sequence[Sequence[str]],
+    phrases: dict[str, set[int]],
+) -> Iterator[tuple[int, int]]:
+    """Yield pairs of a node and another one that its definition names."""
+    numbers_of_words = (phrase.count(" ") + 1 for phrase in phrases)
+    longest = max(numbers_of_words, default=0)
+    sizes = range(1, longest + 1)
+    for head, words in enumerate(definitions):
+        tails: set[int] = set()
+        for start in range(len(words)):
+            for size in sizes:
+                end = start + size
+                phrase = " ".join(words[start:end])
+                tails |= phrases.get(phrase, set())
+        # A definition that names its own node says nothing.
+        tails.discard(head)
+        for tail in tails:
+            yield head, tail
 
 
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
@@ -73,13 +147,13 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
 
 
 def make_tables(network: Network, alignment: Alignment) -> list[Table]:
-    """Return the tables of a network: ``paths``, ``forward``, and ``part`` if it tells of parts.
+    """Return the tables of a network: ``paths``, and ``part`` if it tells of parts.
 
-    ``forward`` has walks of 1 and 2 steps from the ingredient to the result along the edges'
-    directions.
+    A network without definitions has ``forward`` besides: walks of 1 and 2 steps from the
+    ingredient to the result along the edges' directions.
 
     Args:
-        network: the network.
+        network: the network; if it has definitions, also with edges :data:`DESCRIBED_BY`.
         alignment: the node of each entity.
 
     Returns:
@@ -87,14 +161,13 @@ def make_tables(network: Network, alignment: Alignment) -> list[Table]:
     """
     confidences = alignment.matrix(len(network.nodes))
     paths = _damped(hops(network, alignment))
-    forward = _damped(_forward_walks(network, confidences))
-    tables = [
-        _named("paths", paths, "{ingredient} is related to {result}"),
-        _named("forward", forward, "{ingredient} leads to {result}"),
-    ]
+    tables = [_named("paths", paths, "{ingredient} is related to {result}")]
     if network.ids_of([*PART_OF, *HAS_PART]):
         parts = _parts(network, confidences)
         tables.append(_named("part", parts, "{ingredient} is part of {result}"))
+    if not network.glosses:
+        forward = _damped(_forward_walks(network, confidences))
+        tables.append(_named("forward", forward, "{ingredient} leads to {result}"))
     return tables
 
 

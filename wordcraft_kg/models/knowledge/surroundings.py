@@ -13,7 +13,7 @@ from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.alignment import Alignment
 from wordcraft_kg.models.knowledge.network import Network
-from wordcraft_kg.models.knowledge.paths import IS_A
+from wordcraft_kg.models.knowledge.paths import DESCRIBED_BY, IS_A
 
 MOST_TRIPLES = 200_000
 """Most edges in ``triples.tsv``: first those between entities, then those with large weights."""
@@ -28,7 +28,7 @@ Triple = tuple[str, str, str]
 
 
 class Surroundings:
-    """Edges with an entity's node at an end."""
+    """Edges with an entity's node at an end; from definitions only those of entities."""
 
     def __init__(self, network: Network, alignment: Alignment, entities: Sequence[str]):
         """Find the edges around entities.
@@ -55,14 +55,20 @@ class Surroundings:
                 raise KnowledgeFileError(
                     f"the label '{label}' looks like the name of a node. Rename this entity."
                 )
-        (self._rows,) = np.nonzero(self._is_entity[_ends(network.edges)].any(1))
+        heads, relations, tails = network.edges.T
+        starts_at_entity = self._is_entity[heads]
+        is_near = starts_at_entity | self._is_entity[tails]
+        # Of definitions only those of entities: each mentions entities, and there are many.
+        is_definition = np.isin(relations, network.ids_of([DESCRIBED_BY]))
+        is_foreign = is_definition & ~starts_at_entity
+        (self._rows,) = np.nonzero(is_near & ~is_foreign)
 
     def triples(self) -> Iterator[Triple]:
         """Yield triples of names: labels of entities, and names of other nodes with a prefix.
 
         An entity's node with several labels has a triple for each. Other nodes with a single edge
         are left out, again and again until none remains, as they link no two entities; entities
-        stay. In WordNet, an entity has an edge to each of its classes, also to
+        stay. In a network with definitions, an entity has an edge to each of its classes, also to
         the indirect ones; in another one, the :data:`MOST_TRIPLES` edges with the largest weights
         are taken, those between entities first.
         """

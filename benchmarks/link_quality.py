@@ -45,13 +45,13 @@ from wordcraft_kg.models.links.training import TrainedLinks, train_links
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,
+    KernelScorer,
     NeighbourScorer,
     SymbolicScorer,
     VoteScorer,
 )
 from wordcraft_kg.models.scorers.features import glove_features, make_features
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.kernel import KernelScorer
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics

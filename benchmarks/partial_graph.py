@@ -103,9 +103,8 @@ def build(book: str, home: Path, kind: str, seed: int, scorers: Container[str | 
 def own_scorers(graph):  # type: ignore[no-untyped-def]
     """Return what makes each scorer that learns nothing."""
     from wordcraft_kg.graphs.triples import recipe_triples
-    from wordcraft_kg.models.scorers.baselines import NeighbourScorer, SymbolicScorer
+    from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer, SymbolicScorer
     from wordcraft_kg.models.scorers.features import glove_features
-    from wordcraft_kg.models.scorers.kernel import KernelScorer
 
     vectors = glove_features(graph.entities).vectors
     return {

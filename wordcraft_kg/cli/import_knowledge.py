@@ -30,13 +30,13 @@ def import_knowledge(
     """Import WordNet, ConceptNet or any triples as knowledge for train-recipes and train-complex.
 
     The command aligns the labels with the general graph's nodes, and makes tables, triples and
-    facts. Among several senses of a word, the train recipes decide; other recipes are not read.
+    facts. Among several senses of a word, the first one counts; recipes are not read.
 
     Args:
         wordnet: folder with WordNet's database files, such as data.noun and index.noun.
         conceptnet: ConceptNet's assertions, plain or .gz; only English words are used.
-        triples: file of head, relation, tail and optionally a weight, separated by tabs, commas,
-            semicolons or |, perhaps with a header, or of N-Triples; plain or gzipped.
+        triples: file of head, relation and tail with tabs between them; or, below a header with
+            these names and perhaps weight, with tabs or commas; plain or gzipped.
         overrides: file with a label, a tab and a node on each line, as in the output's
             alignment.tsv; without a node, the label is left out. The output's head-words.tsv
             accepts nodes of head words, such as tree for pine tree.

@@ -18,9 +18,8 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.saving import save_scorer
-from wordcraft_kg.models.scorers.baselines import NeighbourScorer
+from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer
 from wordcraft_kg.models.scorers.cross_fitting import cross_fit
-from wordcraft_kg.models.scorers.kernel import KernelScorer
 
 SHORT = ImpalaConfig(steps=1_024, batch_size=16, log_every=128, eval_every=512)
 LEARNED = PolicyConfig(

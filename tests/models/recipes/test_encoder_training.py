@@ -398,12 +398,12 @@ def test_an_unknown_device_is_refused_before_anything_is_written(book, tmp_path)
 
 def test_memory_for_encoders_is_said_before_the_start(book, monkeypatch, tmp_path):
     size = (31_645, 156_000, 384)
-    without = limits.lists_bytes(*size, 1)
+    without = limits.fitting_bytes(*size, 1)
     monkeypatch.setattr(limits, "memory", lambda: without)
     assert limits.fitting_workers(*size, most=2) == 1
     with pytest.raises(ConfigError, match=r"takes about .* GiB.*`encoder` off"):
         limits.fitting_workers(*size, most=2, encoders=9)
-    needed = limits.encoder_bytes(size[0], size[2], 2, 9)
+    needed = limits.fitting_bytes(*size, 2, 9) - limits.fitting_bytes(*size, 2)
     assert 0.5 * 2**30 < needed < 3 * 2**30
     monkeypatch.setattr(limits, "memory", lambda: 2**20)
     with pytest.raises(ConfigError, match="GiB"):

@@ -14,7 +14,6 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.recipes import inductive
 from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.kernel import kernel_regression
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS, link_features
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -170,30 +169,6 @@ def test_a_label_known_by_some_words_is_not_of_the_graph(folder, scorer, opened_
     more = wider(folder, scorer, ["bread rrzzqq"])
     assert "bread rrzzqq" in more.entities
     assert more.graph_hash != opened_kitchen.graph.hash
-
-
-def test_kernel_regression_is_ridge_regression_on_pairs():
-    """Kernel regression of those seen is ridge regression on their pairs."""
-    rng = np.random.default_rng(0)
-    factor = torch.tensor(rng.normal(size=(6, 6)))
-    kernel = factor @ factor.T
-    links = torch.tensor(rng.integers(0, 2, (6, 6)).astype(float))
-    seen, ridge = [0, 2, 3, 5], 0.7
-    pairs = [(x, y) for x in seen for y in seen]
-    gram = torch.tensor([[kernel[x, s] * kernel[y, t] for s, t in pairs] for x, y in pairs])
-    weights = torch.linalg.solve(
-        gram + ridge * torch.eye(16), torch.tensor([links[pair] for pair in pairs])
-    )
-    expected = torch.zeros(6, 6, dtype=torch.float64)
-    for x in range(6):
-        for y in range(6):
-            expected[x, y] = sum(
-                w * kernel[x, s] * kernel[y, t] for w, (s, t) in zip(weights, pairs, strict=True)
-            )
-    found = kernel_regression(kernel.float(), links.float(), ridge=ridge, seen=torch.tensor(seen))[
-        0
-    ]
-    torch.testing.assert_close(found, expected.float(), rtol=1e-3, atol=1e-3)
 
 
 def test_moments_are_those_of_pairs_among_the_entities_that_count():

@@ -217,24 +217,6 @@ def test_tables_of_one_source_merge_and_of_two_models_do_not(opened, tmp_path):
     assert (other == 3).all()
 
 
-def test_tables_that_know_another_split_are_an_error(opened, tmp_path):
-    info = TableInfo(name="t", role="part", phrase="")
-    record = KnowledgeRecord(source="WordNet", entities=opened.graph.entities, tables=(info,))
-    made = KnowledgeTables(record, (torch.ones(12, 12).half(),))
-    inputs = {
-        "graph": opened.graph.hash,
-        "split": open_graph(opened.source, SplitConfig(seed=4)).split.hash,
-    }
-    folder = str(write_knowledge(tmp_path / "k", "test", made, inputs=inputs, files={}))
-    with pytest.raises(ConfigError, match="train recipes of another split"):
-        open_outside([folder], opened, "one-hot")
-    with pytest.raises(ConfigError, match="train recipes of another split"):
-        join_books(
-            [write_book(tmp_path / "b.csv", [("x", "y", "z")]), folder], opened, "random", folds=3
-        )
-    open_outside([folder], open_graph(opened.source, SplitConfig(seed=4)), "one-hot")
-
-
 @pytest.mark.slow
 def test_a_model_with_outside_knowledge_is_trained_and_found_again(opened, knowledge, tmp_path):
     other = write_book(tmp_path / "other.csv", [("sand", opened.graph.entities[0], "sandcastle")])

@@ -392,7 +392,7 @@ def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path)
 def test_fewer_sets_of_lists_are_made_at_once_where_memory_is_short(monkeypatch):
     size = (30_000, 150_000, 384)
     for available in (1, 3):
-        has_room_for = limits.lists_bytes(*size, available)
+        has_room_for = limits.fitting_bytes(*size, available)
         monkeypatch.setattr(limits, "memory", lambda room=has_room_for: room)
         assert limits.fitting_workers(*size, most=4) == available
 

@@ -44,15 +44,29 @@ def slow_similarity(recipes, vectors):
     return kernel
 
 
-def explicit_ridge(kernel, links, ridge):
-    """Ridge regression on all E² pairs with the E² x E² matrix of the product kernel."""
-    size = len(kernel)
-    gram = np.zeros((size**2, size**2))
-    for x, y, z, t in product(range(size), repeat=4):
-        gram[x * size + y, z * size + t] = kernel[x, z] * kernel[y, t]
-    return (gram @ np.linalg.solve(gram + ridge * np.eye(size**2), links.reshape(-1))).reshape(
-        size, size
+def explicit_ridge(kernel, links, seen):
+    """Ridge regression (λ = 1) on the pairs of ``seen``, by the matrix of the product kernel.
+
+    Directions in which the kernel is negative are left out.
+    """
+    values, vectors = np.linalg.eigh(kernel[np.ix_(seen, seen)])
+    coordinates = kernel[:, seen] @ vectors[:, values > 1e-9] / np.sqrt(values[values > 1e-9])
+    known = coordinates[seen]
+    # Rows are pairs (x, y), columns products of directions.
+    parts = np.kron(known, known)
+    weights = np.linalg.solve(
+        parts.T @ parts + np.eye(parts.shape[1]), parts.T @ links[np.ix_(seen, seen)].ravel()
     )
+    size = coordinates.shape[1]
+    return coordinates @ weights.reshape(size, size) @ coordinates.T
+
+
+def link_tables(triples, size):
+    """0/1 tables of the links of both relations, row = head."""
+    tables = np.zeros((2, size, size))
+    for head, relation, tail in triples.tolist():
+        tables[relation, head, tail] = 1
+    return tables
 
 
 def slow_completion(recipes, size):

@@ -7,18 +7,13 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
+from kernel_oracles import explicit_ridge, link_tables
 from link_helpers import random_graph
 
 from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
-from wordcraft_kg.models.scorers.kernel import (
-    TEXT,
-    completion,
-    kernel_regression,
-    link_matrices,
-    profiles,
-)
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
+from wordcraft_kg.models.scorers.kernel import TEXT, completion, profiles
 from wordcraft_kg.models.scorers.neighbours import blocks, knowledge
 from wordcraft_kg.models.scorers.neighbours import lists as lists_module
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
@@ -171,20 +166,19 @@ class SlowFeatures:
 
 
 def kernel_tables(recipes, rows, cosines):
-    kernel = torch.from_numpy(rows @ rows.T + TEXT * np.maximum(cosines, 0) ** 2)
+    kernel = rows @ rows.T + TEXT * np.maximum(cosines, 0) ** 2
     # A vector of zeros is no word: it is not like itself.
-    words_of_itself = TEXT * torch.from_numpy(((cosines**2).sum(0) == 1).astype(float))
-    kernel -= torch.diag(words_of_itself)
-    seen = torch.from_numpy(np.unique(recipes))
-    links = link_matrices(recipes, len(rows))
-    return [table.numpy() for table in kernel_regression(kernel, *links, seen=seen)]
+    kernel -= np.diag(TEXT * ((cosines**2).sum(0) == 1))
+    return regressions(recipes, kernel)
 
 
 def word_tables(recipes, vectors):
-    kernel = torch.from_numpy(vectors.astype(float) @ vectors.astype(float).T)
-    links = link_matrices(recipes, len(vectors))
-    seen = torch.from_numpy(np.unique(recipes))
-    return [table.numpy() for table in kernel_regression(kernel, *links, seen=seen)]
+    return regressions(recipes, vectors.astype(float) @ vectors.astype(float).T)
+
+
+def regressions(recipes, kernel):
+    links = link_tables(recipe_triples(recipes), len(kernel))
+    return [explicit_ridge(kernel, table, np.unique(recipes)) for table in links]
 
 
 def distinct(recipes):

@@ -16,7 +16,7 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.scales import (
     FACTORED_SCALES,
     interpolated,
-    scaled_factors,
+    sampled_scaling,
     scaled_table,
 )
 
@@ -187,49 +187,39 @@ def test_scaling_twice_gives_the_same_bits(scale):
 FACTORED = complex_scorer(SIZE, 4, shift=0.3)
 
 
-class RowsAsFactors(TableScorer):
-    """A scorer whose factors are the rows of its tables."""
-
-    def __init__(self, scores):
-        entities = tuple(f"e{number}" for number in range(scores.shape[-1]))
-        super().__init__(scores, entities, "")
-
-    def factors(self, relation):
-        return self.table(relation), torch.eye(len(self.entities))
-
-
-def scores_of(factors):
-    """The scores of all pairs that factors give, without the treatment of self edges."""
-    scores = factors.left @ factors.right.T - factors.shift
-    if factors.knots is None:
+def scores_of(scorer, relation, scaling):
+    """The scores of all pairs by a scaling, without the treatment of self edges."""
+    scores = (scorer.table(relation) - scaling.shift) / scaling.deviation
+    if scaling.knots is None:
         return scores
-    knots, heights = (part.expand(len(scores), -1) for part in (factors.knots, factors.heights))
+    knots, heights = (part.expand(len(scores), -1) for part in (scaling.knots, scaling.heights))
     return interpolated(scores, knots.contiguous(), heights)
 
 
 @any_relation
 @pytest.mark.parametrize("scale", FACTORED_SCALES)
 @pytest.mark.parametrize("self_edges", ["keep", "observed", "drop"])
-def test_factors_give_the_scores_of_the_scaled_table(relation, scale, self_edges):
+def test_a_scaling_gives_the_scores_of_the_scaled_table(relation, scale, self_edges):
     scorer, loops = FACTORED, np.array([[2, relation, 2], [3, relation, 4]])
     options = {"self_edges": self_edges, "observed": loops}
     expected = scaled_table(scorer, relation, scale, **options)
-    factors = scaled_factors(scorer, relation, scale, **options)
-    found = scores_of(factors)
-    found[factors.dropped, factors.dropped] = factors.itself
+    scaling = sampled_scaling(scorer, relation, scale, **options)
+    found = scores_of(scorer, relation, scaling)
+    found[scaling.dropped, scaling.dropped] = scaling.itself
     torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
-    assert factors.dropped.sum() == {"keep": 0, "observed": SIZE - 1, "drop": SIZE}[self_edges]
+    assert scaling.dropped.sum() == {"keep": 0, "observed": SIZE - 1, "drop": SIZE}[self_edges]
 
 
-def test_factors_that_tell_no_pairs_apart_score_zero():
-    factors = scaled_factors(complex_scorer(SIZE, 4, scale=0.0, shift=0.3), COMBINES_WITH)
-    assert (factors.left @ factors.right.T - factors.shift).abs().max() < 1e-5
+def test_scores_that_tell_no_pairs_apart_become_zero():
+    scorer = complex_scorer(SIZE, 4, scale=0.0, shift=0.3)
+    scaling = sampled_scaling(scorer, COMBINES_WITH)
+    assert scores_of(scorer, COMBINES_WITH, scaling).abs().max() < 1e-5
 
 
-def test_factors_without_any_value_have_equal_ranks():
+def test_scores_without_any_value_have_equal_ranks():
     nothing = table_scorer(torch.zeros(len(RELATIONS), SIZE, SIZE))
-    factors = scaled_factors(RowsAsFactors(nothing.scores), COMBINES_WITH, "ranks")
-    assert not scores_of(factors).any()
+    scaling = sampled_scaling(nothing, COMBINES_WITH, "ranks")
+    assert not scores_of(nothing, COMBINES_WITH, scaling).any()
 
 
 @pytest.mark.parametrize("ties", [False, True])
@@ -239,11 +229,11 @@ def test_ranks_among_a_part_of_the_pairs_are_near_those_among_all(ties, monkeypa
     scores = torch.randn(len(RELATIONS), size, size, generator=torch.Generator().manual_seed(1))
     if ties:  # as of entities without recipes
         scores[:, : size // 2] = 0
-    scorer = RowsAsFactors(scores)
+    scorer = table_scorer(scores)
     expected = scaled_table(scorer, COMPONENT_OF, "ranks")
-    monkeypatch.setattr(scales, "RANKED", 10_000)
+    monkeypatch.setattr(scales, "SIDE", 100)
     monkeypatch.setattr(scales, "KNOTS", 32)
-    found = scores_of(scaled_factors(scorer, COMPONENT_OF, "ranks"))
+    found = scores_of(scorer, COMPONENT_OF, sampled_scaling(scorer, COMPONENT_OF, "ranks"))
     # Standardised ranks lie between -1.7 and 1.7. A score between the shared one and the next in
     # the sample is the exception, so no maximum.
     errors = (found - expected).abs()
@@ -251,6 +241,6 @@ def test_ranks_among_a_part_of_the_pairs_are_near_those_among_all(ties, monkeypa
     assert errors.flatten().quantile(0.99) < 0.1
 
 
-def test_a_scale_that_needs_the_table_is_refused_for_factors():
+def test_a_scale_that_needs_the_table_is_refused_without_one():
     with refuses("scale"):
-        scaled_factors(FACTORED, COMBINES_WITH, "log-softmax")
+        sampled_scaling(FACTORED, COMBINES_WITH, "log-softmax")

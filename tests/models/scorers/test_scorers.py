@@ -33,6 +33,7 @@ from wordcraft_kg.models.links.config import LinkModelConfig
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,
+    KernelScorer,
     NeighbourScorer,
     SymbolicScorer,
     VoteScorer,
@@ -40,7 +41,6 @@ from wordcraft_kg.models.scorers.baselines import (
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
-from wordcraft_kg.models.scorers.kernel import KernelScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 

@@ -2,21 +2,10 @@
 
 A label's first method with a node counts: exact spelling, base form (lemma), head word. A head
 word is a proposal that the user has to accept: a family tree is no tree, and has no wood. Among
-several nodes (senses), texts decide: a sense's text is its definition with the names and
-definitions of its direct neighbours, and the context is the mean text of the entities that share a
-train recipe::
-
-    log p(s | e) = log prior(s) + 25 cos(text(s), context(e))
-                   + 1.5 log(field's share in the book / field's share among all senses)
-
-The prior follows the counts in sense-tagged text. Contexts and the book's fields are weighted by p
-of the last round, in three rounds. The constants were chosen on the book ``everyday``.
-
-Shapes: E entities, S senses (pairs of an entity and a node), N nodes, V words.
+several nodes (senses), the first of the network's order counts, which in WordNet is the most
+frequent one: a choice by definitions and recipes scored no better, by any interval.
 
 The page docs/outside-knowledge.md shows it under *WordNet, ConceptNet, any triples*.
-
-Source: Banerjee and Pedersen 2003, "Extended gloss overlaps", for the texts; the rest is our own.
 """
 
 import re
@@ -37,12 +26,6 @@ HEAD_WORD = "head word"
 """The method that the user has to ask for."""
 METHODS = {"exact": 1.0, "lemma": 0.95, HEAD_WORD: 0.5}
 """Confidence that a method finds the right word, before a sense is chosen."""
-_CONTEXT = 25.0
-"""Weight of the cosine between a sense's text and the context."""
-_FIELD = 1.5
-"""Weight of the log ratio between a field's share in the book and among all senses."""
-_ROUNDS = 3
-"""Rounds of weighting contexts and fields by the probabilities of senses."""
 _HEAD = re.compile(r"(.+?) (?:of|in|with|from) .+")
 """The head of a phrase comes before its preposition: glass of water."""
 _SHORTEST = 4
@@ -69,7 +52,7 @@ class Alignment:
         nodes: shape (E,), int64: node ids, -1 without a node.
         methods: how each node was found: a key of :data:`METHODS`, ``override`` or ``left out``
             (both by the user), or ``none``.
-        confidences: shape (E,), from 0 to 1: the method's confidence times the probability of the
+        confidences: shape (E,), from 0 to 1: the method's confidence times the chance of the
             sense.
     """
 
@@ -85,55 +68,29 @@ class Alignment:
         return sparse.csr_array((self.confidences[entities], cells), shape=shape)
 
 
-def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
-    """Align entity labels with nodes of a network.
+def align(network: Network, entities: Sequence[str]) -> Alignment:
+    """Align entity labels with nodes of a network; no recipe is read.
 
     Args:
         network: the graph from outside the book.
         entities: labels in id order.
-        recipes: train recipes, rows of ``graph.sets``, which are the contexts of senses.
 
     Returns:
-        The likeliest sense of each entity, of equally likely ones the last in the network's order.
+        The first sense of each entity, with less confidence where there are further ones.
     """
     joined = _joined(network, entities)
     spelled = [_spelling(label, network, joined) for label in entities]
-    methods = tuple(method for method, _ in spelled)
-    senses_of = [network.spellings.get(text, ()) for _, text in spelled]
-    # Two labels seldom mean the same: pirate is not the pirate ship, if both are entities.
-    claimed_nodes = set()
-    for method, senses in zip(methods, senses_of, strict=True):
-        if method != HEAD_WORD and len(senses) == 1:
-            claimed_nodes.add(senses[0])
     nodes = np.full(len(entities), -1)
     confidences = np.zeros(len(entities))
-    rows: list[tuple[int, int]] = []
-    priors: list[float] = []
-    for entity, senses in enumerate(senses_of):
-        _, spelling = spelled[entity]
-        unclaimed = [node for node in senses if node not in claimed_nodes]
-        for place, node in enumerate(unclaimed or senses):
-            rows.append((entity, node))
-            # A sense that the tagged text lacks still counts, less for each sense before it.
-            count = network.counts.get((spelling, node), 0)
-            priors.append(count + 1 / (1 + place))
-    if rows:
-        owner, sense = np.array(rows).T
-        log_prior = np.log(priors)
-        if network.glosses:
-            is_whole = [method != HEAD_WORD for method in methods]
-            neighbours = _neighbours(recipes, is_whole)
-            chances = _sense_chances(network, owner, sense, log_prior, neighbours)
-        else:
-            # Without texts, nothing speaks for a sense but its frequency.
-            chances = _softmax(log_prior, owner)
-        # Sorted by chance, so the likeliest sense of an entity is the last one written.
-        order = np.lexsort((chances, owner))
-        entity_of_place = owner[order]
-        nodes[entity_of_place] = sense[order]
-        confidences[entity_of_place] = chances[order]
-    method_confidences = [METHODS.get(method, 0.0) for method in methods]
-    return Alignment(nodes, methods, confidences * method_confidences)
+    for entity, (method, spelling) in enumerate(spelled):
+        senses = network.spellings.get(spelling, ())
+        if senses:
+            nodes[entity] = senses[0]
+            # The n-th sense is 1 / n times as likely.
+            chance = 1 / sum(1 / place for place in range(1, len(senses) + 1))
+            confidences[entity] = METHODS[method] * chance
+    methods = tuple(method for method, _ in spelled)
+    return Alignment(nodes, methods, confidences)
 
 
 def with_overrides(
@@ -246,125 +203,3 @@ def _heads(text: str, network: Network) -> Iterator[str]:
             if first_part in network.spellings:
                 yield head
                 yield from network.singulars(head)
-
-
-def _neighbours(recipes: Ids, is_whole: Sequence[bool]) -> sparse.csr_array:
-    """Return weights of means over neighbours (entities with a shared recipe), shape (E, E).
-
-    Args:
-        recipes: ids, shape (n, columns), rows (ingredients, padding, result); the padding is E.
-        is_whole: for each entity, whether its whole label was aligned. The others do not count as
-            neighbours: a head word says nothing about the sense.
-    """
-    size = len(is_whole)
-    is_entity = recipes < size
-    cells = (np.nonzero(is_entity)[0], recipes[is_entity])
-    counts = np.ones(len(cells[0]))
-    # Which recipes have an entity, as ingredient or result; the product has all pairs of them.
-    members = sparse.csr_array((counts, cells), shape=(len(recipes), size))
-    shared = sparse.csr_array(members.T @ members)
-    shared.sort_indices()  # the order in which sums round
-    # Each neighbour counts once, however many recipes are shared.
-    links = (shared > 0).astype(float)
-    links.setdiag(0)
-    weights = np.array(is_whole, dtype=float)
-    links = links @ sparse.diags_array(weights)
-    links.eliminate_zeros()
-    # An entity without neighbours has a row of zeros, and not 0 / 0.
-    numbers = np.maximum(links.sum(1), 1)
-    return _scaled(links, 1 / numbers)
-
-
-def _sense_chances(
-    network: Network,
-    owner: Ids,
-    senses: Ids,
-    log_prior: NDArray[np.float64],
-    neighbours: sparse.csr_array,
-) -> NDArray[np.float64]:
-    """Return the probability of each sense among the senses of its entity, shape (S,).
-
-    The formula is that of the module; ``owner`` and ``senses``, shape (S,), are the entity and the
-    node of each sense.
-    """
-    texts = sense_texts(network, senses)
-    fields = np.array(network.fields)[senses]
-    # One is added to each field, so that none has probability 0.
-    in_all = 1 + np.bincount(fields)
-    chances = _softmax(log_prior, owner)
-    cells = (owner, np.arange(len(owner)))
-    shape = (neighbours.shape[0], len(owner))
-    for _ in range(_ROUNDS):
-        # An entity's text is the mean over its senses, (E, V); its context the mean over
-        # neighbours.
-        weights = sparse.csr_array((chances, cells), shape=shape)
-        entity_texts = weights @ texts
-        contexts = _units(neighbours @ entity_texts)
-        # Both are unit vectors, so the sum of products is the cosine.
-        products = texts.multiply(contexts[owner])
-        cosines = products.sum(1)
-        in_book = 1 + np.bincount(fields, chances)
-        # A field's share in the book over its share among all senses.
-        # In this order: the last bits of the shares depend on it.
-        ratio = in_book / in_book.sum() * in_all.sum() / in_all
-        log_ratio = np.log(ratio)
-        logs = log_prior + _CONTEXT * cosines + _FIELD * log_ratio[fields]
-        chances = _softmax(logs, owner)
-    return chances
-
-
-def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_array:
-    """Return word vectors of senses, by log counts and inverse document frequencies (idf).
-
-    Args:
-        network: the graph from outside the book, with definitions.
-        senses: node ids, shape (S,).
-        power: power of the idf; a larger power favours rare words.
-
-    Returns:
-        Unit vectors, shape (S, V): a sense's own text counts twice, the texts of direct neighbours
-        once. A sense without a word has a row of zeros.
-    """
-    words = network.word_counts
-    size = len(network.nodes)
-    is_linked = network.links() != 0
-    links = is_linked.astype(float)
-    number = len(senses)
-    cells = (np.arange(number), senses)
-    counts = np.ones(number)
-    # A row for each sense, with a 1 at its node.
-    sense_nodes = sparse.csr_array((counts, cells), shape=(number, size))
-    near = sense_nodes @ (links + links.T)
-    weights = 2 * sense_nodes + near
-    texts = weights @ words
-    # Logarithms: the second occurrence of a word says less than the first.
-    texts.data = np.log1p(texts.data)
-    # The matrix has a cell for each word in a node's text, so cells in a column count its
-    # documents.
-    documents = np.bincount(words.indices)
-    idf = np.log(size / (1 + documents))
-    texts.data *= idf[texts.indices] ** power
-    return _units(texts)
-
-
-def _softmax(logs: NDArray[np.float64], owner: Ids) -> NDArray[np.float64]:
-    """Return the softmax over the rows of each owner, shape (S,)."""
-    num_owners = owner.max() + 1
-    # Without the maximum first, exp would overflow.
-    highest = np.full(num_owners, -np.inf)
-    np.maximum.at(highest, owner, logs)
-    values = np.exp(logs - highest[owner])
-    sums = np.bincount(owner, values)
-    return values / sums[owner]
-
-
-def _units(matrix: sparse.csr_array) -> sparse.csr_array:
-    """Scale rows to length 1; zero rows stay zero."""
-    squares = matrix.multiply(matrix)
-    lengths = np.sqrt(squares.sum(1))
-    return _scaled(matrix, 1 / np.maximum(lengths, 1e-12))
-
-
-def _scaled(matrix: sparse.csr_array, factors: NDArray[np.float64]) -> sparse.csr_array:
-    """Multiply each row by its factor."""
-    return sparse.csr_array(sparse.diags_array(factors) @ matrix)

@@ -15,10 +15,9 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.artefacts import dump_json, staged_folder, with_a_name, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, as_values
 from wordcraft_kg.base.tensors import copied
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.runs.record import RunFiles, end_run, read_finished_run, start_run
 
 KNOWLEDGE = "knowledge.json"
@@ -218,27 +217,3 @@ def read_rows(files: RunFiles, name: str) -> list[list[str]]:
                 f"{files.folder / name}, line {number}: expected 3 columns. Make the folder again."
             )
     return rows
-
-
-def check_same_split(spec: str, opened: OpenedGraph) -> None:
-    """Check that a knowledge folder has not seen test recipes.
-
-    Train recipes of another split of the same graph decided between senses, and may be test recipes
-    here. Folders for another graph, or without a split, have seen none of this graph's recipes.
-
-    Args:
-        spec: the knowledge folder.
-        opened: graph and split of the training.
-
-    Raises:
-        ConfigError: if the folder was made with another split of the same graph.
-        ArtefactError: if the folder is unfinished, damaged or of another kind.
-    """
-    inputs = knowledge_files(spec).run.inputs
-    is_of_graph = inputs.get("graph") == opened.graph.hash
-    is_of_split = inputs.get("split", opened.split.hash) == opened.split.hash
-    if is_of_graph and not is_of_split:
-        raise ConfigError(
-            f"`with` '{spec}' was made with the train recipes of another split, which may be test "
-            "recipes here. Make the folder again from this graph folder."
-        )

@@ -114,10 +114,10 @@ def import_knowledge(
     overrides: Path | None = None,
     force: bool = False,
 ) -> ImportedKnowledge:
-    """Import a general graph for a recipe graph; test and validation recipes are not read.
+    """Import a general graph for a recipe graph; recipes are read for a warning alone.
 
     Args:
-        opened: recipe graph and split, whose train recipes decide between senses.
+        opened: recipe graph, and the split whose held-out triples the warning counts.
         kind: kind of the imported graph.
         path: WordNet's folder, ConceptNet's assertions, or a file of triples.
         out: the knowledge folder.
@@ -131,15 +131,13 @@ def import_knowledge(
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     entities = opened.graph.entities
-    # The part train alone: a choice by test recipes would leak these into the tables.
-    recipes = opened.split.sets("train")
     # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
     overriding = {} if overrides is None else read_overrides(overrides)
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
-        aligned = align(network, entities, recipes)
+        aligned = align(network, entities)
         # What a person says goes before what was found.
         alignment = with_overrides(aligned, network, entities, overriding)
         proposals = [
@@ -201,7 +199,6 @@ def import_knowledge(
     }
     inputs = {
         "graph": opened.graph.hash,
-        "split": opened.split.hash,
         **_hashes(path),
     }
     if overrides is not None:
@@ -313,10 +310,10 @@ def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
     rows = "\n".join(f"| {' | '.join(row)} |" for row in table)
     return (
         f"# Knowledge from {view.source}\n\n"
-        f"For graph `{opened.graph.hash[:12]}`, split `{opened.split.hash[:12]}`: "
+        f"For graph `{opened.graph.hash[:12]}`: "
         f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. "
         f"{view.triples:,} triples, {view.facts:,} facts, tables {', '.join(view.tables)}. "
-        "No validation or test recipe was read.\n\n"
+        "No recipe was used.\n\n"
         f"{rows}\n\n"
         f"{_LICENCES[kind]}\n"
     )

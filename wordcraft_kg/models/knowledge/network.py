@@ -4,11 +4,9 @@ The page docs/outside-knowledge.md says which graphs there are.
 """
 
 import re
-from array import array
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +29,8 @@ _ENDINGS = {
 
 Source: WordNet 3.0 manual, morphy(7).
 """
+
+
 _WORD = re.compile(r"[a-z0-9]+")
 
 
@@ -50,9 +50,6 @@ class Network:
         lemmas: names of each node, as a person would write them; empty if the node's name is all
             there is.
         glosses: definition of each node; empty without definitions.
-        fields: broad field of each node by number, such as food or feeling; empty if unknown.
-        counts: occurrences of each pair of spelling and node in sense-tagged text; empty if
-            unknown.
     """
 
     source: str
@@ -65,8 +62,6 @@ class Network:
     exceptions: Mapping[str, Sequence[str]] = field(default_factory=dict)
     lemmas: Sequence[Sequence[str]] = ()
     glosses: Sequence[str] = ()
-    fields: Sequence[int] = ()
-    counts: Mapping[tuple[str, int], int] = field(default_factory=dict)
 
     def singulars(self, text: str) -> Iterator[str]:
         """Yield possible base forms of a :func:`plain` text, by its last word: exceptions first."""
@@ -90,37 +85,12 @@ class Network:
                 return form
         return word
 
-    @cached_property
     def definitions(self) -> list[list[str]]:
         """The words of each gloss, in base forms."""
         # The same words occur in most definitions.
         base_form = cache(self.base_form)
         words_of = [_WORD.findall(plain(gloss)) for gloss in self.glosses]
         return [list(map(base_form, words)) for words in words_of]
-
-    @cached_property
-    def word_counts(self) -> sparse.csr_array:
-        """Numbers of the V different words in each node's definition and names, shape (N, V)."""
-        places: dict[str, int] = {}
-        # Arrays of C integers: lists of millions of Python integers would take ten times the
-        # memory.
-        rows = array("i")
-        columns = array("i")
-        counts = array("i")
-        base_form = cache(self.base_form)
-        for node, definition in enumerate(self.definitions):
-            words = Counter(definition)
-            for name in self.lemmas[node]:
-                words_of_name = plain(name).split()
-                words.update(map(base_form, words_of_name))
-            for word, count in words.items():
-                # A new word gets the next column.
-                column = places.setdefault(word, len(places))
-                rows.append(node)
-                columns.append(column)
-                counts.append(count)
-        shape = (len(self.nodes), len(places))
-        return sparse.csr_array((counts, (rows, columns)), shape=shape, dtype=float)
 
     def with_edges(self, relation: str, edges: Ids, weights: NDArray[np.float64]) -> "Network":
         """Return a network with a further relation.
@@ -131,22 +101,18 @@ class Network:
             weights: their weights, shape (M',).
 
         Returns:
-            A new network, which shares what was counted for this one.
+            A new network.
         """
         heads, tails = edges.T
         # The new relation gets the next id.
         between = np.full(len(edges), len(self.relations))
         rows = np.column_stack([heads, between, tails])
-        network = replace(
+        return replace(
             self,
             relations=(*self.relations, relation),
             edges=np.concatenate([self.edges, rows]),
             weights=np.concatenate([self.weights, weights]),
         )
-        # Definitions are the same, so words that were counted for this network need no second
-        # count: cached properties lie among the variables.
-        vars(network).update(vars(self) | vars(network))
-        return network
 
     def ids_of(self, names: Sequence[str]) -> list[int]:
         """Return the ids of relations by name; names that the network lacks are ignored."""

@@ -31,7 +31,6 @@ from wordcraft_kg.models.knowledge.books import (
 from wordcraft_kg.models.knowledge.folder import (
     KNOWLEDGE,
     TABLES,
-    check_same_split,
     knowledge_files,
     read_knowledge,
 )
@@ -156,11 +155,10 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource
         tables: tables of the folders before; changed in place.
 
     Raises:
-        ConfigError: if the folder describes none of the entities, or is of another split.
+        ConfigError: if the folder describes none of the entities.
         ArtefactError: if the folder is incomplete or damaged.
     """
     entities = opened.graph.entities
-    check_same_split(spec, opened)
     knowledge = read_knowledge(spec)
     name = knowledge.record.source
     coverage = knowledge.coverage(entities)
@@ -316,10 +314,6 @@ def join_books(
         without = Folds(opened.split, folds, 0, np.full(number, OUTSIDE), no_recipe)
         sources = open_outside(specs, opened, features, allow_missing=allow_missing)
         return JointBook(opened, torch.arange(own_graph.num_entities), without, sources)
-    # Before the books are joined: the joint graph's split has no test part to compare with.
-    for spec in specs:
-        if (Path(spec) / KNOWLEDGE).is_file():
-            check_same_split(spec, opened)
     joint, place = joined(books, opened)
     no_books = [spec for spec in specs if not is_book(spec)]
     if no_books:

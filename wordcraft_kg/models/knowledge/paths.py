@@ -1,4 +1,4 @@
-"""Tables over pairs of entities from an aligned graph: paths, parts and definitions.
+"""Tables over pairs of entities from an aligned graph: paths and parts.
 
 Let S, shape (E, N), hold the confidence of each entity's node, and let A, shape (N, N), hold
 weights of edges from heads to tails. All tables have values from 0 to 1, and 0 on the diagonal:
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from wordcraft_kg.models.knowledge.alignment import HEAD_WORD, Alignment, sense_texts
+from wordcraft_kg.models.knowledge.alignment import HEAD_WORD, Alignment
 from wordcraft_kg.models.knowledge.folder import TableInfo
 from wordcraft_kg.models.knowledge.network import Network, plain
 
@@ -54,7 +54,7 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     """
     phrases = _phrases(network, alignment, entities)
     # Sorted, because sets have no order that is the same in every process.
-    mentions = sorted(_mentions(network.definitions, phrases))
+    mentions = sorted(_mentions(network.definitions(), phrases))
     rows = np.array(mentions, dtype=np.int64)
     # Without mentions, the reshape makes two columns all the same.
     edges = rows.reshape(-1, 2)
@@ -147,11 +147,10 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
 
 
 def make_tables(network: Network, alignment: Alignment) -> list[Table]:
-    """Return the tables that a network allows.
+    """Return the tables of a network: ``paths``, and ``part`` if it tells of parts.
 
-    These are ``paths`` and ``part``, and with definitions ``texts`` and ``mentions``. A network
-    without definitions has ``forward`` instead: walks of 1 and 2 steps from the ingredient to the
-    result along the edges' directions.
+    A network without definitions has ``forward`` besides: walks of 1 and 2 steps from the
+    ingredient to the result along the edges' directions.
 
     Args:
         network: the network; if it has definitions, also with edges :data:`DESCRIBED_BY`.
@@ -166,30 +165,10 @@ def make_tables(network: Network, alignment: Alignment) -> list[Table]:
     if network.ids_of([*PART_OF, *HAS_PART]):
         parts = _parts(network, confidences)
         tables.append(_named("part", parts, "{ingredient} is part of {result}"))
-    if network.glosses:
-        alike = _alike_texts(network, alignment)
-        tables.append(_named("texts", alike, "{ingredient} is defined similarly to {result}"))
-        descriptions = network.links([DESCRIBED_BY])
-        # From a result to the ingredients in its definition, so the table is turned round.
-        described = confidences @ descriptions @ confidences.T
-        mentions = described.toarray().T
-        tables.append(_named("mentions", mentions, "{result} is described by {ingredient}"))
-    else:
+    if not network.glosses:
         forward = _damped(_forward_walks(network, confidences))
         tables.append(_named("forward", forward, "{ingredient} leads to {result}"))
     return tables
-
-
-def _alike_texts(network: Network, alignment: Alignment) -> Floats:
-    """Return cosines between the texts of entities' nodes, shape (E, E); 0 without a node."""
-    # Entities without a node get the text of node 0, and are masked afterwards.
-    nodes = np.maximum(alignment.nodes, 0)
-    texts = sense_texts(network, nodes, power=2)
-    products = texts @ texts.T
-    cosines = products.toarray()
-    # By column and by row: both entities of a pair need a node.
-    is_known = alignment.nodes >= 0
-    return np.asarray(cosines * is_known * is_known[:, None])
 
 
 def _forward_walks(network: Network, confidences: sparse.csr_array) -> list[Floats]:
@@ -232,8 +211,7 @@ def _named(name: str, values: Floats, phrase: str) -> Table:
 def _parts(network: Network, confidences: sparse.csr_array) -> Floats:
     """Return how directly a row is part of a column, shape (E, E).
 
-    In a network with definitions, parts are inherited from classes, with half the weight for each
-    step.
+    In WordNet, parts are inherited from classes, with half the weight for each step.
     """
     upward = (network.links(IS_A) != 0).astype(float)
     reach = confidences

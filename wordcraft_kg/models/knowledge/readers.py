@@ -1,8 +1,4 @@
-"""Read ConceptNet assertions, and files of triples, line by line; plain or gzipped.
-
-A line of triples is a row of a table or a statement of RDF (N-Triples). Nothing is guessed beyond
-the separator: columns stand in the order of a header, or are head, relation, tail and perhaps a
-weight.
+"""Read ConceptNet assertions, and tables of triples, line by line; plain or gzipped.
 
 Memory holds nodes and edges, about 150 bytes for a new node and 30 for an edge, never the lines.
 
@@ -10,14 +6,10 @@ The page docs/outside-knowledge.md describes the formats.
 """
 
 import csv
-import re
 from array import array
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, NamedTuple
-from urllib.parse import unquote
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -26,43 +18,15 @@ from wordcraft_kg.base.artefacts import read_lines
 from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 
-HEADER = ["head", "relation", "tail"]
+HEADER = ("head", "relation", "tail")
 """Header of the files that the product writes."""
-_ROLES = {
-    "head": 0,
-    "subject": 0,
-    "source": 0,
-    "relation": 1,
-    "predicate": 1,
-    "tail": 2,
-    "object": 2,
-    "target": 2,
-    "weight": 3,
-}
-"""Words of a header, by the place of their column in a triple."""
-_SEPARATORS = ",;|"
-"""Separators of columns in a file without tabs."""
 HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 EXPECTED = (
-    "expected head, relation, tail and perhaps a positive weight, separated by tabs, commas, "
-    "semicolons or |, or N-Triples, in UTF-8. `wordcraft-kg export --format tsv` and "
-    "DataFrame.to_csv of pandas write such a table, Graph.serialize(format='nt') of rdflib "
-    "N-Triples"
+    "expected head, relation and tail with tabs between them, or below a header with these names "
+    "and perhaps weight (positive numbers), with tabs or commas, in UTF-8. "
+    "`wordcraft-kg export --format tsv` and DataFrame.to_csv of pandas write such a table"
 )
-_ESCAPE = r"""\\[tbnrf"'\\]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8}"""
-_STATEMENT = re.compile(
-    r"\s*(?:<([^<>\s]+)>|(_:\S+))"  # subject: an IRI or a blank node
-    r"\s+<([^<>\s]+)>"  # predicate
-    r'\s+(?:<([^<>\s]+)>|(_:\S+)|"((?:[^"\\]|'
-    + _ESCAPE
-    + r')*)"(?:@[\w-]+|\^\^<[^<>\s]*>)?)'  # object
-    r"\s*\.\s*(?:#.*)?"
-)
-_NAMING = {"label", "prefLabel", "altLabel", "name"}
-"""Predicates (RDFS, SKOS, schema.org and others) whose object is a name of the subject."""
-
-
 _USELESS = {
     b"/r/ExternalURL",
     b"/r/FormOf",
@@ -119,52 +83,46 @@ def read_conceptnet(path: Path) -> Network:
 
 
 def read_triples(path: Path) -> Network:
-    """Read a table of triples, perhaps with weights and a header, or N-Triples.
+    """Read a table of triples: tabs between head, relation and tail, or a header with these names.
+
+    A header may have the columns in any order, and a weight. Its columns are separated by tabs, or
+    by commas with quotation marks where a cell holds a comma.
 
     Raises:
-        KnowledgeFileError: if the file cannot be read, has no triple, has a wrong line (the error
-            names the line), or has columns in another order.
+        KnowledgeFileError: if the file cannot be read, has no triple, or has a wrong line (the
+            error names the line).
     """
     collected = _Collected(path)
-    names = defaultdict[str, list[str]](list)
-    parse: Parser | None = None
+    header: list[str] = []
+    has_tabs = False
     for number, line in _lines(path):
         try:
             text = line.decode().strip("\r\n")
-            parse = parse or parser_of(text)
-            parsed = parse(text)
-        except UnicodeError:
-            raise _fault(path, number, f"the line is not UTF-8; {EXPECTED}") from None
-        except (ValueError, csv.Error) as error:
+            # The header decides: a label in a row may hold either character.
+            has_tabs = has_tabs or (not header and "\t" in text)
+            cells = text.split("\t") if has_tabs else next(csv.reader([text]))
+            row = [" ".join(cell.split()) for cell in cells]
+            if not header:
+                header = [name.casefold() for name in row]
+                if sorted(header) in (sorted(HEADER), sorted((*HEADER, "weight"))):
+                    continue
+                # Our exports, and data sets of link prediction, have tabs and no header.
+                if not has_tabs or not set(HEADER).isdisjoint(header):
+                    raise ValueError
+                header = list(HEADER)
+            by_name = dict(zip(header, row, strict=True))
+            weight = float(by_name.get("weight", 1))
+            # Not a number fails both comparisons.
+            if not all(row) or not 0 < weight < HEAVIEST:
+                raise ValueError
+        except (ValueError, csv.Error):
             shown = line[:80].decode(errors="replace").strip()
-            raise _fault(path, number, f"'{shown}'; {error}") from None
-        if isinstance(parsed, Name):
-            names[parsed.node].append(parsed.text)
-        elif parsed is not None:
-            collected.add(parsed.head, parsed.relation, parsed.tail, parsed.weight)
-    if isinstance(parse, Table) and not parse.header:
-        collected.check_columns()
+            raise _fault(path, number, f"'{shown}'; {EXPECTED}") from None
+        head, relation, tail = (by_name[name].encode() for name in HEADER)
+        collected.add(head, relation, tail, weight)
     # The name of the file, without .tsv and .gz, is the source's.
     source, _, _ = path.name.partition(".")
-    network = collected.network(source or "triples", "other")
-    return network if isinstance(parse, Table) else _named(network, names)
-
-
-def _named(network: Network, names: Mapping[str, Sequence[str]]) -> Network:
-    """Name nodes of RDF by their labels, or the last parts of their IRIs.
-
-    Nodes of one name keep their IRIs; each is a sense of the name.
-    """
-    names_of = [names.get(iri) or [local_name(iri)] for iri in network.nodes]
-    counts = Counter(network.nodes)
-    counts.update(spelled[0] for spelled in names_of)
-    nodes = []
-    spellings = defaultdict[str, list[int]](list)
-    for node, (iri, spelled) in enumerate(zip(network.nodes, names_of, strict=True)):
-        nodes.append(spelled[0] if counts[spelled[0]] == 1 else iri)
-        for text in dict.fromkeys(map(plain, spelled)):
-            spellings[text].append(node)
-    return replace(network, nodes=nodes, spellings=spellings)
+    return collected.network(source or "triples", "other")
 
 
 class _Collected:
@@ -194,32 +152,6 @@ class _Collected:
         tail_id = nodes.setdefault(tail, len(nodes))
         self.ids.extend((head_id, relation_id, tail_id))
         self.weights.append(weight)
-
-    def check_columns(self) -> None:
-        """Check that a file without a header has head, relation and tail in this order.
-
-        Raises:
-            KnowledgeFileError: if the first triple may be a header, or if relations are also
-                nodes, as in a recipe book.
-        """
-        remedy = "Put the line 'head', 'relation', 'tail' above the columns, in their order."
-        ids = np.frombuffer(self.ids, np.int32).reshape(-1, 3)
-        numbers_of_nodes = np.bincount(ids[:, ::2].ravel(), minlength=2)
-        is_apart = (ids[:, 1] == 0).sum() == 1 and (numbers_of_nodes[:2] == 1).all()
-        # In a file without any repeated relation, every line looks like a header.
-        if len(ids) > len(self.relations) and is_apart:
-            raise KnowledgeFileError(
-                f"{self.path}: no other line has a name of the first line, so it may be a header; "
-                f"expected triples, perhaps below head, relation, tail. {remedy}"
-            )
-        names_of_nodes = [name for name in self.relations if name in self.nodes]
-        if 2 * len(names_of_nodes) > len(self.relations):
-            example = names_of_nodes[0].decode()
-            raise KnowledgeFileError(
-                f"{self.path}: {len(names_of_nodes):,} of {len(self.relations):,} relations, such "
-                f"as '{example}', are also heads or tails; expected head, relation, tail in this "
-                f"order. {remedy} A recipe book is for `train-recipes --with`."
-            )
 
     def network(self, source: str, prefix: str) -> Network:
         """Return the edges as a network; w, the sum of an edge's weights, becomes log(1 + w).
@@ -279,156 +211,3 @@ def _fault(path: Path, line: int, problem: str) -> KnowledgeFileError:
     return KnowledgeFileError(
         f"{path}, line {line:,}: {problem}. Restore a copy of the file, or correct the line."
     )
-
-
-# --- a line of a file of triples ------------------------------------------------------------------
-
-
-class Triple(NamedTuple):
-    """An edge, with names in UTF-8 for the memory.
-
-    Attributes:
-        head: name of a node.
-        relation: name of a relation.
-        tail: name of a node.
-        weight: positive weight.
-    """
-
-    head: bytes
-    relation: bytes
-    tail: bytes
-    weight: float
-
-
-class Name(NamedTuple):
-    """A name of a node, such as its label in RDF.
-
-    Attributes:
-        node: the node.
-        text: its name.
-    """
-
-    node: str
-    text: str
-
-
-Parser = Callable[[str], Triple | Name | None]
-"""Parses a line; None for a line without content, such as a header or a comment."""
-
-
-@dataclass(frozen=True)
-class Table:
-    """The columns of a table.
-
-    Attributes:
-        separator: character between columns.
-        is_quoted: whether quotation marks enclose cells.
-        places: places of head, relation, tail and perhaps a weight in a row; empty for the usual
-            order.
-        header: the line that names the columns; "" without one.
-    """
-
-    separator: str
-    is_quoted: bool
-    places: tuple[int, ...] = ()
-    header: str = ""
-
-    def __call__(self, line: str) -> Triple | None:
-        """Parse a row; None for the header."""
-        if line == self.header:
-            return None
-        cells = self.cells(line)
-        if self.places and len(cells) != len(self.places):
-            raise ValueError(f"expected {len(self.places)} columns, as in the header")
-        if self.places:
-            cells = [cells[place] for place in self.places]
-        if len(cells) not in (3, 4) or not all(cells):
-            raise ValueError(EXPECTED)
-        head, relation, tail = (cell.encode() for cell in cells[:3])
-        weight = _weight(cells[3]) if len(cells) == 4 else 1.0
-        return Triple(head, relation, tail, weight)
-
-    def cells(self, line: str) -> list[str]:
-        """Split a line into cells with single blanks."""
-        if self.is_quoted:
-            (row,) = csv.reader([line], delimiter=self.separator, skipinitialspace=True)
-        else:
-            row = line.split(self.separator)
-        return [" ".join(cell.split()) for cell in row]
-
-
-def parser_of(line: str) -> Parser:
-    """Choose the parser of a file by its first line that is not blank."""
-    if line.lstrip().startswith(("<", "_:", "#")):
-        return _statement
-    if "\t" in line:
-        # By the second cell: labels may begin with a quotation mark, relations do not.
-        _, relation, *_ = line.split("\t")
-        table = Table("\t", is_quoted=relation.startswith('"'))
-    else:
-        tables = [Table(separator, is_quoted=True) for separator in _SEPARATORS]
-        fitting = [table for table in tables if len(table.cells(line)) in (3, 4)]
-        if len(fitting) != 1:
-            raise ValueError(EXPECTED)
-        (table,) = fitting
-    names = [cell.casefold() for cell in table.cells(line)]
-    roles = [_ROLES[name] for name in names if name in _ROLES]
-    if len(roles) < 2:
-        return table
-    is_whole = len(roles) == len(names) and sorted(roles) in ([0, 1, 2], [0, 1, 2, 3])
-    if not is_whole:
-        raise ValueError("expected the columns head, relation, tail and perhaps weight, no others")
-    places = sorted(range(len(roles)), key=roles.__getitem__)
-    if places == [0, 1, 2]:
-        # In the usual order, a weight may follow without a name.
-        places = []
-    return Table(table.separator, table.is_quoted, tuple(places), line)
-
-
-def _weight(text: str) -> float:
-    """Return a weight, or raise a ValueError."""
-    try:
-        weight = float(text)
-    except ValueError:
-        weight = 0.0
-    # Not a number fails both comparisons.
-    if not 0 < weight < HEAVIEST:
-        raise ValueError(EXPECTED)
-    return weight
-
-
-def _statement(line: str) -> Triple | Name | None:
-    """Parse a statement in N-Triples.
-
-    Literals that name nothing are left out, and so are the recipe nodes of our own export: their
-    triples stand beside them.
-    """
-    if not line.strip() or line.lstrip().startswith("#"):
-        return None
-    match = _STATEMENT.fullmatch(line)
-    if match is None:
-        raise ValueError("expected a statement of N-Triples, such as <urn:a> <urn:b> <urn:c> .")
-    subject_iri, subject_blank, predicate, object_iri, object_blank, literal = match.groups()
-    subject = subject_iri or subject_blank
-    relation = local_name(predicate)
-    if literal is None:
-        entity = object_iri or object_blank
-        return Triple(subject.encode(), relation.encode(), entity.encode(), 1.0)
-    if relation not in _NAMING:
-        return None
-    # The codec reads the escapes of N-Triples; characters that Latin-1 lacks become such escapes.
-    text = literal.encode("latin-1", "backslashreplace").decode("unicode_escape")
-    # Half a character from an escape such as \ud800 is no text.
-    text.encode()
-    return Name(subject, " ".join(text.split()))
-
-
-def local_name(iri: str) -> str:
-    """Return the last part of an IRI as text: Family_tree of http://example.org/Family_tree."""
-    if iri.startswith("_:"):
-        # A blank node has no name: its text means nothing outside the file.
-        return iri
-    separators = "[/#]" if re.search("[/#]", iri) else ":"
-    *_, last = re.split(separators, iri.rstrip("/#:"))
-    decoded = unquote(last)
-    return " ".join(decoded.split()) or iri

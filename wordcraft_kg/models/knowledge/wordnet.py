@@ -5,8 +5,7 @@ Only nouns have spellings; verbs, adjectives and adverbs link nouns, as *bake* l
 
 The page docs/outside-knowledge.md says where the files come from.
 
-Source: WordNet 3.0 manual, wndb(5) for the formats and senseidx(5) for the sense keys in
-``cntlist.rev``.
+Source: WordNet 3.0 manual, wndb(5).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -43,12 +42,8 @@ The rest are inverses, which would be duplicates, or say nothing about things.
 """
 _RELATIONS = tuple(dict.fromkeys(_POINTERS.values()))
 _SYMMETRIC = {_RELATIONS.index(name) for name in ("relatedForm", "antonym", "attribute", "similar")}
-_FIELDS = [f"{number:02d}" for number in range(45)]
-"""Numbers of the lexicographer files: broad fields, such as food or feeling."""
-_MOST_OCCURRENCES = 10**9
-"""More than any sense-tagged corpus has words; sums of counts stay exact."""
 NEEDED = ("data.noun", "index.noun")
-"""Files without which a folder is refused; the others add verbs, irregular plurals and counts."""
+"""Files without which a folder is refused; the others add verbs and irregular plurals."""
 _Key = tuple[str, str]
 """Part of speech and offset, which name a synset."""
 T = TypeVar("T")
@@ -59,14 +54,12 @@ class _Synset(NamedTuple):
 
     Attributes:
         offset: the name of the synset among those of its part of speech.
-        field: number of its broad field.
         lemmas: its names.
         gloss: its definition without examples.
         pointers: relation ids and targets.
     """
 
     offset: str
-    field: int
     lemmas: list[str]
     gloss: str
     pointers: list[tuple[int, _Key]]
@@ -103,14 +96,6 @@ def read_wordnet(folder: Path) -> Network:
         # Several lemmas may have one plain spelling, such as x-ray and x_ray.
         spelled = spellings.setdefault(plain(lemma), [])
         spelled += [node for node in senses_of_lemma if node not in spelled]
-    counts = {}
-    for _, (lemma, place, count) in _parsed(
-        folder, "cntlist.rev", _count, "a sense with its count"
-    ):
-        senses_of_lemma = senses.get(lemma, [])
-        # Debian's file names a few senses of old versions, which are skipped.
-        if place < len(senses_of_lemma):
-            counts[plain(lemma), senses_of_lemma[place]] = count
     plurals = _parsed(folder, "noun.exc", _exception, "a plural that has a base form")
     return Network(
         source="WordNet",
@@ -123,8 +108,6 @@ def read_wordnet(folder: Path) -> Network:
         exceptions={plural: singulars for _, (plural, singulars) in plurals},
         lemmas=[synset.lemmas for synset in synsets],
         glosses=[synset.gloss for synset in synsets],
-        fields=[synset.field for synset in synsets],
-        counts=counts,
     )
 
 
@@ -225,7 +208,7 @@ def _synset(line: str) -> _Synset:
     """
     synset, bar, gloss = line.partition("|")
     columns = synset.split()
-    offset, field, _, num_words, *_ = columns
+    offset, _, _, num_words, *_ = columns
     # A word and its id, for each word; four columns for each pointer, behind their number.
     end = 4 + 2 * int(num_words, 16)
     words = columns[4:end:2]
@@ -245,7 +228,7 @@ def _synset(line: str) -> _Synset:
     lemmas = [word.partition("(")[0].replace("_", " ") for word in words]
     # The definition without the examples, which begin with quotes.
     definition, _, _ = gloss.partition('; "')
-    return _Synset(offset, _FIELDS.index(field), lemmas, definition.strip(), pointers)
+    return _Synset(offset, lemmas, definition.strip(), pointers)
 
 
 def _entry(line: str) -> tuple[str, list[str]]:
@@ -269,15 +252,3 @@ def _exception(line: str) -> tuple[str, list[str]]:
     if not singulars:
         raise ValueError
     return plural, singulars
-
-
-def _count(line: str) -> tuple[str, int, int]:
-    """Parse a sense in sense-tagged text: lemma, place of the sense, and count; nouns alone."""
-    key, sense, count = line.split()
-    lemma, kind = key.split("%")
-    place = int(sense) - 1
-    occurrences = int(count)
-    if place < 0 or not 0 <= occurrences <= _MOST_OCCURRENCES:
-        raise ValueError
-    # A sense key begins with the part of speech: 1 for nouns. No noun has so many senses.
-    return lemma, place if kind[0] == "1" else _MOST_OCCURRENCES, occurrences

@@ -32,7 +32,6 @@ from wordcraft_kg.graphs.train_samples import (
     is_subsample,
 )
 from wordcraft_kg.graphs.triples import RELATIONS, triples_hash
-from wordcraft_kg.models.knowledge.folder import check_same_split
 from wordcraft_kg.models.links.builders import (
     check_table_fits,
     make_training_loop,
@@ -312,8 +311,6 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             ArtefactError: if a knowledge folder is incomplete or damaged.
         """
         folders = getattr(config.settings, "with_", ())
-        for folder in folders:
-            check_same_split(folder, opened)
         self.outside = read_outside(folders, opened.graph.entities)
         num_nodes = opened.graph.num_entities
         if self.outside:

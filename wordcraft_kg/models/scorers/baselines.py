@@ -1,4 +1,4 @@
-"""Baseline scorers without learning: facts, counts, neighbours and votes.
+"""Baseline scorers without learning: facts, counts, neighbours, votes and the recipe kernel.
 
 The page docs/evidence/baselines.md measures them.
 """
@@ -8,12 +8,17 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids, different_ingredients
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.factors import TableScorer
+from wordcraft_kg.models.scorers.kernel import completion, profiles
+from wordcraft_kg.models.scorers.neighbours.regression import link_factors
 from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
 
 
@@ -145,6 +150,9 @@ class NeighbourScorer(TableScorer):
         super().__init__(scores, graph.entities, graph.hash, **kwargs)
 
 
+_COMPLETION = 0.5
+"""Weight of completion in the recipe kernel."""
+_TINY = 1e-12
 _UNSEEN = 0.01
 """Pseudo-count for an ingredient in no known recipe with the result; ranks hardly depend on it."""
 
@@ -267,3 +275,53 @@ class VoteScorer(Scorer):
         tables[COMBINES_WITH] = all_pairs.log()
         tables[COMPONENT_OF] = components.log()
         return tables
+
+
+class KernelScorer(TableScorer):
+    """A link scorer by kernel ridge regression: a closed-form solution without training steps.
+
+    Both scores are the standardised regression of :func:`~.neighbours.regression.link_factors` by
+    similarities; combinesWith adds half the standardised :func:`~.kernel.completion`, a score for
+    ingredient pairs by known pairs with the same result. Do not pass test recipes.
+    """
+
+    def __init__(
+        self,
+        graph: RecipeGraph,
+        recipes: Ids,
+        vectors: NDArray[np.floating] | None = None,
+        **kwargs: Any,
+    ):
+        """Compute the score table from training recipes.
+
+        Args:
+            graph: the graph that the ids belong to.
+            recipes: training recipes, ids (n, 3), such as ``split.recipes("train")``.
+            vectors: the entities' word vectors, shape (E, D), zeros for unknown words; None for
+                scores by recipes alone.
+            kwargs: ``device`` and ``name``, as in ``Scorer``.
+
+        Raises:
+            ConfigError: if the graph is too large for a score table, or the vectors do not have a
+                row for each entity.
+        """
+        size = graph.num_entities
+        check_table("the recipe kernel", size)
+        if vectors is None:
+            vectors = np.zeros((size, 0))
+        if vectors.ndim != 2 or len(vectors) != size:
+            raise ConfigError(
+                f"`vectors` have shape {vectors.shape}; expected {size:,} rows, a row per entity. "
+                "Make vectors from the graph's labels, by make_features."
+            )
+        norms = np.linalg.norm(vectors, axis=1, keepdims=True)
+        units = (vectors / np.maximum(norms, _TINY)).astype(np.float32)
+        rows = profiles(recipes, size).astype(np.float32)
+        factors, _ = link_factors(recipes, rows, units)
+        # Both terms are standardised first: their scales have nothing to do with each other.
+        combines = standardised(factors.pair_left @ factors.right.T)
+        combines += _COMPLETION * standardised(completion(recipes, size).numpy())
+        component = standardised(factors.left @ factors.right.T)
+        scores = torch.from_numpy(np.stack([combines, component])).float()
+        settings = {"name": "recipe kernel", **kwargs}
+        super().__init__(scores, graph.entities, graph.hash, **settings)

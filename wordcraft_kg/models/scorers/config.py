@@ -50,62 +50,47 @@ def check_table(what: str, num_entities: int) -> None:
 
 _PROGRAM = 1_200 * 2**20
 """Memory for Python, torch, SciPy, compiled loops, and queries that wait for their fit."""
-_FINISHED_BY_ENTITY = 200 * 8 + (32 + 40 + 64) * 12 + 6 * 4 * 256 + 2 * 128
-"""Bytes of a finished set of lists by entity: neighbours, supporting recipes, factors, signatures.
-"""
-_FINISHED_BY_RECIPE = 320
-"""Bytes of a finished set by recipe: hash tables, which a quarter to an eighth of the places fill.
-"""
-_BY_ENTITY = _FINISHED_BY_ENTITY + 4 * 256 + 2_000
-"""Bytes of a set of lists by entity while it is made: coordinates, and profiles.
+_BY_ENTITY = 12_700
+"""Bytes of a set of lists by entity while it is made, without word vectors.
 Measured for 60,000 entities: 13,200 with 5.8 recipes each."""
 _BY_RECIPE = 450
 """Bytes of a set by recipe while it is made: profiles while neighbours are searched."""
+_FINISHED = 0.75
+"""Share that a finished set keeps."""
 _EXAMPLES = 4 * 8_000 * 55 * 45 * 4
 """Bytes of the features from which the rankers of a fit learn."""
 _OF_ENCODER = 4 * (192 + 128 + 1)
 """Bytes of an entity's own vectors in a pair encoder, while it is fitted."""
-_STEP = 300 * 2**20
-"""Bytes of a step of its fit."""
-_RESULTS = 2_000 * 128 * 2 * 55 * 4
-"""Bytes of the features from which a ranker of results learns."""
+_STEP = 410 * 2**20
+"""Bytes of a step of its fit, and of the features from which a ranker of results learns."""
 
 
-def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> int:
-    """Return the number of bytes of memory that a fit by neighbour lists takes, about.
+def fitting_bytes(
+    num_entities: int,
+    num_recipes: int,
+    dim: int,
+    workers: int,
+    encoders: int = 0,
+) -> int:
+    """Return the number of bytes of memory that the fits of a recipe scorer take, about.
 
     Args:
         num_entities: entities in the graph.
         num_recipes: training recipes.
         dim: length of a word vector.
-        workers: sets of lists, and fits, that are made at once.
+        workers: sets of lists, encoders and fits that are made at once.
+        encoders: pair encoders in all.
     """
-    vector_bytes = 4 * dim
-    unfinished = num_entities * (_BY_ENTITY + vector_bytes)
-    unfinished += num_recipes * _BY_RECIPE
+    vector_bytes = 4 * dim * num_entities
+    lists = num_entities * _BY_ENTITY + vector_bytes + num_recipes * _BY_RECIPE
     # One more set than workers: that of the scorer which is being saved.
-    finished = num_entities * (_FINISHED_BY_ENTITY + vector_bytes)
-    finished += num_recipes * _FINISHED_BY_RECIPE
-    return _PROGRAM + workers * (unfinished + _EXAMPLES) + finished
-
-
-def encoder_bytes(num_entities: int, dim: int, workers: int, encoders: int) -> int:
-    """Return the number of further bytes of memory that pair encoders take, about.
-
-    Args:
-        num_entities: entities in the graph.
-        dim: length of a word vector.
-        workers: encoders that are fitted at once.
-        encoders: encoders in all.
-    """
-    # Each vector has two averages and a gradient, 4 arrays in all.
-    vectors = 4 * num_entities * _OF_ENCODER
-    fitted = workers * (vectors + _STEP + _RESULTS)
-    # A finished encoder has half precision.
-    finished = encoders * num_entities * _OF_ENCODER // 2
-    # 4 bytes for a number of a word vector.
-    words = 4 * num_entities * dim
-    return fitted + finished + words
+    num_bytes = _PROGRAM + workers * _EXAMPLES + int((workers + _FINISHED) * lists)
+    if encoders:
+        own = num_entities * _OF_ENCODER
+        # A vector that is fitted has two averages and a gradient; a finished one is rounded to
+        # half.
+        num_bytes += vector_bytes + workers * (4 * own + _STEP) + encoders * own // 2
+    return num_bytes
 
 
 def fitting_workers(
@@ -129,9 +114,7 @@ def fitting_workers(
     """
     available = memory()
     for workers in range(most, 0, -1):
-        num_bytes = lists_bytes(num_entities, num_recipes, dim, workers)
-        if encoders:
-            num_bytes += encoder_bytes(num_entities, dim, workers, encoders)
+        num_bytes = fitting_bytes(num_entities, num_recipes, dim, workers, encoders)
         if num_bytes <= available:
             return workers
     without_encoder = ", or `encoder` off" if encoders else ""

@@ -337,7 +337,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
             test part.
 
     Example:
-        >>> from wordcraft_kg.models.scorers.kernel import KernelScorer
+        >>> from wordcraft_kg.models.scorers.baselines import KernelScorer
         >>> split = open_graph("kitchen").split
         >>> cross_fit(split, lambda recipes: KernelScorer(split.graph, recipes), folds=3).count
         3

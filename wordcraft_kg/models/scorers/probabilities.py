@@ -75,8 +75,8 @@ A curve has at most four parameters; more would take minutes in a book of millio
 """
 _MIN_TRUE = 10
 """Fewest true and fewest false triples for a curve; below, only the base rate is fitted."""
-_MIN_GAIN = 3.0
-"""Minimum gain over the base rate on held-out folds, in nats."""
+_NO_SLOPE = 1e-6
+"""Largest slope that counts as none."""
 _KNOTS = 257
 """Stored scores that map a model's scores to log-odds."""
 _RIDGE = 1e-3
@@ -627,9 +627,6 @@ def fit_curve(
 ) -> Curve:
     """Fit a probability curve to score histograms, or only the base rate if scores say nothing.
 
-    Scores count as informative if a curve fitted to all other folds predicts each fold better than
-    the base rate, by :data:`_MIN_GAIN` nats in all.
-
     Args:
         positives: shape (K, B): the folds' triples by fold and bin of :data:`LOG_ODDS`.
         unlabelled: shape (K, B): the remaining triples, which include unknown true triples.
@@ -639,51 +636,38 @@ def fit_curve(
     Returns:
         the curve for the model trained on all folds.
     """
-    num_positives = float(positives.sum())
-    total = num_positives + float(unlabelled.sum())
+    # Together the folds are a single kind.
+    labelled = positives.sum(axis=0, keepdims=True)
+    is_rest = unlabelled.sum(axis=0, keepdims=True)
+    num_positives = float(labelled.sum())
+    total = num_positives + float(is_rest.sum())
+    base = _base(labelled, is_rest, share)
     # The main model has seen the folds' triples, so only the share 1 - c of the true triples is
     # left.
     shift = math.log1p(-share)
-    inputs = _segments(LOG_ODDS.centres, num_slopes)
-
-    def fitted(folds: NDArray[np.bool_]) -> _Floats:
-        """Return α and all β_i of the folds in a mask (K,)."""
-        # Together the folds are a single kind.
-        labelled = positives[folds].sum(axis=0, keepdims=True)
-        is_rest = unlabelled[folds].sum(axis=0, keepdims=True)
-        start = [_base(labelled, is_rest, share)] + [0.1] * num_slopes
-        return fit_sigmoid(labelled, is_rest, inputs, start, share=share)
-
-    def log_likelihood(log_odds: _Floats | float, fold: int) -> float:
-        """Return the log-likelihood of a fold's counts, in nats."""
-        chance = share * expit(log_odds) * np.ones(len(inputs))
-        return float(positives[fold] @ np.log(chance) + unlabelled[fold] @ np.log1p(-chance))
-
-    start = _base(positives, unlabelled, share) + shift
-    base = Curve(
-        intercept=start, rate=float(expit(start)), true=round(num_positives), cells=round(total)
+    curve = Curve(
+        intercept=base + shift,
+        rate=float(expit(base + shift)),
+        true=round(num_positives),
+        cells=round(total),
     )
     if min(num_positives, total - num_positives) < _MIN_TRUE:
         reason = (
             f"{num_positives:,.0f} true triples among {total:,.0f} are too few for more than a "
             "base rate"
         )
-        return msgspec.structs.replace(base, reason=reason)
-    gain = 0.0
-    every_fold = np.arange(len(positives))
-    for fold in range(len(positives)):
-        is_rest = every_fold != fold
-        intercept, *slopes = fitted(is_rest)
-        gain += log_likelihood(intercept + inputs @ np.array(slopes), fold)
-        gain -= log_likelihood(_base(positives[is_rest], unlabelled[is_rest], share), fold)
-    if gain < _MIN_GAIN:
+        return msgspec.structs.replace(curve, reason=reason)
+    inputs = _segments(LOG_ODDS.centres, num_slopes)
+    start = [base] + [0.1] * num_slopes
+    intercept, *slopes = fit_sigmoid(labelled, is_rest, inputs, start, share=share).tolist()
+    # Bounded by 0, where the search ends up to rounding.
+    if max(slopes) < _NO_SLOPE:
         reason = (
             f"scores do not separate the {num_positives:,.0f} true triples of left-out folds from "
             "false triples"
         )
-        return msgspec.structs.replace(base, reason=reason)
-    intercept, *slopes = fitted(every_fold >= 0).tolist()
-    return msgspec.structs.replace(base, intercept=intercept + shift, slopes=tuple(slopes))
+        return msgspec.structs.replace(curve, reason=reason)
+    return msgspec.structs.replace(curve, intercept=intercept + shift, slopes=tuple(slopes))
 
 
 def _base(positives: _Floats, unlabelled: _Floats, share: float) -> float:

@@ -116,12 +116,15 @@ class RecipeScorer(StoredScorer, RecipeScores):
                 if self._has_table(relation, num_scores):
                     table = self.table(relation)
                     by_key = table.T if is_turned else table
-                    entity_scores = by_key[relation_keys]
-                else:
-                    entity_scores = self.knowledge.link_scores(
-                        relation, relation_keys, heads=is_turned
-                    )
-                scores[is_own] = entity_scores[:, candidates]
+                    scores[is_own] = by_key[relation_keys][:, candidates]
+                    continue
+                # Rankings ask for all entities, whose links share work; samples for a few.
+                is_sample = len(candidates) < len(self.entities)
+                asked = candidates.expand(len(relation_keys), -1) if is_sample else None
+                link_scores = self.knowledge.link_scores(
+                    relation, relation_keys, asked, heads=is_turned
+                )
+                scores[is_own] = link_scores if is_sample else link_scores[:, candidates]
             return scores
         heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
         scores = torch.zeros(heads.shape, device=self.device)

@@ -13,7 +13,7 @@ from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
-from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 
 def scaled_table(
@@ -69,22 +69,17 @@ def scaled_table(
 
 FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "ranks", "none")
 """Scales that need no table of all pairs."""
-RANKED = 2**20
-"""Pairs whose scores stand for those of all pairs when ranks are computed without a table.
-
-The rank of a score among a million evenly spread pairs differs from its rank among all pairs by
-about .0005 of the range.
-"""
 KNOTS = 512
 """Even steps in rank between two of which ranks are interpolated."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class _WithoutTable:
-    """What turns raw scores into scaled ones where there is no table of them.
+class Scaling:
+    """How scores that are computed when needed become scaled: ``(score - shift) / deviation``.
 
     Attributes:
         shift: is subtracted from each raw score, shape ().
+        deviation: deviation of the scores, shape (); 1 if they stay raw or become ranks.
         dropped: shape (E,), bool: True if :attr:`itself` replaces the score of the entity with
             itself.
         itself: score for these self pairs, shape ().
@@ -94,6 +89,7 @@ class _WithoutTable:
     """
 
     shift: Tensor
+    deviation: Tensor
     dropped: Tensor
     itself: Tensor
     knots: Tensor | None = None
@@ -104,104 +100,12 @@ class _WithoutTable:
         return {name: tensor for name, tensor in vars(self).items() if tensor is not None}
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScaledFactors(_WithoutTable):
-    """Scaled scores for a relation as factors: a pair scores ``left[head] · right[tail] - shift``.
-
-    Attributes:
-        left: factors of heads, shape (E, m), float32.
-        right: factors of tails, shape (E, m), float32.
-    """
-
-    left: Tensor
-    right: Tensor
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scaling(_WithoutTable):
-    """How scores that are computed when needed become scaled: ``(score - shift) / deviation``.
-
-    Attributes:
-        deviation: deviation of the scores, shape (); 1 if they stay raw or become ranks.
-    """
-
-    deviation: Tensor
-
-
-def scaled_factors(
-    scorer: FactoredScorer,
-    relation: int,
-    scale: Scale = "standardise",
-    *,
-    self_edges: SelfEdges = "keep",
-    observed: Ids | None = None,
-) -> ScaledFactors:
-    """Return the scores of :func:`scaled_table` as factors, for graphs too large for a table.
-
-    Mean and deviation follow from moments of the factors. With X and Y the factors, scores sum to
-    ``Σ x · Σ y``, and squared scores to the sum over all entries in ``XᵀX * YᵀY``, both without
-    self pairs. Ranks are those among :data:`RANKED` pairs, or among all pairs if there are no more,
-    and are interpolated between :data:`KNOTS` steps.
-
-    Args:
-        scorer: any scorer with factors.
-        relation: relation id.
-        scale: one of :data:`FACTORED_SCALES`, as in :func:`scaled_table`.
-        self_edges: as in :func:`scaled_table`.
-        observed: as in :func:`scaled_table`.
-
-    Raises:
-        ConfigError: for a scale that needs a table, an unknown treatment of self edges, or if
-            ``observed`` is missing.
-    """
-    dropped = _dropped(scorer, relation, scale, self_edges, observed)
-    left_factors, right_factors = (part.detach().cpu() for part in scorer.factors(relation))
-    zero = torch.zeros(())
-    if scale == "ranks":
-        knots, heights = _ranked_products(left_factors.float(), right_factors.float())
-        # The mean of standardised ranks is 0.
-        return ScaledFactors(
-            left=left_factors,
-            right=right_factors,
-            shift=zero,
-            dropped=dropped,
-            itself=zero,
-            knots=knots,
-            heights=heights,
-        )
-    # Differences of large sums follow, which 32 bits would round away.
-    x = left_factors.double()
-    y = right_factors.double()
-    loops = (x * y).sum(dim=1)
-    size = len(x)
-    pairs = max(size * (size - 1), 1)
-    total = x.sum(dim=0) @ y.sum(dim=0)
-    mean = (total - loops.sum()) / pairs
-    squares_of_all = ((x.T @ x) * (y.T @ y)).sum()
-    square = squares_of_all - (loops**2).sum()
-    variance = square / pairs - mean**2
-    # A smaller variance means scores that are equal up to rounding, which must not be amplified.
-    has_spread = variance > 1e-12 * square / pairs
-    deviation = variance.sqrt() if has_spread else torch.ones_like(mean)
-    if scale == "none":
-        return ScaledFactors(
-            left=left_factors,
-            right=right_factors,
-            shift=zero,
-            dropped=dropped,
-            itself=mean.float(),
-        )
-    return ScaledFactors(
-        left=(x / deviation).float(),
-        right=right_factors,
-        shift=(mean / deviation).float(),
-        dropped=dropped,
-        itself=zero,
-    )
-
-
 SIDE = 1_024
-"""Heads, and tails, of the pairs whose scores stand for all where no factors give a mean."""
+"""Heads, and tails, of the pairs whose scores stand for all where there is no table.
+
+The rank of a score among a million pairs differs from its rank among all by about .0005 of the
+range.
+"""
 
 
 def sampled_scaling(
@@ -229,9 +133,9 @@ def sampled_scaling(
     size = len(scorer.entities)
     length = min(SIDE, size)
     side = torch.arange(length) * size // length
-    heads, tails = torch.cartesian_prod(side, side).T
-    scores = scorer.score(heads, relation, tails).detach().cpu()
-    is_different = heads != tails
+    # A column of heads and a row of tails: scorers have short cuts for such a grid.
+    scores = scorer.score(side[:, None], relation, side[None]).detach().cpu().flatten()
+    is_different = (side[:, None] != side).flatten()
     zero = torch.zeros(())
     unit = torch.ones(())
     if scale == "ranks":
@@ -285,20 +189,6 @@ def interpolated(scores: Tensor, knots: Tensor, heights: Tensor) -> Tensor:
     return torch.lerp(height_below, height_above, share)
 
 
-def _ranked_products(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
-    """Return :func:`_rank_knots` of the products of factors."""
-    heads, tails = _spread_pairs(len(left))
-    scores = np.empty(len(heads), dtype=np.float32)
-    size = 2**16  # pairs at once: factors of a million pairs would take gigabytes
-    for start in range(0, len(heads), size):
-        block = slice(start, start + size)
-        head_factors = left[heads[block]]
-        tail_factors = right[tails[block]]
-        products = head_factors * tail_factors
-        scores[block] = products.sum(1).numpy()
-    return _rank_knots(scores, heads != tails)
-
-
 def _rank_knots(
     scores: NDArray[np.float32],
     is_different: NDArray[np.bool_],
@@ -337,23 +227,6 @@ def _rank_knots(
     knots = torch.from_numpy(values[filled])
     heights = torch.from_numpy(standard[filled].astype(np.float32))
     return knots, heights
-
-
-def _spread_pairs(size: int) -> tuple[Ids, Ids]:
-    """Return heads and tails of all pairs of entities, or of :data:`RANKED` evenly spread ones."""
-    if size * size <= RANKED:
-        heads, tails = np.divmod(np.arange(size * size), size)
-        return heads, tails
-    # Points of the R2 sequence fill a square evenly, without random numbers. Source: Roberts 2018,
-    # "The unreasonable effectiveness of quasirandom sequences"; 1.3247 is the plastic number.
-    plastic = 1.324717957244746
-    numbers = np.arange(1, RANKED + 1)
-    # Coordinates within 0 .. 1.
-    across = numbers * (1 / plastic) % 1
-    down = numbers * (1 / plastic**2) % 1
-    heads = (across * size).astype(np.int64)
-    tails = (down * size).astype(np.int64)
-    return heads, tails
 
 
 def _dropped(

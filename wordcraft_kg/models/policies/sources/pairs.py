@@ -26,7 +26,6 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scales import (
     interpolated,
     sampled_scaling,
-    scaled_factors,
     scaled_table,
 )
 
@@ -66,7 +65,7 @@ class PairSource(FoldedSource):
         scores: buffer, shape (E + 1, E + 1): score table by key and slot's entity; 0 for empty
             slots and for the key E.
         left: buffer, shape (E + 1, m): factors by the slot's entity; like ``right``, with a row of
-            zeros for E. See :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`.
+            zeros for E. A pair scores ``left[slot] · right[key] - shift``.
         right: buffer, shape (E + 1, m): factors by the key.
         knowledge: neighbour lists and link rankers, of K + 1 models with folds; None for tables
             and factors.
@@ -386,11 +385,14 @@ def _constants(
         # Heads are slots and tails are keys; transposed, a state's slots share a row in memory.
         table[:-1, :-1] = scores.detach().cpu().T
         return {"scores": table}
-    if isinstance(whole_of(scorer), RecipeScorer):
-        constants = sampled_scaling(scorer, relation, view.scale, **settings).tensors()
-    else:
+    constants = sampled_scaling(scorer, relation, view.scale, **settings).tensors()
+    if not isinstance(whole_of(scorer), RecipeScorer):
         assert isinstance(scorer, FactoredScorer)
-        constants = scaled_factors(scorer, relation, view.scale, **settings).tensors()
+        left_factors, right = (part.detach().cpu() for part in scorer.factors(relation))
+        # Divided once here, not at each score.
+        deviation = constants.pop("deviation")
+        constants["shift"] = constants["shift"] / deviation
+        constants |= {"left": left_factors / deviation, "right": right}
     for name in {"left", "right", "dropped"} & {*constants}:
         # A row for E; zeros, so that the factors' product is finite there.
         constants[name] = torch.cat([constants[name], torch.zeros_like(constants[name][:1])])

@@ -8,9 +8,9 @@ and ``G = Q diag(g) Qᵀ``::
 
     scores = (Φ Q) [(Qᵀ Φᵀ Y Φ Q) / (g gᵀ + λ)] (Φ Q)ᵀ
 
-If all entities with recipes are landmarks, and m is as large, this is exactly
-:func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`. The cost is E L D for the kernel,
-L³ for eigenvectors and (links) m for the products.
+If all entities with recipes are landmarks, and m is as large, this is exactly the ridge regression
+over all pairs. The cost is E L D for the kernel, L³ for eigenvectors and (links) m for the
+products.
 
 Source: Williams and Seeger 2001 (Nyström); Stock et al. 2018 (two-step and Kronecker ridge). See
 "Links by kernel regression" in docs/explanation/recipe-scorer.md.

@@ -18,6 +18,7 @@ from wordcraft_kg.models.scorers.config import MAX_QUERIES
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
     from wordcraft_kg.evaluation.links import LinkView
+    from wordcraft_kg.evaluation.suggestions import Suggestions
     from wordcraft_kg.graphs.folder import TrainedOn
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
@@ -167,7 +168,8 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     with folds also give probabilities for triples outside the training data.
 
     With a train-recipes model, a + b ranks the results, a + b = c (or a + b c) scores a recipe, and
-    _ + b = c ranks partners. Answers come with supporting train recipes and a note if in-sample.
+    _ + b = c ranks partners; a model of sets takes a + b + c = d, and _ + _ + _ = d for the best
+    sets of three. Answers come with supporting train recipes and a note if in-sample.
     Entities outside the graph are scored by the words in their labels, with a note.
 
     Args:
@@ -193,6 +195,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         view_file,
         with_new_words,
     )
+    from wordcraft_kg.evaluation.suggestions import is_set_query
 
     whole("top", top, 1)
     words = [word for word in (head, relation) if word is not None] + [
@@ -200,6 +203,9 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     ]
     _check_query(words, has_relation=relation is not None, file=queries, out=out)
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
+    if queries is None and is_set_query(loaded.scorer, words):
+        output.result(*_scored_set(model, graph, words, top))
+        return
     if loaded.split is None:
         logging.getLogger(__name__).warning(
             "not shown which triples are known: %s", with_options(loaded.missing)
@@ -238,10 +244,32 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     output.result(view, [*text, *note_of_words(loaded), *_notes(loaded.kg, scored)])
 
 
+def _scored_set(
+    folder: Path, graph: str | None, words: list[str], top: int
+) -> "tuple[Suggestions, list[str]]":
+    """Return the answer of a model of sets to a recipe, and its lines of text."""
+    from wordcraft_kg.cli.suggest import suggestion_lines
+    from wordcraft_kg.evaluation.suggestions import (
+        SetQuery,
+        open_suggesting,
+        score_set,
+        suggest_recipes,
+    )
+
+    model = open_suggesting(folder, graph)
+    query = SetQuery.parse(words, frozenset(model.opened.graph.entities))
+    if query.ingredients:
+        view = score_set(model, query)
+    else:
+        view = suggest_recipes(model, query.result, top, size=query.size)
+    return view, list(suggestion_lines(view))
+
+
 def _check_query(
     words: list[str], *, has_relation: bool, file: Path | None, out: Path | None
 ) -> None:
-    is_query = has_relation or any("+" in word for word in words)
+    signs = ("+", "->", "→")
+    is_query = has_relation or any(sign in word for word in words for sign in signs)
     has_file = file is not None
     # Either words or a file, and words alone must be a whole query.
     if bool(words) == has_file or not (has_file or is_query):

@@ -261,13 +261,13 @@ def _suggest_pairs(model: Model, goal: str, top: int) -> Suggestions:
     best = torch.sort(scores, descending=True, stable=True).indices[:top]
     suggestions = []
     for row in best.tolist():
-        labels = sorted(scorer.entities[entity] for entity in pairs[row].tolist())
+        first, second = sorted(scorer.entities[entity] for entity in pairs[row].tolist())
         support = [
             SetSupport(witness.recipe.ingredients, witness.result, witness.strength)
-            for witness in scorer.supporting_recipes(*labels, goal, limit=_SUPPORT)
+            for witness in scorer.supporting_recipes(first, second, goal, limit=_SUPPORT)
         ]
-        known = _known(model.opened.split, labels, goal)
+        known = _known(model.opened.split, (first, second), goal)
         suggestions.append(
-            Suggestion(tuple(labels), None, float(scores[row]), known, tuple(support))
+            Suggestion((first, second), None, float(scores[row]), known, tuple(support))
         )
     return Suggestions(goal, {}, (), tuple(suggestions), model.kg)

@@ -1,7 +1,9 @@
 """Models of recipes as sets: words spelt with letters on cards, each card with a carrier x or y."""
 
 import csv
+import gzip
 import itertools
+import json
 import math
 import shutil
 
@@ -11,6 +13,7 @@ import torch
 
 from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -323,6 +326,70 @@ def test_formulas_are_read_with_brackets_decimals_and_hydrates_or_refused():
     for nonsense in ("LixCoO2", "pizza", "", "Foo"):
         with pytest.raises(ConfigError, match="no chemical formula"):
             parse_formula(nonsense)
+
+
+# --- evaluation -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ranked(model):
+    return rank_sets(model, "letters")
+
+
+def test_columns_are_goals_with_new_parts_and_of_which_no_set_is_known(model, ranked):
+    record, predictions = ranked
+    split = model.opened.split
+    columns = record.methods[0].columns
+    assert columns["all"].goals == len(predictions) == split.is_in("test").sum()
+    # Each word is a new set of letters, and each set of cards makes one word.
+    assert columns["new parts"].goals == columns["new sets"].goals == len(predictions)
+    names = [method.name for method in record.methods]
+    assert names[1:] == ["most frequent sets", "statistics of parts", "sets of the nearest goal"]
+
+
+def test_shares_count_goals_with_a_right_set_among_the_first_k(model, ranked):
+    record, predictions = ranked
+    graph = model.opened.graph
+    right = {
+        str(recipe.result): set(recipe.ingredients)
+        for recipe in graph.recipe_labels(graph.sets[model.opened.split.is_in("test")])
+    }
+    for k, share in record.methods[0].columns["all"].shares.items():
+        hits = [
+            any(set(ranked_set) == right[goal] for ranked_set in sets[:k])
+            for goal, sets in predictions.items()
+        ]
+        assert share == pytest.approx(np.mean(hits))
+    assert record.methods[0].columns["all"].shares[1] > 0.7
+    for method in record.methods[1:]:
+        difference = record.methods[0].columns["all"].shares[1] - method.columns["all"].shares[1]
+        assert method.lead[1][0] == pytest.approx(difference)
+        assert difference > 0
+
+
+def test_predictions_of_others_are_read_and_scored_alike(run, book, model, ranked, tmp_path):
+    record, predictions = ranked
+    path = tmp_path / "other.json.gz"
+    with gzip.open(path, "wt") as file:
+        # Ingredients in any order, a set named twice, and a goal that the book lacks.
+        turned = {goal: [each[::-1] for each in sets] for goal, sets in predictions.items()}
+        json.dump(turned | {"another": [["x"]]}, file)
+    out = tmp_path / "report"
+    outcome = run("evaluate-links", book / "model", "--predictions", path, "--out", out)
+    assert outcome.code == 0
+    assert "other.json.gz" in outcome.out
+    written = json.loads((out / "sets.json").read_text())
+    assert written["methods"][0]["columns"] == written["methods"][-1]["columns"]
+    assert json.loads((out / "predictions.json").read_text()) == predictions
+    assert written["calibration_error"] == pytest.approx(record.calibration_error)
+
+
+@pytest.mark.parametrize("text", ["[]", "{", '{"a": [1]}', '{"a": ["b"]}'])
+def test_a_file_without_predictions_is_refused(tmp_path, text):
+    path = tmp_path / "wrong.json"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match="no predictions"):
+        read_predictions(path)
 
 
 # --- the command line -----------------------------------------------------------------------------

@@ -117,8 +117,8 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     width = max(map(len, options))
     # Padding is an ingredient behind the last, which is never allowed.
     table = np.full((len(options), width), num_ingredients, dtype=np.int64)
-    for part, numbers in enumerate(options):
-        table[part, : len(numbers)] = numbers
+    for row, numbers in enumerate(options):
+        table[row, : len(numbers)] = numbers
     members_of_recipe = np.zeros((len(lists.recipe_goals), num_ingredients + 1), dtype=bool)
     rows, columns = np.nonzero(lists.sets[lists.recipe_sets] >= 0)
     members_of_recipe[rows, lists.sets[lists.recipe_sets][rows, columns]] = True
@@ -129,7 +129,8 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     can = allowed[lists.recipe_goals[recipe, None], choices]
     is_target = members_of_recipe[recipe[:, None], choices] & can
     is_lesson = is_target.any(1)
-    recipe, choices = recipe[is_lesson], torch.from_numpy(choices[is_lesson])
+    recipe = recipe[is_lesson]
+    lesson_choices = torch.from_numpy(choices[is_lesson])
     banned = torch.from_numpy(np.where(can[is_lesson], 0, _NEVER).astype(np.float32))
     target = torch.from_numpy(is_target[is_lesson].astype(np.float32))
     target /= target.sum(1, keepdim=True)
@@ -145,7 +146,7 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
         lesson = torch.arange(len(place)) + (first[rows] - (ends - num_lessons))[place]
         scores = networks(inputs[goals[rows]], drop)
         scores = torch.nn.functional.pad(scores, (0, 1))
-        chosen = choices[lesson].expand(len(scores), -1, -1)
+        chosen = lesson_choices[lesson].expand(len(scores), -1, -1)
         of_part = scores[:, place].gather(2, chosen) + banned[lesson]
         return -(torch.log_softmax(of_part, 2) * target[lesson]).sum(2).mean()
 
@@ -248,7 +249,7 @@ def _calibrated(scores: Tensor, wrong: Tensor, has_right: Tensor) -> Tensor:
         )
         total = (torch.logsumexp(every, 1) - right).mean()
         optimiser.zero_grad()
-        total.backward()  # type: ignore[no-untyped-call]
+        total.backward()
         return total
 
     optimiser.step(loss)

@@ -26,7 +26,12 @@ from wordcraft_kg.models.recipes.records import FitDone, SetMetrics, TrainedSets
 from wordcraft_kg.models.recipes.set_fitting import fit_sets
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import write_scorer
-from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT, SetKnowledge, Vector
+from wordcraft_kg.models.scorers.sets.knowledge import (
+    NO_INGREDIENT,
+    Flags,
+    SetKnowledge,
+    Vector,
+)
 from wordcraft_kg.models.scorers.sets.parts import (
     NO_PARTS,
     Parts,
@@ -209,7 +214,7 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         run.finish(_OUTPUTS, self._card(metrics))
         return TrainedSets(run.path, metrics)
 
-    def _shares(self, values: Vector, is_shown: Vector) -> dict[str, float]:
+    def _shares(self, values: Vector, is_shown: Flags) -> dict[str, float]:
         """Return values of some parts by name, the largest first."""
         parts = [part for part in np.argsort(-values, kind="stable") if is_shown[part]]
         return {self.parts.labels[part]: round(float(values[part]), 3) for part in parts}

@@ -40,6 +40,7 @@ _PRIOR = 0.3
 _SUM, _NETWORK_SUM, _SET_VOTE, _SIZE = 0, 6, 10, 23
 """Columns of features, for the order before the committee's."""
 Vector = NDArray[np.float32]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,7 @@ class Goal:
     """
 
     keys: Ids
-    is_allowed: NDArray[np.bool_]
+    is_allowed: Flags
     shares: Vector
     votes: Vector
     set_votes: Vector
@@ -115,7 +116,7 @@ class SetKnowledge:
         self.lists = self._lists(recipe_goals, sets, recipe_sets.ravel(), is_in, is_key)
         self.set_sizes = np.sum(sets >= 0, axis=1)
 
-    def _count_parts(self, brought: Vector, is_in_goal: NDArray[np.bool_]) -> None:
+    def _count_parts(self, brought: Vector, is_in_goal: Flags) -> None:
         """Learn what recipes lose, share and leave unmet.
 
         Args:
@@ -129,7 +130,7 @@ class SetKnowledge:
         self.shared = brought.sum(0) / recipes_with
 
     def _lists(
-        self, recipe_goals: Ids, sets: Ids, recipe_sets: Ids, is_in: Vector, is_key: Ids
+        self, recipe_goals: Ids, sets: Ids, recipe_sets: Ids, is_in: Vector, is_key: Flags
     ) -> SetLists:
         goal_amounts = self.amounts[self.goal_ids]
         rows, goal_parts = np.nonzero(goal_amounts)
@@ -159,7 +160,7 @@ class SetKnowledge:
         )
 
     @staticmethod
-    def style(has_part: NDArray[np.bool_], is_key: Ids) -> Vector:
+    def style(has_part: Flags, is_key: Flags) -> Vector:
         """Return the kind of ingredients: lost and shared parts, a single part, several keys.
 
         Args:
@@ -203,7 +204,7 @@ class SetKnowledge:
     def _goal_words(self) -> Vector:
         return self.words[self.goal_ids]
 
-    def allowed(self, amounts: Vector) -> NDArray[np.bool_]:
+    def allowed(self, amounts: Vector) -> Flags:
         """Return which ingredients bring no part that goals lack, but lost ones, shape (n, N).
 
         Args:
@@ -214,7 +215,7 @@ class SetKnowledge:
         return (is_lacking.astype(np.float32) @ has_part.T) == 0
 
     @property
-    def is_kept(self) -> NDArray[np.bool_]:
+    def is_kept(self) -> Flags:
         """Whether recipes keep a part, shape (P,)."""
         return self.lost <= _LOST_FROM
 
@@ -321,10 +322,10 @@ class SetKnowledge:
         near = np.argsort(-goal.set_votes[0], kind="stable")[:_NEAR_SETS]
         known = self.lists.sets[near]
         is_in = known >= 0
-        fits = (goal.is_allowed[known] | ~is_in).all(1)
+        fits = np.all(goal.is_allowed[known] | ~is_in, axis=1)
         if has_coverage:
             brings = (self.lists.has_part[known][..., goal.keys] & is_in[..., None]).any(1)
-            fits &= brings.all(1)
+            fits &= np.all(brings, axis=1)
         sets = np.unique(np.concatenate([sets[:num_sets], known[fits]]), axis=0)
         features = self.features(goal, sets)
         before = features[:, _SUM] + features[:, _NETWORK_SUM] + 2 * features[:, _SET_VOTE]
@@ -332,6 +333,25 @@ class SetKnowledge:
             before += features[:, _SIZE]
         kept = np.argsort(-before, kind="stable")[:_KEPT]
         return sets[kept], features[kept]
+
+    def sets_by_frequency(self, goal: Goal) -> Ids:
+        """Return sets of the ingredients that most often bring each key part, best first.
+
+        Args:
+            goal: from :meth:`goal`.
+
+        Returns:
+            shape (n, 8), numbers of ingredients.
+        """
+        sets = np.full((_BEAM, MOST_INGREDIENTS), NO_INGREDIENT, dtype=np.int64)
+        if goal.missing >= 0 or not len(goal.keys):
+            return sets[:0]
+        votes = np.tile(self.lists.counts, (NUM_KERNELS, 1))
+        shares = np.full_like(goal.shares, NO_SHARE)
+        log_counts = np.log(self.lists.counts)
+        write_shares(self.lists, goal.keys, goal.is_allowed, votes, log_counts, shares)
+        log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
+        return sets[: search(self.lists, goal.keys, shares, log_sizes, _TOP, sets)]
 
     def features(
         self,

@@ -8,6 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled
@@ -50,19 +51,19 @@ class SetLists(NamedTuple):
 
     goal_starts: Ids
     goal_parts: Ids
-    goal_amounts: Ids
+    goal_amounts: NDArray[np.float32]
     recipe_goals: Ids
     recipe_sets: Ids
     sets: Ids
-    set_counts: Ids
+    set_counts: NDArray[np.float32]
     set_keys: Ids
     set_order: Ids
-    counts: Ids
+    counts: NDArray[np.float32]
     pair_keys: Ids
-    pair_counts: Ids
-    has_part: Ids
-    is_key: Ids
-    style: Ids
+    pair_counts: NDArray[np.float32]
+    has_part: NDArray[np.bool_]
+    is_key: NDArray[np.bool_]
+    style: NDArray[np.float32]
 
 
 @compiled

@@ -109,7 +109,7 @@ def fit(
         for rows in torch.randperm(num_rows, generator=generator).split(batch):
             loss = loss_of(fitted, rows, drop)
             optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
+            loss.backward()
             optimiser.step()
             schedule.step()
     return Networks(*(weight.detach() for weight in weights))

@@ -15,6 +15,7 @@ from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.models.scorers.scorer import StoredScorer
 from wordcraft_kg.models.scorers.sets.knowledge import (
     NO_INGREDIENT,
+    Flags,
     Goal,
     SetKnowledge,
     Vector,
@@ -179,7 +180,7 @@ class SetScorer(StoredScorer):
             ConfigError: if the goal has a part that no train recipe brings.
         """
         entity = int(self.entity_ids(goal))
-        asked = self._asked(entity, has_coverage=has_coverage)
+        asked = self.asked(entity, has_coverage=has_coverage)
         sets, features = self.knowledge.candidates(asked, has_coverage=has_coverage)
         if not len(sets):
             raise self._no_recipe(entity, asked)
@@ -223,7 +224,7 @@ class SetScorer(StoredScorer):
             limit: most recipes.
         """
         entity = int(self.entity_ids(goal))
-        asked = self._asked(entity)
+        asked = self.asked(entity)
         recipes = self.knowledge.recipes
         members = recipes[:, :-1]
         is_common = np.isin(members, list(ingredients)) & (members >= 0)
@@ -244,7 +245,8 @@ class SetScorer(StoredScorer):
         amounts = self.knowledge.amounts[int(self.entity_ids(entity))]
         return {self.part_labels[part]: float(amounts[part]) for part in np.flatnonzero(amounts)}
 
-    def _asked(self, entity: int, *, has_coverage: bool = True) -> Goal:
+    def asked(self, entity: int, *, has_coverage: bool = True) -> Goal:
+        """Return what train recipes tell of an entity as a goal."""
         knowledge = self.knowledge
         amounts = knowledge.amounts[entity]
         words = knowledge.words[entity]
@@ -278,9 +280,11 @@ class SetScorer(StoredScorer):
     def _score_for(self, goal: int, sets: Ids) -> Vector:
         """Return the log probabilities of sets for one goal."""
         knowledge = self.knowledge
-        asked = self._asked(goal)
+        asked = self.asked(goal)
         candidates, features = knowledge.candidates(asked)
-        total = self._total(self._scores(features) if len(candidates) else np.empty(0))
+        total = self._none
+        if len(candidates):
+            total = self._total(self._scores(features))
         # Unknown ingredients have numbers behind all known ones.
         size = len(knowledge.ingredient_ids)
         used = np.unique(sets[sets >= 0])
@@ -313,7 +317,7 @@ class SetScorer(StoredScorer):
         """Return what parts cost that are brought in vain, or missing, shape (n,), 0 or below."""
         knowledge = self.knowledge
         has_part = (knowledge.amounts[sets] > 0) & (sets >= 0)[..., None]
-        is_brought = has_part.any(1)
+        is_brought: Flags = np.any(has_part, axis=1)
         in_vain = is_brought & (asked.amounts <= 0) & knowledge.is_kept
         is_missing = ~is_brought[:, asked.keys]
         lost = np.log(np.maximum(knowledge.lost, _RAREST))
@@ -337,7 +341,7 @@ class SetScorer(StoredScorer):
 
     def _ingredient_scores(self, goal: int) -> Vector:
         """Return each entity's log share as an ingredient of a goal, shape (E,)."""
-        shares = self._asked(goal).shares
+        shares = self.asked(goal).shares
         best = ((shares[0] + shares[-1]) / 2).max(0, initial=NO_SHARE)
         scores = np.full(len(self.entities), NO_SHARE, dtype=np.float32)
         scores[self.knowledge.ingredient_ids] = best

@@ -110,7 +110,7 @@ def rank_sets(
     """
     scorer = model.scorer
     assert isinstance(scorer, SetScorer)
-    others = {path.name: read_predictions(path) for path in files}
+    predictions_of_files = {path.name: read_predictions(path) for path in files}
     goals = _test_goals(model, scorer)
     predictions: dict[str, list[list[str]]] = {}
     chances: list[float] = []
@@ -120,16 +120,25 @@ def rank_sets(
             ranked = scorer.recipes(entity, _LISTED)
         except ConfigError:
             ranked = []
-        sets = [[scorer.entities[member] for member in each.ingredients] for each in ranked]
+        sets = [
+            [scorer.entities[member] for member in suggestion.ingredients] for suggestion in ranked
+        ]
         predictions[label] = sets
-        chances += [each.probability for each in ranked[:5]]
-        is_right += [frozenset(each) in right for each in sets[:5]]
-    methods: dict[str, Predictions] = {name: predictions, **_baselines(scorer, goals), **others}
+        chances += [suggestion.probability for suggestion in ranked[:5]]
+        is_right += [frozenset(labels) in right for labels in sets[:5]]
+    methods: dict[str, Predictions] = {
+        name: predictions,
+        **_baselines(scorer, goals),
+        **predictions_of_files,
+    }
     hits = {method: _hits(goals, answers) for method, answers in methods.items()}
     rows = [
         RankedMethod(
             method,
-            {column: _top_shares(table[chosen]) for column, chosen in goals.columns.items()},
+            {
+                column: _top_shares(table[is_in_column])
+                for column, is_in_column in goals.columns.items()
+            },
             {} if method == name else _leads(hits[name], table),
         )
         for method, table in hits.items()
@@ -197,7 +206,9 @@ def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
         is_new = [has_part[goal].tobytes() not in seen_parts for goal in ids]
         columns[NEW_PARTS] = np.array(is_new)
     columns[NEW_SETS] = np.array([not sets & seen_sets for sets in right])
-    columns = {column: chosen for column, chosen in columns.items() if chosen.any()}
+    columns = {
+        column: is_in_column for column, is_in_column in columns.items() if is_in_column.any()
+    }
     return _Goals(ids, [graph.entities[goal] for goal in ids], right, columns)
 
 
@@ -208,7 +219,7 @@ def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
     """
     knowledge = scorer.knowledge
     lists = knowledge.lists
-    frequent = np.argsort(-lists.set_counts, kind="stable")[:_LISTED]
+    frequent = np.argsort(-knowledge.set_counts, kind="stable")[:_LISTED]
     most_frequent = [_labels(scorer, lists.sets[number]) for number in frequent]
     predictions: dict[str, dict[str, list[list[str]]]] = {
         "most frequent sets": {},
@@ -218,10 +229,10 @@ def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
     of_frequency, of_parts, of_nearest = predictions.values()
     for entity, label in zip(goals.ids, goals.labels, strict=True):
         of_frequency[label] = most_frequent
-        asked = scorer.asked(entity)
-        near = np.argsort(-asked.set_votes[2], kind="stable")[:_LISTED]
+        evidence = scorer.evidence(entity)
+        near = np.argsort(-evidence.set_votes[2], kind="stable")[:_LISTED]
         of_nearest[label] = [_labels(scorer, lists.sets[number]) for number in near]
-        sets = knowledge.sets_by_frequency(asked)[:_LISTED]
+        sets = knowledge.sets_by_frequency(evidence)[:_LISTED]
         of_parts[label] = [_labels(scorer, row) for row in sets]
     return dict(predictions)
 

@@ -225,8 +225,8 @@ def _suggestion(
         for near in scorer.near_recipes(goal, ids, _SUPPORT)
     ]
     labels = tuple(entities[entity] for entity in ids)
-    known = _known(split, labels, goal)
-    return Suggestion(labels, float(np.exp(score)), score, known, tuple(support))
+    split_part = _known(split, labels, goal)
+    return Suggestion(labels, float(np.exp(score)), score, split_part, tuple(support))
 
 
 def _known(split: Split, ingredients: Sequence[str], result: str) -> Known:
@@ -266,8 +266,8 @@ def _suggest_pairs(model: Model, goal: str, top: int) -> Suggestions:
             SetSupport(witness.recipe.ingredients, witness.result, witness.strength)
             for witness in scorer.supporting_recipes(first, second, goal, limit=_SUPPORT)
         ]
-        known = _known(model.opened.split, (first, second), goal)
+        split_part = _known(model.opened.split, (first, second), goal)
         suggestions.append(
-            Suggestion((first, second), None, float(scores[row]), known, tuple(support))
+            Suggestion((first, second), None, float(scores[row]), split_part, tuple(support))
         )
     return Suggestions(goal, {}, (), tuple(suggestions), model.kg)

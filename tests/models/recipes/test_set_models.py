@@ -82,7 +82,7 @@ def labels_of(scorer, ids):
 def test_recipes_lose_the_carriers_and_no_letter(model, scorer):
     assert model.metrics.lost == {"x": 1.0, "y": 1.0}
     assert model.metrics.shared == {}
-    assert scorer.knowledge.lists.is_key.sum() == len(LETTERS)
+    assert scorer.knowledge.is_key.sum() == len(LETTERS)
 
 
 def test_most_unseen_goals_get_their_set_first_with_a_high_probability(model, scorer):

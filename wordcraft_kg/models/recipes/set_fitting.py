@@ -122,11 +122,11 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
     members_of_recipe = np.zeros((len(lists.recipe_goals), num_ingredients + 1), dtype=bool)
     rows, columns = np.nonzero(lists.sets[lists.recipe_sets] >= 0)
     members_of_recipe[rows, lists.sets[lists.recipe_sets][rows, columns]] = True
-    allowed = np.zeros((len(goal_amounts), num_ingredients + 1), dtype=bool)
-    allowed[:, :-1] = knowledge.allowed(goal_amounts)
-    recipe, part = np.nonzero((goal_amounts[lists.recipe_goals] > 0) & lists.is_key)
+    is_allowed = np.zeros((len(goal_amounts), num_ingredients + 1), dtype=bool)
+    is_allowed[:, :-1] = knowledge.allowed(goal_amounts)
+    recipe, part = np.nonzero((goal_amounts[lists.recipe_goals] > 0) & knowledge.is_key)
     choices = table[part]
-    can = allowed[lists.recipe_goals[recipe, None], choices]
+    can = is_allowed[lists.recipe_goals[recipe, None], choices]
     is_target = members_of_recipe[recipe[:, None], choices] & can
     is_lesson = is_target.any(1)
     recipe = recipe[is_lesson]
@@ -146,8 +146,8 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
         lesson = torch.arange(len(place)) + (first[rows] - (ends - num_lessons))[place]
         scores = networks(inputs[goals[rows]], drop)
         scores = torch.nn.functional.pad(scores, (0, 1))
-        chosen = lesson_choices[lesson].expand(len(scores), -1, -1)
-        of_part = scores[:, place].gather(2, chosen) + banned[lesson]
+        option_ids = lesson_choices[lesson].expand(len(scores), -1, -1)
+        of_part = scores[:, place].gather(2, option_ids) + banned[lesson]
         return -(torch.log_softmax(of_part, 2) * target[lesson]).sum(2).mean()
 
     sizes = (inputs.shape[1], _HIDDEN, num_ingredients)
@@ -170,11 +170,11 @@ def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> l
         scores = torch.log_softmax(network(knowledge.inputs(amounts, words)), 2).mean(0).numpy()
     results = []
     order = np.argsort(of_recipe, kind="stable")
-    for row, own in enumerate(np.split(order, np.cumsum(np.bincount(of_recipe))[:-1])):
+    for row, goal_rows in enumerate(np.split(order, np.cumsum(np.bincount(of_recipe))[:-1])):
         goal = knowledge.goal(amounts[row], words[row], scores[row], entity=goals[row])
         sets, features = knowledge.candidates(goal)
         # An ingredient that other recipes lack is in no candidate.
-        members = recipes[own, :-1]
+        members = recipes[goal_rows, :-1]
         is_known = ((members < 0) | (knowledge.number_of[members] >= 0)).all(1)
         right = knowledge.numbers(members[is_known])
         is_right = (sets[:, None] == right[None]).all(2).any(1)
@@ -253,5 +253,5 @@ def _calibrated(scores: Tensor, wrong: Tensor, has_right: Tensor) -> Tensor:
         return total
 
     optimiser.step(loss)
-    temperature, none = values.detach()
-    return torch.stack([torch.exp(temperature), none])
+    temperature, none_score = values.detach()
+    return torch.stack([torch.exp(temperature), none_score])

@@ -208,7 +208,7 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             folds=settings.folds,
             fold_top=fitted.top,
             lost=self._shares(knowledge.lost, ~knowledge.is_kept),
-            shared=self._shares(knowledge.shared, knowledge.is_kept & ~knowledge.lists.is_key),
+            shared=self._shares(knowledge.shared, knowledge.is_kept & ~knowledge.is_key),
         )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
         run.finish(_OUTPUTS, self._card(metrics))
@@ -264,11 +264,11 @@ def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:
 def _check_settings(settings: RecipeScorerConfig) -> None:
     """Refuse settings of models of pairs."""
     defaults = {field.name: field.default for field in fields(RecipeScorerConfig)}
-    changed = [name for name in _OF_PAIRS if getattr(settings, name) != defaults[name]]
+    refused_settings = [name for name in _OF_PAIRS if getattr(settings, name) != defaults[name]]
     if settings.kg == "none":
-        changed.append("kg none")
-    if changed:
-        names = ", ".join(f"`{name.removesuffix('_')}`" for name in changed)
+        refused_settings.append("kg none")
+    if refused_settings:
+        names = ", ".join(f"`{name.removesuffix('_')}`" for name in refused_settings)
         raise ConfigError(
             f"{names}: not for a model of sets, which a book with larger sets than pairs, or "
             "`parts`, asks for. Leave them out."

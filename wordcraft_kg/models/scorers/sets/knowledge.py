@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
@@ -14,12 +15,8 @@ from wordcraft_kg.models.scorers.sets.loops import (
     NUM_KERNELS,
     WIDTHS,
     SetLists,
-    keys_of_sets,
-    num_features,
     search,
     vote,
-    write_features,
-    write_shares,
 )
 
 NO_INGREDIENT = -1
@@ -35,16 +32,24 @@ _NEAR_SETS = 15
 """Sets of the nearest goals that join the candidates."""
 _KEPT = 30
 """Candidates that the committee orders."""
+_SMALL_VOTE = 1e-3
+"""Share of the mean vote that each ingredient of a part gets."""
+_SMALLEST = 1e-9
 _FLOOR = 1e-3
+"""Share of a number of ingredients that no similar recipe has."""
 _PRIOR = 0.3
+"""Added to counts of ingredients that occur together."""
+_WEIGHT_OF_SET = 50.0
+_FIRST, _SECOND = np.triu_indices(MOST_INGREDIENTS, 1)
 _SUM, _NETWORK_SUM, _SET_VOTE, _SIZE = 0, 6, 10, 23
 """Columns of features, for the order before the committee's."""
+_FEATURES_BEFORE_KINDS = 25
 Vector = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
+class GoalEvidence:
     """What similar train recipes tell of a goal.
 
     Attributes:
@@ -83,7 +88,12 @@ class SetKnowledge:
         lost: share of train recipes with each part whose goal lacks it, shape (P,).
         unmet: share of goals with each part that no ingredient brings, shape (P,).
         shared: mean number of ingredients that bring each part, shape (P,).
+        is_key: whether a part is a key part, shape (P,).
+        counts: number of recipes of each ingredient, shape (N,).
+        lift: how much more often ingredients occur together than by chance, nats, shape (N, N).
         lists: the recipes as arrays for loops.
+        styles: kind of each ingredient, shape (N, K).
+        set_counts: number of recipes of each set in the lists, shape (S,).
     """
 
     def __init__(self, recipes: Ids, amounts: Vector, words: Vector):
@@ -98,23 +108,42 @@ class SetKnowledge:
         self.amounts = amounts
         self.words = words
         self.has_parts = amounts.shape[1] > 1
-        used = np.unique(recipes[:, :-1])
-        self.ingredient_ids = used[used >= 0]
+        member_ids = np.unique(recipes[:, :-1])
+        self.ingredient_ids = member_ids[member_ids >= 0]
         self.goal_ids, recipe_goals = np.unique(recipes[:, -1], return_inverse=True)
         self.number_of = np.full(len(amounts), NO_INGREDIENT, dtype=np.int64)
         self.number_of[self.ingredient_ids] = np.arange(len(self.ingredient_ids))
         members = self.numbers(recipes[:, :-1])
         sets, recipe_sets = np.unique(members, axis=0, return_inverse=True)
-        is_in = np.zeros((len(recipes), len(self.ingredient_ids)), dtype=np.float32)
         rows, columns = np.nonzero(members >= 0)
-        is_in[rows, members[rows, columns]] = 1
+        shape = (len(recipes), len(self.ingredient_ids))
+        ones = np.ones(len(rows), dtype=np.float32)
+        is_in = csr_matrix((ones, (rows, members[rows, columns])), shape)
+        # An ingredient that is needed twice is in the set once.
+        is_in.data[:] = 1
         has_part = amounts[self.ingredient_ids] > 0
-        self._count_parts(is_in @ has_part, amounts[recipes[:, -1]] > 0)
-        is_key = self.is_kept & (self.shared <= _SHARED_FROM)
-        if not self.has_parts:
-            is_key[:] = True
-        self.lists = self._lists(recipe_goals, sets, recipe_sets.ravel(), is_in, is_key)
-        self.set_sizes = np.sum(sets >= 0, axis=1)
+        self._count_parts(is_in @ has_part.astype(np.float32), amounts[recipes[:, -1]] > 0)
+        self.is_key = self.is_kept & (self.shared <= _SHARED_FROM) | (not self.has_parts)
+        self.styles = self.style(has_part)
+        self.counts: Vector = np.asarray(is_in.sum(0)).ravel()
+        together = (is_in.T @ is_in).toarray()
+        np.fill_diagonal(together, 0)
+        by_chance = np.outer(self.counts, self.counts) / len(recipes)
+        self.lift = np.log((together + _PRIOR) / (by_chance + _PRIOR))
+        self._numbers_of_sets = {row.tobytes(): number for number, row in enumerate(sets)}
+        self.set_counts = np.bincount(recipe_sets.ravel())
+        self._set_sizes = np.sum(sets >= 0, axis=1)
+        goal_amounts = amounts[self.goal_ids]
+        goals, goal_parts = np.nonzero(goal_amounts)
+        self.lists = SetLists(
+            goal_starts=np.searchsorted(goals, np.arange(len(goal_amounts) + 1)),
+            goal_parts=goal_parts,
+            goal_amounts=goal_amounts[goals, goal_parts],
+            recipe_goals=recipe_goals,
+            recipe_sets=recipe_sets.ravel(),
+            sets=np.ascontiguousarray(sets),
+            has_part=has_part,
+        )
 
     def _count_parts(self, brought: Vector, is_in_goal: Flags) -> None:
         """Learn what recipes lose, share and leave unmet.
@@ -129,58 +158,26 @@ class SetKnowledge:
         self.unmet = (is_in_goal & ~is_brought).sum(0) / np.maximum(is_in_goal.sum(0), 1)
         self.shared = brought.sum(0) / recipes_with
 
-    def _lists(
-        self, recipe_goals: Ids, sets: Ids, recipe_sets: Ids, is_in: Vector, is_key: Flags
-    ) -> SetLists:
-        goal_amounts = self.amounts[self.goal_ids]
-        rows, goal_parts = np.nonzero(goal_amounts)
-        size = len(self.ingredient_ids)
-        has_part = self.amounts[self.ingredient_ids] > 0
-        keys = np.empty(len(sets), dtype=np.int64)
-        keys_of_sets(sets, keys)
-        order = np.argsort(keys, kind="stable")
-        together = np.triu(is_in.T @ is_in, 1)
-        first, second = np.nonzero(together)
-        return SetLists(
-            goal_starts=np.searchsorted(rows, np.arange(len(goal_amounts) + 1)),
-            goal_parts=goal_parts,
-            goal_amounts=goal_amounts[rows, goal_parts],
-            recipe_goals=recipe_goals,
-            recipe_sets=recipe_sets,
-            sets=np.ascontiguousarray(sets),
-            set_counts=np.bincount(recipe_sets, minlength=len(sets)).astype(np.float32),
-            set_keys=keys[order],
-            set_order=order,
-            counts=is_in.sum(0),
-            pair_keys=first * size + second,
-            pair_counts=together[first, second],
-            has_part=has_part,
-            is_key=is_key,
-            style=self.style(has_part, is_key),
-        )
-
-    @staticmethod
-    def style(has_part: Flags, is_key: Flags) -> Vector:
+    def style(self, has_part: Flags) -> Vector:
         """Return the kind of ingredients: lost and shared parts, a single part, several keys.
 
         Args:
             has_part: shape (n, P).
-            is_key: shape (P,).
 
         Returns:
             shape (n, K).
         """
-        of_kind = [
-            has_part[:, ~is_key],
+        kinds = [
+            has_part[:, ~self.is_key],
             has_part.sum(1, keepdims=True) == 1,
-            has_part[:, is_key].sum(1, keepdims=True) > 1,
+            has_part[:, self.is_key].sum(1, keepdims=True) > 1,
         ]
-        return np.concatenate(of_kind, axis=1).astype(np.float32)
+        return np.concatenate(kinds, axis=1).astype(np.float32)
 
     @property
     def num_features(self) -> int:
         """Number of features of a set."""
-        return num_features(self.lists.style.shape[1])
+        return _FEATURES_BEFORE_KINDS + 2 * self.styles.shape[1]
 
     def numbers(self, entities: Ids) -> Ids:
         """Return sets by numbers of ingredients, ascending, -1 behind the last.
@@ -228,11 +225,13 @@ class SetKnowledge:
         Returns:
             similarity, shape (n,), above 0, and numbers of ingredients, shape (n,).
         """
-        known = self.amounts[self.ingredient_ids]
-        asked = self.amounts[entities]
-        common = (asked > 0).astype(np.float32) @ (known > 0).T.astype(np.float32)
-        sizes = (asked > 0).sum(1)[:, None] + (known > 0).sum(1)
-        overlap = np.minimum(asked[:, None], known[None]).sum(2)
+        ingredient_amounts = self.amounts[self.ingredient_ids]
+        entity_amounts = self.amounts[entities]
+        common = (entity_amounts > 0).astype(np.float32) @ (ingredient_amounts > 0).T.astype(
+            np.float32
+        )
+        sizes = (entity_amounts > 0).sum(1)[:, None] + (ingredient_amounts > 0).sum(1)
+        overlap = np.minimum(entity_amounts[:, None], ingredient_amounts[None]).sum(2)
         kinds = 1 - common / np.maximum(sizes - common, 1)
         if self.words.shape[1]:
             kinds += 1 - self.words[entities] @ self.words[self.ingredient_ids].T
@@ -242,25 +241,6 @@ class SetKnowledge:
         numbers = similarity.argmax(1)
         return similarity.max(1, initial=_FLOOR**3).astype(np.float32), numbers
 
-    def log_lift(self, first: Ids, second: Ids) -> Vector:
-        """Return how much more often entities occur together than by chance, in nats.
-
-        Args:
-            first: ids, shape (n,).
-            second: ids, shape (n,).
-        """
-        numbers = np.sort([self.number_of[first], self.number_of[second]], axis=0)
-        lists = self.lists
-        keys = numbers[0] * len(lists.counts) + numbers[1]
-        places = np.searchsorted(lists.pair_keys, keys).clip(max=max(len(lists.pair_keys) - 1, 0))
-        is_pair = np.zeros(len(keys), dtype=bool)
-        together = np.zeros(len(keys), dtype=np.float32)
-        if len(lists.pair_keys):
-            is_pair = (lists.pair_keys[places] == keys) & (numbers[0] >= 0)
-            together[is_pair] = lists.pair_counts[places[is_pair]]
-        expected = lists.counts[numbers].prod(0) / len(self.recipes) * (numbers[0] >= 0)
-        return np.log((together + _PRIOR) / (expected + _PRIOR)).astype(np.float32)
-
     def goal(
         self,
         amounts: Vector,
@@ -269,7 +249,7 @@ class SetKnowledge:
         *,
         entity: int = NO_INGREDIENT,
         has_coverage: bool = True,
-    ) -> Goal:
+    ) -> GoalEvidence:
         """Ask train recipes about a goal.
 
         Args:
@@ -293,17 +273,16 @@ class SetKnowledge:
         if entity >= 0 and self.number_of[entity] >= 0:
             is_allowed[self.number_of[entity]] = False
         parts = np.flatnonzero(amounts > 0)
-        keys = parts[lists.is_key[parts]]
+        keys = parts[self.is_key[parts]]
         keys = keys if len(keys) else parts
-        shares = np.full((NUM_KERNELS + 1, len(keys), votes.shape[1]), NO_SHARE, dtype=np.float32)
-        missing = write_shares(lists, keys, is_allowed, votes, log_network, shares)
-        sizes = np.bincount(self.set_sizes, set_votes[1], MOST_INGREDIENTS + 1)[1:]
+        shares, missing = self._shares(keys, is_allowed, votes, log_network)
+        sizes = np.bincount(self._set_sizes, set_votes[1], MOST_INGREDIENTS + 1)[1:]
         log_sizes = np.log(sizes / max(sizes.sum(), _FLOOR**3) + _FLOOR).astype(np.float32)
-        return Goal(
-            keys, is_allowed, shares, votes, set_votes, similarity, log_sizes, int(missing), amounts
+        return GoalEvidence(
+            keys, is_allowed, shares, votes, set_votes, similarity, log_sizes, missing, amounts
         )
 
-    def candidates(self, goal: Goal, *, has_coverage: bool = True) -> tuple[Ids, Vector]:
+    def candidates(self, goal: GoalEvidence, *, has_coverage: bool = True) -> tuple[Ids, Vector]:
         """Return likely sets for a goal, by numbers of ingredients, and their features.
 
         Args:
@@ -320,21 +299,23 @@ class SetKnowledge:
             top = _TOP if self.has_parts else _TOP_OF_ALL
             num_sets = search(self.lists, goal.keys, goal.shares, log_sizes, top, sets)
         near = np.argsort(-goal.set_votes[0], kind="stable")[:_NEAR_SETS]
-        known = self.lists.sets[near]
-        is_in = known >= 0
-        fits = np.all(goal.is_allowed[known] | ~is_in, axis=1)
+        near_sets = self.lists.sets[near]
+        is_in = near_sets >= 0
+        fits = np.all(goal.is_allowed[near_sets] | ~is_in, axis=1)
         if has_coverage:
-            brings = (self.lists.has_part[known][..., goal.keys] & is_in[..., None]).any(1)
+            brings = (self.lists.has_part[near_sets][..., goal.keys] & is_in[..., None]).any(1)
             fits &= np.all(brings, axis=1)
-        sets = np.unique(np.concatenate([sets[:num_sets], known[fits]]), axis=0)
+        sets = np.unique(np.concatenate([sets[:num_sets], near_sets[fits]]), axis=0)
+        if not len(sets):
+            return sets, np.empty((0, self.num_features), dtype=np.float32)
         features = self.features(goal, sets)
         before = features[:, _SUM] + features[:, _NETWORK_SUM] + 2 * features[:, _SET_VOTE]
         if not self.has_parts:
             before += features[:, _SIZE]
-        kept = np.argsort(-before, kind="stable")[:_KEPT]
-        return sets[kept], features[kept]
+        best = np.argsort(-before, kind="stable")[:_KEPT]
+        return sets[best], features[best]
 
-    def sets_by_frequency(self, goal: Goal) -> Ids:
+    def sets_by_frequency(self, goal: GoalEvidence) -> Ids:
         """Return sets of the ingredients that most often bring each key part, best first.
 
         Args:
@@ -346,16 +327,45 @@ class SetKnowledge:
         sets = np.full((_BEAM, MOST_INGREDIENTS), NO_INGREDIENT, dtype=np.int64)
         if goal.missing >= 0 or not len(goal.keys):
             return sets[:0]
-        votes = np.tile(self.lists.counts, (NUM_KERNELS, 1))
-        shares = np.full_like(goal.shares, NO_SHARE)
-        log_counts = np.log(self.lists.counts)
-        write_shares(self.lists, goal.keys, goal.is_allowed, votes, log_counts, shares)
+        votes = np.tile(self.counts, (NUM_KERNELS, 1))
+        shares, _ = self._shares(goal.keys, goal.is_allowed, votes, np.log(self.counts))
         log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
         return sets[: search(self.lists, goal.keys, shares, log_sizes, _TOP, sets)]
 
+    def _shares(
+        self, keys: Ids, is_allowed: Flags, votes: Vector, log_network: Vector
+    ) -> tuple[Vector, int]:
+        """Return log shares of ingredients for each key part, by three kernels and the network.
+
+        Args:
+            keys: key parts of the goal.
+            is_allowed: shape (N,).
+            votes: shape (3, N).
+            log_network: shape (N,).
+
+        Returns:
+            shape (4, keys, N), and the first key part that no ingredient brings, or -1.
+        """
+        shape = (NUM_KERNELS + 1, len(keys), len(self.counts))
+        shares = np.full(shape, NO_SHARE, dtype=np.float32)
+        missing = -1
+        # From the last to the first, which stays.
+        for place in range(len(keys))[::-1]:
+            options = np.flatnonzero(is_allowed & self.lists.has_part[:, keys[place]])
+            if not len(options):
+                missing = int(keys[place])
+                continue
+            weights = votes[:, options].astype(np.float64)
+            weights += _SMALL_VOTE * weights.mean(1, keepdims=True)
+            weights += _SMALLEST * (self.counts[options] + 0.1)
+            shares[:-1, place, options] = np.log(weights / weights.sum(1, keepdims=True))
+            scores = log_network[options]
+            shares[-1, place, options] = scores - np.logaddexp.reduce(scores)
+        return shares, missing
+
     def features(
         self,
-        goal: Goal,
+        goal: GoalEvidence,
         sets: Ids,
         styles: Vector | None = None,
         shares: Vector | None = None,
@@ -370,18 +380,45 @@ class SetKnowledge:
             shares: log shares, unknown ones included.
             proxies: known ingredient that stands for each.
         """
-        lists = self.lists
-        features = np.empty((len(sets), self.num_features), dtype=np.float32)
-        write_features(
-            lists,
-            np.ascontiguousarray(sets),
-            lists.style if styles is None else styles,
-            goal.shares if shares is None else shares,
-            goal.votes,
-            goal.set_votes,
-            goal.similarity,
-            goal.log_sizes,
-            np.arange(len(lists.counts)) if proxies is None else proxies,
-            features,
-        )
-        return features
+        styles = self.styles if styles is None else styles
+        shares = goal.shares if shares is None else shares
+        stand_ins = sets if proxies is None else proxies[sets]
+        is_in = sets >= 0
+        sizes = is_in.sum(1)
+        # Shape (4, keys, n, 8), and over keys, (4, n, 8).
+        member_shares = np.where(is_in, shares[:, :, sets], -np.inf)
+        best_shares = member_shares.max(1, initial=NO_SHARE)
+        sums = np.where(is_in, best_shares, 0).sum(2)
+        minima = np.where(is_in, best_shares, np.inf).min(2)
+        key_sums = member_shares.max(3).sum(1)
+        numbers = [self._numbers_of_sets.get(row.tobytes(), -1) for row in sets]
+        is_known = np.array(numbers) >= 0
+        set_shares = goal.set_votes[:, numbers] / np.maximum(goal.set_votes.sum(1), 1e-12)[:, None]
+        counts = np.where(is_known, self.set_counts[numbers], 0)
+        is_pair = is_in[:, _SECOND]
+        lifts = np.where(is_pair, self.lift[stand_ins[:, _FIRST], stand_ins[:, _SECOND]], 0)
+        smallest_lift = np.where(is_pair, lifts, np.inf).min(1)
+        log_counts = np.where(is_in, np.log(self.counts[stand_ins] + 1), 0)
+        style = np.where(is_in[..., None], styles[sets], 0).sum(1) / sizes[:, None]
+        near_style = goal.votes[1] @ self.styles / max(goal.votes[1].sum(), _SMALLEST)
+        distance = style - near_style
+        columns = [
+            *np.stack([sums, minima], axis=1).reshape(-1, len(sets)),
+            *key_sums[[0, -1]],
+            *np.log1p(_WEIGHT_OF_SET * np.where(is_known, set_shares, 0)),
+            np.log1p(counts),
+            sizes - len(goal.keys),
+            sizes,
+            np.full(len(sets), len(goal.keys)),
+            lifts.sum(1) / np.maximum(is_pair.sum(1), 1),
+            np.where(np.isinf(smallest_lift), 0, smallest_lift),
+            log_counts.sum(1) / sizes,
+            np.where(is_in, log_counts, np.inf).min(1),
+            np.full(len(sets), goal.similarity[0].max()),
+            np.full(len(sets), np.log(goal.set_votes[0].sum() + _SMALLEST)),
+            goal.log_sizes[sizes - 1],
+            np.abs(distance).sum(1),
+            *distance.T,
+            *style.T,
+        ]
+        return np.stack(columns, axis=1).astype(np.float32)

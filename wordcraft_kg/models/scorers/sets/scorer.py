@@ -16,7 +16,7 @@ from wordcraft_kg.models.scorers.scorer import StoredScorer
 from wordcraft_kg.models.scorers.sets.knowledge import (
     NO_INGREDIENT,
     Flags,
-    Goal,
+    GoalEvidence,
     SetKnowledge,
     Vector,
 )
@@ -180,10 +180,10 @@ class SetScorer(StoredScorer):
             ConfigError: if the goal has a part that no train recipe brings.
         """
         entity = int(self.entity_ids(goal))
-        asked = self.asked(entity, has_coverage=has_coverage)
-        sets, features = self.knowledge.candidates(asked, has_coverage=has_coverage)
+        evidence = self.evidence(entity, has_coverage=has_coverage)
+        sets, features = self.knowledge.candidates(evidence, has_coverage=has_coverage)
         if not len(sets):
-            raise self._no_recipe(entity, asked)
+            raise self._no_recipe(entity, evidence)
         scores = self._scores(features)
         chances = np.exp(scores - self._total(scores))
         rows = np.argsort(-chances, kind="stable")[:limit]
@@ -224,13 +224,13 @@ class SetScorer(StoredScorer):
             limit: most recipes.
         """
         entity = int(self.entity_ids(goal))
-        asked = self.asked(entity)
+        evidence = self.evidence(entity)
         recipes = self.knowledge.recipes
         members = recipes[:, :-1]
         is_common = np.isin(members, list(ingredients)) & (members >= 0)
         common = is_common.sum(1)
         union = (members >= 0).sum(1) + len(ingredients) - common
-        weights = asked.similarity[1][self.knowledge.lists.recipe_goals] * common / union
+        weights = evidence.similarity[1][self.knowledge.lists.recipe_goals] * common / union
         # The recipe itself explains nothing.
         weights[(recipes[:, -1] == entity) & (common == union)] = 0
         rows = [row for row in np.argsort(-weights, kind="stable")[:limit] if weights[row] > 0]
@@ -245,7 +245,7 @@ class SetScorer(StoredScorer):
         amounts = self.knowledge.amounts[int(self.entity_ids(entity))]
         return {self.part_labels[part]: float(amounts[part]) for part in np.flatnonzero(amounts)}
 
-    def asked(self, entity: int, *, has_coverage: bool = True) -> Goal:
+    def evidence(self, entity: int, *, has_coverage: bool = True) -> GoalEvidence:
         """Return what train recipes tell of an entity as a goal."""
         knowledge = self.knowledge
         amounts = knowledge.amounts[entity]
@@ -255,13 +255,13 @@ class SetScorer(StoredScorer):
         log_network = torch.log_softmax(network, 2).mean(0)[0].numpy()
         return knowledge.goal(amounts, words, log_network, entity=entity, has_coverage=has_coverage)
 
-    def _no_recipe(self, entity: int, asked: Goal) -> ConfigError:
+    def _no_recipe(self, entity: int, evidence: GoalEvidence) -> ConfigError:
         label = self.entities[entity]
-        if asked.missing >= 0:
+        if evidence.missing >= 0:
             return ConfigError(
-                f"no train recipe brings {self.part_labels[asked.missing]}, a part of '{label}', "
-                "without parts that it lacks. Add such recipes to the book, or allow any "
-                "ingredient: `coverage` off."
+                f"no train recipe brings {self.part_labels[evidence.missing]}, a part of "
+                f"'{label}', without parts that it lacks. Add such recipes to the book, or suggest "
+                "with `any_parts`."
             )
         return ConfigError(f"no set is likely for '{label}': it has no known part, and no words.")
 
@@ -280,15 +280,15 @@ class SetScorer(StoredScorer):
     def _score_for(self, goal: int, sets: Ids) -> Vector:
         """Return the log probabilities of sets for one goal."""
         knowledge = self.knowledge
-        asked = self.asked(goal)
-        candidates, features = knowledge.candidates(asked)
+        evidence = self.evidence(goal)
+        candidates, features = knowledge.candidates(evidence)
         total = self._none
         if len(candidates):
             total = self._total(self._scores(features))
         # Unknown ingredients have numbers behind all known ones.
         size = len(knowledge.ingredient_ids)
-        used = np.unique(sets[sets >= 0])
-        unknown = used[knowledge.number_of[used] < 0]
+        member_ids = np.unique(sets[sets >= 0])
+        unknown = member_ids[knowledge.number_of[member_ids] < 0]
         number_of = knowledge.number_of.copy()
         number_of[unknown] = size + np.arange(len(unknown))
         last = np.iinfo(np.int64).max
@@ -297,31 +297,31 @@ class SetScorer(StoredScorer):
         numbers[numbers == last] = NO_INGREDIENT
         similarity, proxies = knowledge.nearest_ingredients(unknown)
         has_part = knowledge.amounts[unknown] > 0
-        styles = knowledge.style(has_part, knowledge.lists.is_key)
-        shares = np.maximum(asked.shares[..., proxies] + np.log(similarity), NO_SHARE)
-        shares[:, ~has_part[:, asked.keys].T] = NO_SHARE
+        styles = knowledge.style(has_part)
+        shares = np.maximum(evidence.shares[..., proxies] + np.log(similarity), NO_SHARE)
+        shares[:, ~has_part[:, evidence.keys].T] = NO_SHARE
         features = knowledge.features(
-            asked,
+            evidence,
             numbers,
-            np.concatenate([knowledge.lists.style, styles]),
-            np.concatenate([asked.shares, shares], axis=2).astype(np.float32),
+            np.concatenate([knowledge.styles, styles]),
+            np.concatenate([evidence.shares, shares], axis=2).astype(np.float32),
             np.concatenate([np.arange(size), proxies]),
         )
         scores = self._scores(features)
         is_candidate = (numbers[:, None] == candidates[None]).all(2).any(1)
         totals = np.where(is_candidate, total, np.logaddexp(total, scores))
-        result: Vector = scores - totals + self._faults(sets, asked)
+        result: Vector = scores - totals + self._faults(sets, evidence)
         return result
 
-    def _faults(self, sets: Ids, asked: Goal) -> Vector:
+    def _faults(self, sets: Ids, evidence: GoalEvidence) -> Vector:
         """Return what parts cost that are brought in vain, or missing, shape (n,), 0 or below."""
         knowledge = self.knowledge
         has_part = (knowledge.amounts[sets] > 0) & (sets >= 0)[..., None]
         is_brought: Flags = np.any(has_part, axis=1)
-        in_vain = is_brought & (asked.amounts <= 0) & knowledge.is_kept
-        is_missing = ~is_brought[:, asked.keys]
+        in_vain = is_brought & (evidence.amounts <= 0) & knowledge.is_kept
+        is_missing = ~is_brought[:, evidence.keys]
         lost = np.log(np.maximum(knowledge.lost, _RAREST))
-        unmet = np.log(np.maximum(knowledge.unmet[asked.keys], _RAREST))
+        unmet = np.log(np.maximum(knowledge.unmet[evidence.keys], _RAREST))
         cost: Vector = in_vain @ lost + is_missing @ unmet
         return cost
 
@@ -333,15 +333,15 @@ class SetScorer(StoredScorer):
         for goal in tails[is_part].unique().tolist():
             of_goal = is_part & (tails == goal)
             scores[of_goal] = torch.from_numpy(self._ingredient_scores(goal))[heads[of_goal].cpu()]
-        together = self.knowledge.log_lift(
-            heads[~is_part].cpu().numpy(), tails[~is_part].cpu().numpy()
-        )
-        scores[~is_part] = torch.from_numpy(together)
+        numbers = self.knowledge.number_of
+        first, second = (numbers[ids[~is_part].cpu().numpy()] for ids in (heads, tails))
+        lift = np.where(np.minimum(first, second) < 0, 0, self.knowledge.lift[first, second])
+        scores[~is_part] = torch.from_numpy(lift.astype(np.float32))
         return scores.to(self.device)
 
     def _ingredient_scores(self, goal: int) -> Vector:
         """Return each entity's log share as an ingredient of a goal, shape (E,)."""
-        shares = self.asked(goal).shares
+        shares = self.evidence(goal).shares
         best = ((shares[0] + shares[-1]) / 2).max(0, initial=NO_SHARE)
         scores = np.full(len(self.entities), NO_SHARE, dtype=np.float32)
         scores[self.knowledge.ingredient_ids] = best

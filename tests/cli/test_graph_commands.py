@@ -618,7 +618,7 @@ def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     values = printed("books")
     origins = dict.fromkeys(
         ("everyday", "everyday-1", "kitchen", "paper-examples"), "built in"
-    ) | dict.fromkeys(("little-alchemy-2", "infinite-craft"), "to fetch")
+    ) | dict.fromkeys(("little-alchemy-2", "infinite-craft", "inorganic-synthesis"), "to fetch")
     assert {book["name"]: book["origin"] for book in values["books"]} == origins
     assert values["data_folder"] is None
     text = run("books").out

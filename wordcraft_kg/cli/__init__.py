@@ -57,6 +57,7 @@ CORE = {
         "train-links": "train",
         "evaluate-links": "links",
         "score": "links",
+        "suggest": "suggest",
     },
     "Agents": {"train-agent": "train", "evaluate-agent": "agents", "explain": "agents"},
     "Comparisons and studies": {"compare": "compare", "reproduce": "reproduce"},

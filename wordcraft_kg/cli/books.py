@@ -20,6 +20,7 @@ EXAMPLES = {
         "wordcraft-kg books",
         "wordcraft-kg books --fetch little-alchemy-2",
         "wordcraft-kg books --fetch infinite-craft",
+        "wordcraft-kg books --fetch inorganic-synthesis",
     ),
     "check-book": (
         "wordcraft-kg check-book recipes.csv",

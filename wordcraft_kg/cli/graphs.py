@@ -46,6 +46,7 @@ EXAMPLES = {
         "wordcraft-kg build-graph everyday --out graphs/everyday",
         "wordcraft-kg build-graph recipes.txt --columns item1,item2,product --out graphs/mine",
         "wordcraft-kg build-graph recipes.json --split folds.csv --out graphs/fold-1",
+        "wordcraft-kg build-graph inorganic-synthesis --split fold-1 --out graphs/synthesis",
         "wordcraft-kg build-graph everyday --split by-goal --seed 1 --out graphs/everyday-by-goal",
     ),
 }
@@ -64,8 +65,8 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         str | None,
         Parameter(
             help=f"held-out recipes: {_kinds()}; or a CSV or JSON file with each recipe's or "
-            "result's part. Default: by-recipe, or by-goal if most recipes are the only one of "
-            "their result."
+            "result's part, or a book's published fold, such as fold-1. "
+            "Default: by-recipe, or by-goal if most recipes are the only one of their result."
         ),
     ] = None,
     train_ratio: float = SplitConfig.train_ratio,
@@ -96,7 +97,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.graphs.audit import view_build
     from wordcraft_kg.graphs.book_files import book_name
     from wordcraft_kg.graphs.folder import write_graph_folder
-    from wordcraft_kg.graphs.library import open_book
+    from wordcraft_kg.graphs.library import open_book, published_fold
     from wordcraft_kg.graphs.published_splits import read_published_split
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
     from wordcraft_kg.graphs.recipes import check_label
@@ -111,6 +112,8 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         if name is None
         else check_label(name, "`name`")
     )
+    fold = None if split is None else published_fold(str(book), split)
+    split = split if fold is None else str(fold)
     # With an ending it is meant to be a file, even if there is none of this name.
     if split is not None and split not in SPLITS and (Path(split).suffix or Path(split).is_file()):
         if not Path(split).is_file():
@@ -127,9 +130,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     warn_of_missing(graph.entities)
     view = view_build(audited, folder)
     full = ("--kg", "full") if split == "none" else ()
-    # Recipe scorers take pairs.
-    train = "train-recipes" if view.sets is None else "train-complex"
-    following = command_line(train, folder, *full)
+    following = command_line("train-recipes", folder, *full)
     end = f"wrote {folder}/   next: {following}"
     output.result(view, [*lines_of_graph(view), *note_of_shares(audited.split), end])
 

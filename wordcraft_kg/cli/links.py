@@ -12,13 +12,15 @@ from cyclopts import Parameter
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, write_file
-from wordcraft_kg.cli.options import Force, MovedGraph
+from wordcraft_kg.cli.options import Force, MovedGraph, Paths
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
     from wordcraft_kg.evaluation.links import LinkView
+    from wordcraft_kg.evaluation.suggestions import Suggestions
     from wordcraft_kg.graphs.folder import TrainedOn
+    from wordcraft_kg.models.model import Model
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
 EXPLAINED = 3
@@ -43,21 +45,29 @@ def evaluate_links(
     *,
     graph: MovedGraph = None,
     max_queries: int = MAX_QUERIES,
+    predictions: Paths = None,
     out: Path | None = None,
     force: Force = False,
     output: Output = Output(),
 ) -> int:
     """Evaluate a model on unseen triples and write the report; leaked triples are left out.
 
+    For a model of sets: how often a right set is among the first 1, 3, 5 and 10 for an unseen goal,
+    beside baselines and predictions of others. The folder then holds sets.json, and the model's own
+    predictions in predictions.json.
+
     Args:
         model: model folder.
         max_queries: most queries to rank, two for each triple; above this, a uniform sample is
             ranked. 0 ranks all.
+        predictions: for a model of sets, a JSON file with sets of ingredients by goal, best first,
+            such as {"mud": [["earth", "water"]]}, perhaps gzipped; may be repeated.
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.evaluation.links import summarise_links, view_links
     from wordcraft_kg.evaluation.ranked_links import rank_links
+    from wordcraft_kg.evaluation.suggestions import is_set_model
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.pages import write_report
@@ -65,6 +75,11 @@ def evaluate_links(
     folder = out or model / "report"
     trained = open_model(model, graph)
     check_output(folder, force=force)
+    if is_set_model(trained):
+        _evaluate_sets(trained, model.name, predictions or [], folder, force, output)
+        return 0
+    if predictions:
+        raise ConfigError("`predictions` are compared with a model of sets alone. Leave it out.")
     links = rank_links(
         trained.scorer,
         trained.opened,
@@ -84,6 +99,38 @@ def evaluate_links(
     for check in failed:
         print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
     return 1 if failed else 0
+
+
+def _evaluate_sets(
+    trained: "Model",
+    name: str,
+    predictions: Sequence[Path],
+    folder: Path,
+    force: bool,
+    output: Output,
+) -> None:
+    """Write the evaluation of a model of sets into a folder, and print it."""
+    from wordcraft_kg.base.artefacts import dump_json, staged_folder, write_atomically
+    from wordcraft_kg.base.records import as_values
+    from wordcraft_kg.evaluation.ranked_sets import rank_sets
+
+    view, ranked = rank_sets(trained, name, predictions)
+    with staged_folder(folder, force=force) as staging:
+        write_atomically(staging / "sets.json", dump_json(as_values(view)))
+        write_atomically(staging / "predictions.json", dump_json(ranked))
+    columns = view.methods[0].columns
+    heading = [f"{column} ({top.goals:,})" for column, top in columns.items()]
+    rows = [("right set in the first 1, 3, 5, 10", *heading)]
+    for method in view.methods:
+        cells = []
+        for top in method.columns.values():
+            low, high = top.intervals[1]
+            shares = " ".join(f"{share:.3f}" for share in top.shares.values())
+            cells.append(f"{shares} [{low:.3f}, {high:.3f}]")
+        rows.append((method.name, *cells))
+    calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
+    unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
+    output.result(view, [*aligned(rows), calibration + unanswered, f"wrote {folder}/"])
 
 
 def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:
@@ -167,7 +214,8 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     with folds also give probabilities for triples outside the training data.
 
     With a train-recipes model, a + b ranks the results, a + b = c (or a + b c) scores a recipe, and
-    _ + b = c ranks partners. Answers come with supporting train recipes and a note if in-sample.
+    _ + b = c ranks partners; a model of sets takes a + b + c = d, and _ + _ + _ = d for the best
+    sets of three. Answers come with supporting train recipes and a note if in-sample.
     Entities outside the graph are scored by the words in their labels, with a note.
 
     Args:
@@ -193,6 +241,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         view_file,
         with_new_words,
     )
+    from wordcraft_kg.evaluation.suggestions import is_set_query
 
     whole("top", top, 1)
     words = [word for word in (head, relation) if word is not None] + [
@@ -200,6 +249,9 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     ]
     _check_query(words, has_relation=relation is not None, file=queries, out=out)
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
+    if queries is None and is_set_query(loaded.scorer, words):
+        output.result(*_scored_set(model, graph, words, top))
+        return
     if loaded.split is None:
         logging.getLogger(__name__).warning(
             "not shown which triples are known: %s", with_options(loaded.missing)
@@ -238,10 +290,32 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     output.result(view, [*text, *note_of_words(loaded), *_notes(loaded.kg, scored)])
 
 
+def _scored_set(
+    folder: Path, graph: str | None, words: list[str], top: int
+) -> "tuple[Suggestions, list[str]]":
+    """Return the answer of a model of sets to a recipe, and its lines of text."""
+    from wordcraft_kg.cli.suggest import suggestion_lines
+    from wordcraft_kg.evaluation.suggestions import (
+        SetQuery,
+        open_suggesting,
+        score_set,
+        suggest_recipes,
+    )
+
+    model = open_suggesting(folder, graph)
+    query = SetQuery.parse(words, frozenset(model.opened.graph.entities))
+    if query.ingredients:
+        view = score_set(model, query)
+    else:
+        view = suggest_recipes(model, query.result, top, size=query.size)
+    return view, list(suggestion_lines(view))
+
+
 def _check_query(
     words: list[str], *, has_relation: bool, file: Path | None, out: Path | None
 ) -> None:
-    is_query = has_relation or any("+" in word for word in words)
+    signs = ("+", "->", "→")
+    is_query = has_relation or any(sign in word for word in words for sign in signs)
     has_file = file is not None
     # Either words or a file, and words alone must be a whole query.
     if bool(words) == has_file or not (has_file or is_query):

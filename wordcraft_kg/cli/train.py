@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.training import TrainedAgent
     from wordcraft_kg.models.links.records import LinkMetrics
     from wordcraft_kg.models.links.training import TrainedLinks
-    from wordcraft_kg.models.recipes.records import RecipeMetrics
+    from wordcraft_kg.models.recipes.records import RecipeMetrics, TrainedSets
     from wordcraft_kg.models.recipes.training import TrainedRecipes
     from wordcraft_kg.runs.training import Training
 
@@ -347,9 +347,12 @@ class RecipeTraining(TrainingCommand):
 
         return RecipesTraining
 
-    def rows(self, trained: "TrainedRecipes") -> Rows:  # noqa: D102
+    def rows(self, trained: "TrainedRecipes | TrainedSets") -> Rows:  # noqa: D102
         from wordcraft_kg.models.knowledge.outside import describe_source
+        from wordcraft_kg.models.recipes.records import TrainedSets
 
+        if isinstance(trained, TrainedSets):
+            return list(trained.metrics.facts().items())
         metrics = trained.metrics
         rows = [
             ("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"),

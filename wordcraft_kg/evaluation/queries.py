@@ -147,6 +147,32 @@ def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
     return RecipeQuery.of([*labels, ""][:3], entities)
 
 
+def pieces_of_recipe(
+    words: Sequence[str], entities: Collection[str]
+) -> tuple[tuple[str, ...], str | None]:
+    """Return the ingredients and the result of a recipe of any size, ``a + b + c -> d``.
+
+    Args:
+        words: the arguments, as for :func:`parse_query`.
+        entities: labels of the graph, which are never split.
+
+    Returns:
+        Labels of the ingredients, and of the result; None without a result.
+
+    Raises:
+        ConfigError: if the arguments are no recipe.
+    """
+    pieces = list(_pieces(words, entities))
+    result = None
+    if len(pieces) > 2 and pieces[-2] in _MAKES:
+        result = pieces.pop()
+        pieces.pop()
+    labels, signs = pieces[::2], pieces[1::2]
+    if not labels or len(labels) == len(signs) or set(signs) - {_PLUS} or _SIGNS & set(labels):
+        raise _unreadable(words, "recipe", "a + b + c -> d")
+    return tuple(labels), result
+
+
 def _pieces(words: Sequence[str], entities: Collection[str]) -> Iterator[str]:
     """Yield labels and signs; a word that is a label, such as ``a+b``, is not split."""
     for word in words:

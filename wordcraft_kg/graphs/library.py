@@ -133,6 +133,20 @@ class _NoRedirects(urllib.request.HTTPRedirectHandler):
         """Return no further request, so that the redirect is an error."""
 
 
+class _Fold(NamedTuple):
+    """A published split of a book, a file beside the book's.
+
+    Attributes:
+        url: address of the file at a fixed commit.
+        sha256: hash of the file's bytes.
+        file_name: path in the cache and in data folders, with forward slashes.
+    """
+
+    url: str
+    sha256: str
+    file_name: str
+
+
 @dataclass(frozen=True)
 class _Fetchable:
     """A published book that is not bundled: without a licence, or with words of others.
@@ -141,16 +155,33 @@ class _Fetchable:
         url: address of the file at a fixed commit.
         sha256: hash of the file's bytes.
         file_name: path in the cache and in data folders, with forward slashes.
-        base: labels of the base entities, which the file does not name.
+        base: labels of the base entities, which the file does not name; None for the entities
+            that no recipe makes.
         note: licence, for the list of books.
+        columns: where the file has ingredients and results, if it has no documented words.
+        folds: published splits; ``--split fold-1`` names the first.
     """
 
     url: str
     sha256: str
     file_name: str
-    base: tuple[str, ...]
+    base: tuple[str, ...] | None
     note: str
+    columns: tuple[str, ...] | None = None
+    folds: tuple[_Fold, ...] = ()
 
+
+_SYNTHESIS = (
+    "https://raw.githubusercontent.com/jschrier/SynthGPT/"
+    "24f82b61bd181dc0d722551859e275b2a1cc5f6b/data/cross_validation/random_cv{}.json"
+)
+_SYNTHESIS_FOLDS = (
+    "18c87497f598856ab4d73f0ab5dfcf8b50a46358a70042f31d8e9691180f1f75",
+    "9df633436b7074098cd070f44ca88337868396e7a4e2b37192654c236c215086",
+    "d2fd830c5fcebfeb4c38aaea37d24ddad738af79e056dc8f61f83e9b89c48387",
+    "428fc3a4cb7612e469c88eb18145fec5f23906986f810ccd20ece778a621d7fa",
+    "410583dd73121f5b659869077271f073046b732bde49043593a28530e69dbcd8",
+)
 
 FETCHABLE = {
     "little-alchemy-2": _Fetchable(
@@ -169,6 +200,19 @@ FETCHABLE = {
         file_name="infinite_craft/recipes.json",
         base=("Earth", "Fire", "Water", "Wind"),
         note="collection under MIT; its words were written by the language model of the game",
+    ),
+    # Each fold holds all recipes: the first is also the book.
+    "inorganic-synthesis": _Fetchable(
+        url=_SYNTHESIS.format(1),
+        sha256=_SYNTHESIS_FOLDS[0],
+        file_name="synthesis/random_cv1.json",
+        base=None,
+        note="precursors of inorganic materials, text-mined from articles; MIT",
+        columns=("{}{}[][]", "{}{key}"),
+        folds=tuple(
+            _Fold(_SYNTHESIS.format(fold), sha256, f"synthesis/random_cv{fold}.json")
+            for fold, sha256 in enumerate(_SYNTHESIS_FOLDS, 1)
+        ),
     ),
 }
 
@@ -194,11 +238,13 @@ class LocatedBook(NamedTuple):
         path: the file, or a graph folder.
         name: name of a known book; None for a path.
         base: labels of the base entities of a published book; None if the file decides.
+        columns: where a published book has ingredients and results; None if the file tells.
     """
 
     path: Path
     name: str | None = None
     base: tuple[str, ...] | None = None
+    columns: tuple[str, ...] | None = None
 
 
 def data_folder() -> Path | None:
@@ -295,7 +341,31 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
             f"{book.path} is not the published '{book.name}' (its SHA-256 differs). "
             f"Fetch the book again, or give the path to use this file: {book.path}"
         )
-    return LocatedBook(book.path, book.name, published.base if published else None)
+    if published is None:
+        return LocatedBook(book.path, book.name)
+    return LocatedBook(book.path, book.name, published.base, published.columns)
+
+
+def published_fold(book: str, name: str) -> Path | None:
+    """Return the file of a book's published split, such as ``fold-1``; None for any other name.
+
+    Raises:
+        RecipeFileError: if the file is not on this machine, or not the published one.
+    """
+    published = FETCHABLE.get(book)
+    folds = published.folds if published else ()
+    by_name = {f"fold-{number}": fold for number, fold in enumerate(folds, 1)}
+    if name not in by_name:
+        return None
+    fold = by_name[name]
+    for folder in filter(None, (cache_folder(), data_folder())):
+        path = folder / fold.file_name
+        if path.is_file() and sha256_of(path) == fold.sha256:
+            return path
+    raise RecipeFileError(
+        f"{name} of '{book}' is not on this machine yet, or is another file. "
+        f"Fetch it: wordcraft-kg books --fetch {book}"
+    )
 
 
 def open_book(
@@ -327,6 +397,9 @@ def open_book(
         book = open_book(original, keep_self_results=keep_self_results, **options)
         return with_made_up_words(book, int(seed or 0))
     located = locate_book(name_or_path)
+    # A user's own columns take precedence.
+    if located.columns and not options.get("columns"):
+        options["columns"] = list(located.columns)
     content = read_book(
         located.path,
         keep_self_results=keep_self_results,
@@ -354,6 +427,8 @@ def fetch_book(name: str) -> Path:
         raise FetchError(
             f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{hint}"
         )
+    for fold in book.folds:
+        fetch_file(name, fold.url, fold.sha256, cache_folder() / fold.file_name)
     return fetch_file(name, book.url, book.sha256, cache_folder() / book.file_name)
 
 

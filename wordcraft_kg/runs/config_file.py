@@ -191,7 +191,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
     """Return settings with a function applied to all paths.
 
-    Paths are in ``graph``, ``scorer`` and ``with`` and, unless it is a reserved name, in
+    Paths are in ``graph``, ``scorer``, ``parts`` and ``with`` and, unless it is a reserved name, in
     ``features``. A value of another type, as in a damaged file, stays as it is.
 
     Args:
@@ -199,7 +199,7 @@ def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str
         change: returns the new path.
     """
     result = dict(settings)
-    for key in ("graph", "scorer"):
+    for key in ("graph", "scorer", "parts"):
         if isinstance(result.get(key), str):
             result[key] = change(result[key])
     sources = result.get("with")

@@ -57,6 +57,11 @@ class Training(ABC, Generic[C, P, T]):
         self.opened = opened
 
     @classmethod
+    def of(cls, config: C, opened: OpenedGraph) -> "Training[C, Any, Any]":
+        """Return a trainer for the settings and the graph; a subclass may choose another class."""
+        return cls(config, opened)
+
+    @classmethod
     def input_hashes(cls, config: C) -> Mapping[str, str | None]:
         """Return the hash of each input except the graph, by setting; None without the input."""
         return {}
@@ -169,11 +174,11 @@ def train(
             if is_done:
                 return trainer.outcome(files)
             if trainer.kind.has_checkpoints(folder):
-                return _resume(trainer(recorded, opened), folder, trackers, progress)
+                return _resume(trainer.of(recorded, opened), folder, trackers, progress)
             # Killed before the first checkpoint: nothing is lost.
             force = True
     check_new_run(folder, force=force)
-    training = trainer(config, opened)
+    training = trainer.of(config, opened)
     # Preparing may take long or fail, so an old folder is still in its place.
     training.prepare()
     kind = trainer.kind

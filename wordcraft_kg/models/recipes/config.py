@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, get_args
 from wordcraft_kg.base.settings import MAX_THREADS, one_of, refuse, require, whole
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.train_samples import check_train_sample
+from wordcraft_kg.models.scorers.sets.parts import check_parts
 from wordcraft_kg.runs.config_file import RunConfig
 
 UseEncoder = Literal["auto", "on", "off"]
@@ -54,6 +55,9 @@ class RecipeScorerConfig:
         encoder: whether to fit a pair encoder, which scores any result of a pair: on, off, or auto
             for on from 20,000 to 1,000,000 training recipes; with other books of 20,000 recipes
             and more, it learns from these books alone.
+        parts: parts of entities, for a model of sets: a table with the columns label, part and
+            amount, formulas to read chemical formulas, or none. A book of larger sets than pairs
+            trains such a model also without; it needs no words if there are parts.
 
     Raises:
         ConfigError: for a value out of range, or settings that contradict each other.
@@ -77,6 +81,7 @@ class RecipeScorerConfig:
     threads: int = 1
     device: str = "cpu"
     encoder: UseEncoder = "auto"
+    parts: str | None = None
 
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(TrainedOn))
@@ -96,6 +101,8 @@ class RecipeScorerConfig:
         one_of("encoder", self.encoder, get_args(UseEncoder))
         # Outside knowledge is tables of all pairs: the two are for books of other sizes.
         is_apart = self.encoder != "on" or (not self.with_ and self.kg != "none")
+        if self.parts is not None:
+            check_parts(self.parts)
         require(self, "encoder", is_apart, "auto or off with outside knowledge (`with`)")
 
     def has_encoder(self, num_recipes: int) -> bool:

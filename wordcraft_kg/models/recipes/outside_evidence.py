@@ -35,7 +35,7 @@ from wordcraft_kg.models.knowledge.folder import (
 )
 from wordcraft_kg.models.knowledge.outside import is_book
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.records import RecipeMetrics
+from wordcraft_kg.models.recipes.records import RecipeMetrics, is_of_sets
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
@@ -127,7 +127,7 @@ class OutsideEvidenceFinder:
             raise ArtefactError(
                 f"the scorer in '{folder}' has changed since the agent was trained."
             )
-        if files.run.kind != RecipeScorerConfig.command:
+        if files.run.kind != RecipeScorerConfig.command or is_of_sets(files):
             return None
         # Reading the file compares its hash with the record.
         files.bytes(CONFIG_FILE)

@@ -4,6 +4,8 @@ The page docs/architecture.md, *On disk*, lists the files of a model folder.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import TrainedOn
@@ -53,6 +55,75 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     outside: tuple[OutsideSource, ...] = ()
 
 
+class SetMetrics(Record, frozen=True, kw_only=True):
+    """Content of ``metrics.json`` of a model of sets.
+
+    Attributes:
+        kg: training recipes, as in the settings.
+        recipes: number of training recipes.
+        goals: number of entities that they make.
+        ingredients: number of entities that they use.
+        parts: source of parts, or none.
+        features: word vectors; one-hot for none.
+        seconds: duration of all fits.
+        folds: number of parts of the train goals, each scored without its recipes.
+        fold_top: share of these goals with a right set among the first 1, 3, 5 and 10.
+        lost: parts that recipes lose, with the share of train recipes that bring the part and
+            whose goal lacks it.
+        shared: parts that several ingredients of a set bring, with their mean number.
+    """
+
+    kg: TrainedOn
+    recipes: Count
+    goals: Count
+    ingredients: Count
+    parts: str
+    features: str
+    seconds: float
+    folds: Count
+    fold_top: tuple[Share, ...]
+    lost: dict[str, Share]
+    shared: dict[str, float]
+
+    def facts(self) -> dict[str, str]:
+        """Return facts about the training by name, for reports, model card and command line."""
+        first, *_, fifth, _ = (f"{share:.1%}" for share in self.fold_top)
+        facts = {
+            "fitted": f"{self.recipes:,} sets of {self.ingredients:,} ingredients for "
+            f"{self.goals:,} goals ({self.kg} graph); parts: {self.parts}, words: {self.features}",
+            "unseen goals": f"first set right in {first}, one of five in {fifth} ({self.folds} "
+            "folds of train)",
+            "time": f"{self.seconds:.1f} s",
+        }
+        if self.lost:
+            facts["recipes lose"] = ", ".join(
+                f"{part} {share}" for part, share in self.lost.items()
+            )
+        if self.shared:
+            facts["shared"] = ", ".join(
+                f"{part} (in {mean} ingredients)" for part, mean in self.shared.items()
+            )
+        return facts
+
+
+@dataclass(frozen=True)
+class TrainedSets:
+    """Outcome of the training of a model of sets.
+
+    Attributes:
+        folder: model folder.
+        metrics: content of ``metrics.json``.
+    """
+
+    folder: Path
+    metrics: SetMetrics
+
+
+def is_of_sets(files: RunFiles) -> bool:
+    """Return whether a folder of ``train-recipes`` holds a model of sets."""
+    return "parts" in files.run.inputs
+
+
 def fitting_facts(metrics: RecipeMetrics) -> dict[str, str]:
     """Return facts about a training by name, for reports and the model card."""
     facts = {
@@ -78,10 +149,14 @@ def recipes_history(files: RunFiles) -> History:
         ArtefactError: if a file is missing, damaged or has changed.
     """
     config = RecipesConfig.read(files.folder)
+    trained_by = {"trained by": " ".join(files.run.argv)}
+    if is_of_sets(files):
+        set_metrics = files.record("metrics.json", SetMetrics)
+        return History(config, trained_by | set_metrics.facts(), set_metrics)
     metrics = files.record("metrics.json", RecipeMetrics)
     settings = [f"{name} {value}" for name, value in vars(config.settings).items()]
     facts = {
-        "trained by": " ".join(files.run.argv),
+        **trained_by,
         **fitting_facts(metrics),
         "settings": ", ".join(settings),
     }

@@ -51,7 +51,13 @@ from wordcraft_kg.models.recipes.fitting import (
     fit_recipe_scorers,
     lesson_folds,
 )
-from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics, fitting_facts
+from wordcraft_kg.models.recipes.records import (
+    FitDone,
+    RecipeMetrics,
+    fitting_facts,
+    is_of_sets,
+)
+from wordcraft_kg.models.recipes.set_training import SetsTraining, trains_sets
 from wordcraft_kg.models.scorers.config import check_table, fitting_workers
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
@@ -343,6 +349,14 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             encoders = len(encoders_of(self.folds, self._every()))
         self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
 
+    @classmethod
+    def of(  # noqa: D102 - inherited
+        cls, config: RecipesConfig, opened: OpenedGraph
+    ) -> Training[Any, Any, Any]:
+        if trains_sets(config.settings, opened.graph):
+            return SetsTraining(config, opened, cls.kind)
+        return cls(config, opened)
+
     def _every(self) -> list[LeftOut]:
         """Return the folds that each fit leaves out, in the order of the fits."""
         number = self.folds.count if self.config.settings.kg == "partial" else 0
@@ -618,7 +632,9 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return TrainedRecipes(run.path, metrics)
 
     @classmethod
-    def outcome(cls, files: RunFiles) -> TrainedRecipes:  # noqa: D102 - inherited
+    def outcome(cls, files: RunFiles) -> Any:  # noqa: D102 - inherited
+        if is_of_sets(files):
+            return SetsTraining.outcome(files)
         return TrainedRecipes(files.folder, files.record("metrics.json", RecipeMetrics))
 
 

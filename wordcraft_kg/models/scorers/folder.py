@@ -38,6 +38,7 @@ from wordcraft_kg.models.scorers.ranking import (
 )
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
 WEIGHTS = "model.safetensors"
@@ -60,7 +61,7 @@ MODEL = "a model folder from train-complex, train-links or train-recipes"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models",
-    {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer)},
+    {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer, SetScorer)},
 )
 """Stored scorers by kind, the key in ``vocabulary.json``."""
 

@@ -1,0 +1,426 @@
+"""Models of recipes as sets: words spelt with letters on cards, each card with a carrier x or y."""
+
+import csv
+import gzip
+import itertools
+import json
+import math
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg import load_scorer, open_model
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
+from wordcraft_kg.graphs.folder import write_graph_folder
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.models.recipes import set_fitting
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_entities
+from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.sets import loops
+from wordcraft_kg.models.scorers.sets.formulas import parse_formula
+from wordcraft_kg.models.scorers.sets.parts import read_parts
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
+
+LETTERS = "abcdefgh"
+
+
+def letters_book(folder):
+    """Write a book of words of two and three letters, and the parts of all entities."""
+    parts = {f"{letter}{carrier}": (letter, carrier) for letter in LETTERS for carrier in "xy"}
+    rows = []
+    for size in (2, 3):
+        for word in itertools.combinations(LETTERS, size):
+            goal = "G" + "".join(word)
+            carrier = "x" if word[0] in "abd" else "y"
+            cards = [letter + carrier for letter in word]
+            rows.append([*cards, *[""] * (3 - size), goal])
+            parts[goal] = word
+    parts |= {"Gnew": ("a", "c"), "new card": ("b", "x"), "strange": ("q",)}
+    with (folder / "letters.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([["ingredient_a", "ingredient_b", "ingredient_c", "result"]])
+        csv.writer(file).writerows(rows)
+    with (folder / "parts.csv").open("w", newline="") as file:
+        lines = [(label, part, 1) for label, names in parts.items() for part in names]
+        csv.writer(file).writerows([("label", "part", "amount"), *lines])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def book(tmp_path_factory):
+    folder = letters_book(tmp_path_factory.mktemp("letters"))
+    content = open_book(folder / "letters.csv")
+    split = make_split(RecipeGraph.from_book(content), SplitConfig("by-goal"))
+    write_graph_folder(folder / "graph", content, split)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def model(book):
+    config = RecipesConfig(
+        str(book / "graph"), RecipeScorerConfig(folds=3, parts=str(book / "parts.csv"))
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(set_fitting, "_EPOCHS", 12)
+        return open_model(train_recipes(config, book / "model").folder)
+
+
+@pytest.fixture
+def scorer(model):
+    return model.scorer
+
+
+def labels_of(scorer, ids):
+    return {scorer.entities[entity] for entity in ids}
+
+
+def test_recipes_lose_the_carriers_and_no_letter(model, scorer):
+    assert model.metrics.lost == {"x": 1.0, "y": 1.0}
+    assert model.metrics.shared == {}
+    assert scorer.knowledge.is_key.sum() == len(LETTERS)
+
+
+def test_most_unseen_goals_get_their_set_first_with_a_high_probability(model, scorer):
+    graph = model.opened.graph
+    rows = graph.sets[model.opened.split.is_in("test")]
+    first = [scorer.recipes(int(row[-1]), 1)[0] for row in rows]
+    is_right = [
+        set(best.ingredients) == set(row[:-1].tolist()) - {graph.num_entities}
+        for best, row in zip(first, rows, strict=True)
+    ]
+    assert np.mean(is_right) > 0.7
+    assert np.mean([best.probability for best in first]) > 0.5
+
+
+def test_suggestions_bring_each_letter_and_no_other_unless_any_part_is_allowed(scorer):
+    suggestions = scorer.recipes("Gbdh", 10)
+    assert len(suggestions) > 3
+    for suggestion in suggestions:
+        letters = sorted(label[0] for label in labels_of(scorer, suggestion.ingredients))
+        assert letters == ["b", "d", "h"]
+    assert sum(suggestion.probability for suggestion in suggestions) <= 1
+    assert len(scorer.recipes("Gbdh", 99, has_coverage=False)) > len(scorer.recipes("Gbdh", 99))
+
+
+def test_scores_of_sets_are_their_probabilities_in_any_order_and_batch(scorer):
+    goals = ["Gbdh", "Gbdh", "Gac"]
+    best = [*scorer.recipes("Gbdh", 2), scorer.recipes("Gac", 1)[0]]
+    sets = np.full((4, 8), -1)
+    for row, suggestion in enumerate(best):
+        sets[row, -len(suggestion.ingredients) :] = suggestion.ingredients[::-1]
+    sets[3, :2] = scorer.entity_ids(["ax", "bx"])
+    goal_ids = scorer.entity_ids([*goals, "Gac"]).numpy()
+    scores = scorer.score_sets(sets, goal_ids)
+    expected = [math.log(suggestion.probability) for suggestion in best]
+    np.testing.assert_allclose(scores[:3], expected, rtol=1e-4)
+    # b is brought in vain, and c is missing: both have the least share.
+    assert scores[3] < 2 * math.log(1e-3)
+    singles = [scorer.score_sets(sets[[row]], goal_ids[[row]])[0] for row in range(4)]
+    np.testing.assert_array_equal(scores, singles)
+
+
+def test_new_goals_and_ingredients_are_known_by_their_parts(book, scorer):
+    parts = str(book / "parts.csv")
+    wider = with_new_entities(scorer, ["Gnew", "new card"], parts, "one-hot")
+    assert [labels_of(wider, best.ingredients) for best in wider.recipes("Gnew", 2)] == [
+        labels_of(scorer, best.ingredients) for best in scorer.recipes("Gac", 2)
+    ]
+    sets = np.full((3, 8), -1)
+    for row, cards in enumerate((["dx", "new card"], ["dy", "new card"], ["dx", "hx"])):
+        sets[row, :2] = wider.entity_ids(cards)
+    scores = wider.score_sets(sets, wider.entity_ids(["Gbd"] * 3).numpy())
+    assert scores[0] > scores[1] > scores[2]
+    with pytest.raises(ConfigError, match="'strange' has the part q, which no entity"):
+        with_new_entities(scorer, ["strange"], parts, "one-hot")
+
+
+def test_a_goal_whose_part_no_train_recipe_brings_is_refused_by_its_name(scorer):
+    knowledge = scorer.knowledge
+    without_a = [
+        row for row in knowledge.recipes.tolist() if not scorer.entities[row[8]].startswith("Ga")
+    ]
+    tensors = dict(scorer.tensors())
+    fitted = set_fitting.fit_sets(
+        np.array(without_a), knowledge.amounts, knowledge.words, seed=0, folds=2
+    )
+    tensors |= fitted.tensors() | {"recipes": torch.tensor(without_a)}
+    SetScorer.check(tensors, len(scorer.entities))
+    other = SetScorer(tensors, scorer.entities, scorer.graph_hash)
+    with pytest.raises(ConfigError, match="no train recipe brings a, a part of 'Gab'"):
+        other.recipes("Gab")
+
+
+def test_supporting_recipes_are_of_similar_goals_and_never_the_recipe_itself(scorer):
+    best = scorer.recipes("Gab", 1)[0]
+    near = scorer.near_recipes("Gab", best.ingredients)
+    assert near[0].strength == 1
+    assert all(scorer.entities[recipe.result] != "Gab" for recipe in near)
+    assert all(set(best.ingredients) & set(recipe.ingredients) for recipe in near)
+
+
+def test_links_are_scored_by_shares_and_by_how_often_ingredients_meet(scorer):
+    parts = scorer.score(["dx", "dy", "hx", "Gad"], "componentOf", "Gad")
+    assert parts[0] > parts[1] > parts[2] == parts[3]
+    assert scorer.score("ax", "combinesWith", "bx") > scorer.score("ax", "combinesWith", "cy")
+    table = scorer.table("combinesWith")
+    torch.testing.assert_close(table, table.T)
+
+
+# --- loops against slow references ----------------------------------------------------------------
+
+
+def test_votes_equal_those_of_the_formula(scorer):
+    knowledge = scorer.knowledge
+    size = len(knowledge.ingredient_ids)
+    amounts = knowledge.amounts[scorer.entity_ids("Gbdh").item()]
+    goal = knowledge.goal(amounts, np.empty(0, np.float32), np.zeros(size, np.float32))
+    for kernel, (kinds, shares) in enumerate(loops.WIDTHS):
+        votes = dict.fromkeys(range(size), 0.0)
+        for row in knowledge.recipes:
+            known = knowledge.amounts[row[-1]]
+            jaccard = np.sum((known > 0) & (amounts > 0)) / np.sum((known > 0) | (amounts > 0))
+            distance = np.abs(known - amounts).sum() / 2
+            similarity = math.exp(-(1 - jaccard) / kinds - distance / shares)
+            for entity in row[:-1][row[:-1] >= 0]:
+                votes[int(knowledge.number_of[entity])] += similarity
+        np.testing.assert_allclose(goal.votes[kernel], list(votes.values()), rtol=1e-4)
+
+
+def test_the_beam_finds_what_a_full_search_finds(scorer):
+    knowledge = scorer.knowledge
+    size = len(knowledge.ingredient_ids)
+    amounts = knowledge.amounts[scorer.entity_ids("Gceh").item()]
+    log_network = np.random.default_rng(0).normal(size=size).astype(np.float32)
+    goal = knowledge.goal(amounts, np.empty(0, np.float32), log_network)
+    sets = np.full((8, 8), -1, dtype=np.int64)
+    nothing = np.empty(0, dtype=np.float32)
+    assert loops.search(knowledge.lists, goal.keys, goal.shares, nothing, 4, sets) == 8
+    options = [
+        [i for i in range(size) if knowledge.lists.has_part[i, key] and goal.is_allowed[i]]
+        for key in goal.keys
+    ]
+    scores = {
+        tuple(sorted(choice)): sum(
+            (goal.shares[0, key, i] + goal.shares[3, key, i]) / 2 for key, i in enumerate(choice)
+        )
+        for choice in itertools.product(*options)
+    }
+    expected = sorted(scores, key=scores.get, reverse=True)
+    assert [tuple(row[row >= 0].tolist()) for row in sets] == expected
+
+
+# --- the same bits, and folders from elsewhere ----------------------------------------------------
+
+
+def test_equal_seeds_give_equal_bits_and_no_global_generator_changes(model, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 2)
+    knowledge = model.scorer.knowledge
+    data = (knowledge.recipes, knowledge.amounts, knowledge.words)
+    state = torch.random.get_rng_state()
+    first, second, other = (
+        set_fitting.fit_sets(*data, seed=seed, folds=2).tensors() for seed in (1, 1, 2)
+    )
+    assert torch.equal(state, torch.random.get_rng_state())
+    assert all(torch.equal(first[name], second[name]) for name in first)
+    assert not torch.equal(first["network.first"], other["network.first"])
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("recipes", lambda t: t.index_fill(1, torch.tensor([0]), 999)),
+        ("recipes", lambda t: t.index_fill(1, torch.tensor([0]), -1)),
+        ("recipes", lambda t: t.flip(1)),
+        ("recipes", lambda t: t[:0]),
+        ("amounts", lambda t: -t),
+        ("amounts", lambda t: t[:, 1:]),
+        ("part_names", lambda t: torch.tensor([97, 10, 97], dtype=torch.uint8)),
+        ("part_names", lambda t: torch.tensor([255], dtype=torch.uint8)),
+        ("network.second", lambda t: t[..., 1:]),
+        ("mean", lambda t: t[1:]),
+        ("deviation", torch.zeros_like),
+        ("calibration", lambda t: -t),
+        ("words", lambda t: t.float()),
+    ],
+)
+def test_forged_tensors_are_refused(scorer, name, change):
+    tensors = dict(scorer.tensors())
+    tensors[name] = change(tensors[name])
+
+    def load():
+        SetScorer.check(tensors, len(scorer.entities))
+        return SetScorer(tensors, scorer.entities, scorer.graph_hash)
+
+    with pytest.raises((ValueError, KeyError, RuntimeError)):
+        load()
+
+
+def test_a_changed_file_is_an_error_that_names_it(book, model, tmp_path):
+    shutil.copytree(book / "model", tmp_path / "model")
+    path = tmp_path / "model" / "model.safetensors"
+    path.write_bytes(path.read_bytes()[:-1] + b"\0")
+    with pytest.raises(ArtefactError, match=r"model\.safetensors"):
+        load_scorer(tmp_path / "model")
+
+
+# --- books, settings and parts --------------------------------------------------------------------
+
+
+def test_a_book_of_pairs_trains_a_model_of_sets_only_if_parts_are_named(opened_kitchen, tmp_path):
+    settings = RecipeScorerConfig(folds=2, parts="none", features="one-hot")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(set_fitting, "_EPOCHS", 1)
+        trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "model")
+    scorer = load_scorer(trained.folder)
+    assert isinstance(scorer, SetScorer)
+    sizes = {len(suggestion.ingredients) for suggestion in scorer.recipes("bread", 10)}
+    assert 2 in sizes
+    assert "parts" not in RecipesConfig("kitchen").values()
+
+
+def test_rows_of_sets_have_a_padding_and_the_goal_last(opened_kitchen):
+    graph = opened_kitchen.graph
+    rows = rows_of_sets(graph, np.arange(graph.num_recipes) < 2)
+    assert rows.shape == (2, 9)
+    assert rows[:, 2:8].tolist() == [[-1] * 6] * 2
+    np.testing.assert_array_equal(rows[:, [0, 1, 8]], graph.sets[:2])
+
+
+@pytest.mark.parametrize("setting", [{"label_noise": 0.1}, {"kg": "none", "with_": ("kitchen",)}])
+def test_settings_of_models_of_pairs_are_refused(book, tmp_path, setting):
+    settings = RecipeScorerConfig(parts=str(book / "parts.csv"), **setting)
+    with pytest.raises(ConfigError, match="not for a model of sets"):
+        train_recipes(RecipesConfig(str(book / "graph"), settings), tmp_path / "model")
+    assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("label,part\nax,a\n", "header"),
+        ("label,part,amount\nax,a,much\n", "could not convert"),
+        ("label,part,amount\nax,a,-1\n", "line 2"),
+        ("label,part,amount\nax,a,nan\n", "line 2"),
+        ('label,part,amount\nax,"a\nb",1\n', "line"),
+        ("label,part,amount\nax,a,1,1\n", "line 2"),
+        ("label,part,amount\nbx,a,1\n", "1 label of 1 without parts, such as 'ax'"),
+    ],
+)
+def test_a_wrong_table_of_parts_is_refused_with_its_fault(tmp_path, text, fault):
+    path = tmp_path / "parts.csv"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=fault):
+        read_parts(str(path), ["ax"])
+
+
+def test_formulas_are_read_with_brackets_decimals_and_hydrates_or_refused():
+    pytest.importorskip("periodictable")
+    assert parse_formula("BaTi0.9Zr0.1O3") == {"Ba": 1, "Ti": 0.9, "Zr": 0.1, "O": 3}
+    assert parse_formula("K4[Fe(CN)6]") == {"K": 4, "Fe": 1, "C": 6, "N": 6}
+    assert parse_formula("CuSO4·5H2O") == {"Cu": 1, "S": 1, "O": 9, "H": 10}
+    for nonsense in ("LixCoO2", "pizza", "", "Foo"):
+        with pytest.raises(ConfigError, match="no chemical formula"):
+            parse_formula(nonsense)
+
+
+# --- evaluation -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ranked(model):
+    return rank_sets(model, "letters")
+
+
+def test_columns_are_goals_with_new_parts_and_of_which_no_set_is_known(model, ranked):
+    record, predictions = ranked
+    split = model.opened.split
+    columns = record.methods[0].columns
+    assert columns["all"].goals == len(predictions) == split.is_in("test").sum()
+    # Each word is a new set of letters, and each set of cards makes one word.
+    assert columns["new parts"].goals == columns["new sets"].goals == len(predictions)
+    names = [method.name for method in record.methods]
+    assert names[1:] == ["most frequent sets", "statistics of parts", "sets of the nearest goal"]
+
+
+def test_shares_count_goals_with_a_right_set_among_the_first_k(model, ranked):
+    record, predictions = ranked
+    graph = model.opened.graph
+    right = {
+        str(recipe.result): set(recipe.ingredients)
+        for recipe in graph.recipe_labels(graph.sets[model.opened.split.is_in("test")])
+    }
+    for k, share in record.methods[0].columns["all"].shares.items():
+        hits = [
+            any(set(ranked_set) == right[goal] for ranked_set in sets[:k])
+            for goal, sets in predictions.items()
+        ]
+        assert share == pytest.approx(np.mean(hits))
+    assert record.methods[0].columns["all"].shares[1] > 0.7
+    for method in record.methods[1:]:
+        difference = record.methods[0].columns["all"].shares[1] - method.columns["all"].shares[1]
+        assert method.lead[1][0] == pytest.approx(difference)
+        assert difference > 0
+
+
+def test_predictions_of_others_are_read_and_scored_alike(run, book, model, ranked, tmp_path):
+    record, predictions = ranked
+    path = tmp_path / "other.json.gz"
+    with gzip.open(path, "wt") as file:
+        # Ingredients in any order, a set named twice, and a goal that the book lacks.
+        turned = {goal: [each[::-1] for each in sets] for goal, sets in predictions.items()}
+        json.dump(turned | {"another": [["x"]]}, file)
+    out = tmp_path / "report"
+    outcome = run("evaluate-links", book / "model", "--predictions", path, "--out", out)
+    assert outcome.code == 0
+    assert "other.json.gz" in outcome.out
+    written = json.loads((out / "sets.json").read_text())
+    assert written["methods"][0]["columns"] == written["methods"][-1]["columns"]
+    assert json.loads((out / "predictions.json").read_text()) == predictions
+    assert written["calibration_error"] == pytest.approx(record.calibration_error)
+
+
+@pytest.mark.parametrize("text", ["[]", "{", '{"a": [1]}', '{"a": ["b"]}'])
+def test_a_file_without_predictions_is_refused(tmp_path, text):
+    path = tmp_path / "wrong.json"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match="no predictions"):
+        read_predictions(path)
+
+
+# --- the command line -----------------------------------------------------------------------------
+
+
+def test_suggest_and_score_answer_with_probability_part_and_support(run, book, model):
+    told = run("suggest", book / "model", "--goal", "Gab", "--top", 1).out
+    assert "probability" in told
+    assert "ax + bx -> Gab" in told
+    assert "because" in told
+    new = run("suggest", book / "model", "--goal", "Gnew", "--top", 1).out
+    assert "'Gnew' not in the graph: scored by parts and words" in new
+    assert "ax + cx -> Gnew" in run("score", book / "model", "_ + _ -> Gnew", "--top", 1).out
+    assert "ax + bx -> Gab" in run("score", book / "model", "ax + bx -> Gab").out
+
+
+@pytest.mark.parametrize(
+    ("query", "fault"),
+    [
+        ("Gab -> Gab", "among its own ingredients"),
+        ("ax + _ -> Gab", "cannot parse recipe"),
+        (" + ".join(["ax"] * 9) + " -> Gab", "9 ingredients"),
+        ("ax + nothing -> Gab", "'nothing'"),
+    ],
+)
+def test_queries_that_no_model_of_sets_can_answer_are_refused(run, book, model, query, fault):
+    outcome = run("score", book / "model", query)
+    assert outcome.code == 1
+    assert fault in outcome.err
+
+
+def test_a_recipe_scorer_of_pairs_suggests_the_train_recipes_of_a_goal(run, recipes_folder):
+    told = run("suggest", recipes_folder, "--goal", "dough", "--top", 3).out
+    assert "flour + water -> dough" in told

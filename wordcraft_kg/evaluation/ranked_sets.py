@@ -1,0 +1,279 @@
+"""Top-k accuracy of whole sets for unseen goals: a model, baselines, and predictions of others."""
+
+import gzip
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from wordcraft_kg.base.artefacts import check_file
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.statistics import paired_difference, wilson_interval
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.model import Model
+from wordcraft_kg.models.recipes.set_training import rows_of_sets
+from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
+
+TOP = (1, 3, 5, 10)
+"""Numbers of first suggestions among which a right set counts."""
+ALL = "all"
+NEW_PARTS = "new parts"
+NEW_SETS = "new sets"
+_LISTED = 10
+"""Most sets in a file of predictions."""
+_MOST_BYTES = 2**27
+_BINS = 10
+Set = frozenset[str]
+Predictions = Mapping[str, Sequence[Sequence[str]]]
+"""Sets of ingredients by goal, best first."""
+
+
+class TopShares(Record):
+    """Share of goals with a right set among the first k, by k.
+
+    Attributes:
+        goals: number of goals.
+        shares: by k.
+        intervals: 95 % intervals of the shares (Wilson), by k.
+    """
+
+    goals: Count
+    shares: dict[int, Share]
+    intervals: dict[int, tuple[Share, Share]]
+
+
+class RankedMethod(Record):
+    """Top-k accuracy of a method.
+
+    Attributes:
+        name: the model, a baseline, or the file of predictions.
+        columns: all goals, goals whose parts no train goal has together, goals of which no right
+            set is that of a train recipe.
+        lead: the model's share minus the method's, with its paired interval, by k; all goals.
+    """
+
+    name: str
+    columns: dict[str, TopShares]
+    lead: dict[int, tuple[float, float, float]]
+
+
+class RankedSets(Record):
+    """Content of ``sets.json``: methods on the test goals of a model of sets.
+
+    Attributes:
+        model: name of the model's folder.
+        graph: hash of the graph.
+        split: hash of the split.
+        methods: the model first.
+        calibration_error: mean distance between probabilities and shares of right sets, in ten
+            bins of the model's first five suggestions.
+        unanswered: test goals without a suggestion of the model.
+    """
+
+    model: str
+    graph: str
+    split: str
+    methods: tuple[RankedMethod, ...]
+    calibration_error: Share
+    unanswered: Count
+
+
+class _Goals(NamedTuple):
+    """Test goals, the sets that make them, and which goals each column has."""
+
+    ids: list[int]
+    labels: list[str]
+    right: list[frozenset[Set]]
+    columns: dict[str, np.ndarray[Any, Any]]
+
+
+def rank_sets(
+    model: Model, name: str, files: Sequence[Path] = ()
+) -> tuple[RankedSets, dict[str, list[list[str]]]]:
+    """Evaluate a model of sets on the goals of its test recipes.
+
+    Args:
+        model: the model, of a split by goal: a test goal's train recipes are not left out.
+        name: name of the model.
+        files: predictions of others, see :func:`read_predictions`.
+
+    Returns:
+        the record, and the model's own predictions.
+
+    Raises:
+        ConfigError: if the split has no test recipes, or a file no predictions.
+    """
+    scorer = model.scorer
+    assert isinstance(scorer, SetScorer)
+    predictions_of_files = {path.name: read_predictions(path) for path in files}
+    goals = _test_goals(model, scorer)
+    predictions: dict[str, list[list[str]]] = {}
+    chances: list[float] = []
+    is_right: list[bool] = []
+    for entity, label, right in zip(goals.ids, goals.labels, goals.right, strict=True):
+        try:
+            ranked = scorer.recipes(entity, _LISTED)
+        except ConfigError:
+            ranked = []
+        sets = [
+            [scorer.entities[member] for member in suggestion.ingredients] for suggestion in ranked
+        ]
+        predictions[label] = sets
+        chances += [suggestion.probability for suggestion in ranked[:5]]
+        is_right += [frozenset(labels) in right for labels in sets[:5]]
+    methods: dict[str, Predictions] = {
+        name: predictions,
+        **_baselines(scorer, goals),
+        **predictions_of_files,
+    }
+    hits = {method: _hits(goals, answers) for method, answers in methods.items()}
+    rows = [
+        RankedMethod(
+            method,
+            {
+                column: _top_shares(table[is_in_column])
+                for column, is_in_column in goals.columns.items()
+            },
+            {} if method == name else _leads(hits[name], table),
+        )
+        for method, table in hits.items()
+    ]
+    record = RankedSets(
+        model=name,
+        graph=model.opened.graph.hash,
+        split=model.opened.split.hash,
+        methods=tuple(rows),
+        calibration_error=_calibration_error(np.array(chances), np.array(is_right)),
+        unanswered=sum(not sets for sets in predictions.values()),
+    )
+    return record, predictions
+
+
+def read_predictions(path: Path) -> Predictions:
+    """Read sets of ingredients by goal, best first: ``{"mud": [["earth", "water"], ...], ...}``.
+
+    Args:
+        path: a JSON file, perhaps gzipped.
+
+    Raises:
+        ConfigError: if it is no such file.
+        ArtefactError: if it is missing or too large.
+    """
+    check_file(path, _MOST_BYTES)
+    data = path.read_bytes()
+    try:
+        if data.startswith(b"\x1f\x8b"):
+            with gzip.open(path) as file:
+                data = file.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise ValueError(f"more than {_MOST_BYTES:,} bytes")
+        answers = json.loads(data)
+        return msgspec.convert(answers, dict[str, list[list[str]]])
+    except (ValueError, EOFError, OSError, RecursionError, msgspec.ValidationError) as error:
+        raise ConfigError(
+            f"{path}: no predictions ({str(error)[:80]}); expected JSON such as "
+            '{"mud": [["earth", "water"]]}: sets of ingredients by goal, best first.'
+        ) from None
+
+
+def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
+    graph, split = model.opened.graph, model.opened.split
+    rows = rows_of_sets(graph, split.is_in("test"))
+    if not len(rows):
+        raise ConfigError(
+            f"{graph.name} has no test recipes; build it with a split such as by-goal."
+        )
+    sets_of_goal: dict[int, set[Set]] = {}
+    for row in rows.tolist():
+        members = (graph.entities[entity] for entity in row[:-1] if entity != NO_INGREDIENT)
+        sets_of_goal.setdefault(row[-1], set()).add(frozenset(members))
+    ids = sorted(sets_of_goal)
+    right = [frozenset(sets_of_goal[goal]) for goal in ids]
+    knowledge = scorer.knowledge
+    has_part = knowledge.amounts > 0
+    seen_parts = {has_part[goal].tobytes() for goal in knowledge.goal_ids}
+    seen_sets = {
+        frozenset(graph.entities[entity] for entity in row if entity != NO_INGREDIENT)
+        for row in knowledge.recipes[:, :-1].tolist()
+    }
+    columns = {ALL: np.ones(len(ids), dtype=bool)}
+    if knowledge.has_parts:
+        is_new = [has_part[goal].tobytes() not in seen_parts for goal in ids]
+        columns[NEW_PARTS] = np.array(is_new)
+    columns[NEW_SETS] = np.array([not sets & seen_sets for sets in right])
+    columns = {
+        column: is_in_column for column, is_in_column in columns.items() if is_in_column.any()
+    }
+    return _Goals(ids, [graph.entities[goal] for goal in ids], right, columns)
+
+
+def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
+    """Return predictions that any outsider makes: frequent sets, parts' statistics, nearest goal.
+
+    The last two know parts; without, they are frequent ingredients and the words' nearest goal.
+    """
+    knowledge = scorer.knowledge
+    lists = knowledge.lists
+    frequent = np.argsort(-knowledge.set_counts, kind="stable")[:_LISTED]
+    most_frequent = [_labels(scorer, lists.sets[number]) for number in frequent]
+    predictions: dict[str, dict[str, list[list[str]]]] = {
+        "most frequent sets": {},
+        "statistics of parts": {},
+        "sets of the nearest goal": {},
+    }
+    of_frequency, of_parts, of_nearest = predictions.values()
+    for entity, label in zip(goals.ids, goals.labels, strict=True):
+        of_frequency[label] = most_frequent
+        evidence = scorer.evidence(entity)
+        near = np.argsort(-evidence.set_votes[2], kind="stable")[:_LISTED]
+        of_nearest[label] = [_labels(scorer, lists.sets[number]) for number in near]
+        sets = knowledge.sets_by_frequency(evidence)[:_LISTED]
+        of_parts[label] = [_labels(scorer, row) for row in sets]
+    return dict(predictions)
+
+
+def _labels(scorer: SetScorer, row: Ids) -> list[str]:
+    """Return the labels of a set by numbers of ingredients."""
+    return [scorer.entities[entity] for entity in scorer.knowledge.ingredient_ids[row[row >= 0]]]
+
+
+def _hits(goals: _Goals, predictions: Predictions) -> np.ndarray[Any, Any]:
+    """Return whether a right set is among the first k of a goal, shape (goals, len(TOP)), bool."""
+    hits = np.zeros((len(goals.ids), len(TOP)), dtype=bool)
+    for row, (label, right) in enumerate(zip(goals.labels, goals.right, strict=True)):
+        # A set that is named twice counts once.
+        ranked = list(dict.fromkeys(map(frozenset, predictions.get(label, ()))))
+        for column, k in enumerate(TOP):
+            hits[row, column] = not right.isdisjoint(ranked[:k])
+    return hits
+
+
+def _top_shares(hits: np.ndarray[Any, Any]) -> TopShares:
+    shares = dict(zip(TOP, hits.mean(0).tolist(), strict=True))
+    intervals = {
+        k: wilson_interval(float(count), len(hits))
+        for k, count in zip(TOP, hits.sum(0).tolist(), strict=True)
+    }
+    return TopShares(len(hits), shares, intervals)
+
+
+def _leads(
+    model: np.ndarray[Any, Any], method: np.ndarray[Any, Any]
+) -> dict[int, tuple[float, float, float]]:
+    """Return the model's lead over a method with its interval, by k."""
+    return {
+        k: paired_difference(model[:, [column]], method[:, [column]], None)
+        for column, k in enumerate(TOP)
+    }
+
+
+def _calibration_error(chances: np.ndarray[Any, Any], is_right: np.ndarray[Any, Any]) -> float:
+    """Return the expected calibration error of probabilities in bins of equal width."""
+    bins = np.minimum((chances * _BINS).astype(int), _BINS - 1)
+    distances = np.bincount(bins, chances - is_right, _BINS)
+    return float(np.abs(distances).sum() / max(len(chances), 1))

@@ -1,0 +1,257 @@
+"""Fit the network, the committee and the probabilities of a model of sets."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
+from wordcraft_kg.models.scorers.sets.networks import Networks, fit
+
+TOP = (1, 3, 5, 10)
+"""Numbers of suggestions, for shares of goals with a right one among them."""
+_HIDDEN = 256
+_EPOCHS = 25
+_MEMBERS = 2
+"""Networks of the last knowledge; folds have one each."""
+_COMMITTEE = 5
+_COMMITTEE_HIDDEN = 64
+_COMMITTEE_EPOCHS = 14
+_LIMIT = 6.0
+"""Largest standardised feature."""
+_NEVER = -1e9
+
+
+class FittedSets(NamedTuple):
+    """What a fit adds to the recipes.
+
+    Attributes:
+        network: scores of ingredients for a goal.
+        committee: scores of sets from their features.
+        mean: of each feature, shape (F,).
+        deviation: of each feature, shape (F,).
+        calibration: temperature, and score of none of the candidates, shape (2,).
+        top: share of unseen train goals with a right set among the first 1, 3, 5 and 10.
+    """
+
+    network: Networks
+    committee: Networks
+    mean: Tensor
+    deviation: Tensor
+    calibration: Tensor
+    top: tuple[float, ...]
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return all weights by the names in a model folder."""
+        return {
+            **self.network.tensors("network."),
+            **self.committee.tensors("committee."),
+            "mean": self.mean,
+            "deviation": self.deviation,
+            "calibration": self.calibration,
+        }
+
+
+class Candidates(NamedTuple):
+    """Candidate sets of a goal, with features, and which of them are right."""
+
+    sets: Ids
+    features: Vector
+    is_right: NDArray[np.bool_]
+
+
+def fit_sets(
+    recipes: Ids,
+    amounts: Vector,
+    words: Vector,
+    *,
+    seed: int,
+    folds: int = 5,
+    after: Callable[[], None] = lambda: None,
+) -> FittedSets:
+    """Fit a model of sets.
+
+    Args:
+        recipes: shape (R, 9), entities (ingredients, padding -1, goal).
+        amounts: parts of all entities, shape (E, P).
+        words: unit vectors of all entities, shape (E, D).
+        seed: root seed.
+        folds: parts of the train goals, each scored by knowledge without its recipes.
+        after: called after each fold, and at the end.
+    """
+    goals = np.unique(recipes[:, -1])
+    fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
+    fold_of_entity = np.zeros(len(amounts), dtype=np.int64)
+    fold_of_entity[goals] = fold_of_goal
+    fold_of_recipe = fold_of_entity[recipes[:, -1]]
+    lessons: list[Candidates] = []
+    for fold in range(folds):
+        knowledge = SetKnowledge(recipes[fold_of_recipe != fold], amounts, words)
+        network = fit_network(knowledge, seed * 1_000 + fold, members=1)
+        held_out = recipes[fold_of_recipe == fold]
+        lessons += candidates_of(knowledge, network, held_out)
+        after()
+    knowledge = SetKnowledge(recipes, amounts, words)
+    network = fit_network(knowledge, seed * 1_000 + folds, members=_MEMBERS)
+    fitted = _fit_committee(lessons, seed)
+    after()
+    return FittedSets(network, *fitted)
+
+
+def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks:
+    """Fit networks that choose the ingredient for each key part of a goal.
+
+    The loss of a recipe's key part is the cross-entropy of the ingredients that bring it, among all
+    allowed ones with the part.
+    """
+    lists = knowledge.lists
+    generator = torch.Generator().manual_seed(seed)
+    goal_amounts = knowledge.amounts[knowledge.goal_ids]
+    inputs = knowledge.inputs(goal_amounts, knowledge.words[knowledge.goal_ids])
+    num_ingredients = len(knowledge.ingredient_ids)
+    options = [np.flatnonzero(column) for column in lists.has_part.T]
+    width = max(map(len, options))
+    # Padding is an ingredient behind the last, which is never allowed.
+    table = np.full((len(options), width), num_ingredients, dtype=np.int64)
+    for row, numbers in enumerate(options):
+        table[row, : len(numbers)] = numbers
+    members_of_recipe = np.zeros((len(lists.recipe_goals), num_ingredients + 1), dtype=bool)
+    rows, columns = np.nonzero(lists.sets[lists.recipe_sets] >= 0)
+    members_of_recipe[rows, lists.sets[lists.recipe_sets][rows, columns]] = True
+    is_allowed = np.zeros((len(goal_amounts), num_ingredients + 1), dtype=bool)
+    is_allowed[:, :-1] = knowledge.allowed(goal_amounts)
+    recipe, part = np.nonzero((goal_amounts[lists.recipe_goals] > 0) & knowledge.is_key)
+    choices = table[part]
+    can = is_allowed[lists.recipe_goals[recipe, None], choices]
+    is_target = members_of_recipe[recipe[:, None], choices] & can
+    is_lesson = is_target.any(1)
+    recipe = recipe[is_lesson]
+    lesson_choices = torch.from_numpy(choices[is_lesson])
+    banned = torch.from_numpy(np.where(can[is_lesson], 0, _NEVER).astype(np.float32))
+    target = torch.from_numpy(is_target[is_lesson].astype(np.float32))
+    target /= target.sum(1, keepdim=True)
+    starts = np.searchsorted(recipe, np.arange(len(lists.recipe_goals) + 1))
+    goals = torch.from_numpy(lists.recipe_goals)
+    counts = torch.from_numpy(np.diff(starts))
+    first = torch.from_numpy(starts)
+
+    def loss_of(networks: Networks, rows: Tensor, drop: Callable[[Tensor], Tensor]) -> Tensor:
+        num_lessons = counts[rows]
+        place = torch.repeat_interleave(torch.arange(len(rows)), num_lessons)
+        ends = torch.cumsum(num_lessons, 0)
+        lesson = torch.arange(len(place)) + (first[rows] - (ends - num_lessons))[place]
+        scores = networks(inputs[goals[rows]], drop)
+        scores = torch.nn.functional.pad(scores, (0, 1))
+        option_ids = lesson_choices[lesson].expand(len(scores), -1, -1)
+        of_part = scores[:, place].gather(2, option_ids) + banned[lesson]
+        return -(torch.log_softmax(of_part, 2) * target[lesson]).sum(2).mean()
+
+    sizes = (inputs.shape[1], _HIDDEN, num_ingredients)
+    start = Networks.drawn(members, sizes, generator)
+    return fit(start, loss_of, len(goals), generator, epochs=_EPOCHS, rate=3e-3)
+
+
+def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> list[Candidates]:
+    """Return candidates for the goals of recipes that the knowledge lacks.
+
+    Args:
+        knowledge: of other recipes.
+        network: fitted to them.
+        recipes: shape (n, 9).
+    """
+    goals, of_recipe = np.unique(recipes[:, -1], return_inverse=True)
+    amounts = knowledge.amounts[goals]
+    words = knowledge.words[goals]
+    with torch.no_grad():
+        scores = torch.log_softmax(network(knowledge.inputs(amounts, words)), 2).mean(0).numpy()
+    results = []
+    order = np.argsort(of_recipe, kind="stable")
+    for row, goal_rows in enumerate(np.split(order, np.cumsum(np.bincount(of_recipe))[:-1])):
+        goal = knowledge.goal(amounts[row], words[row], scores[row], entity=goals[row])
+        sets, features = knowledge.candidates(goal)
+        # An ingredient that other recipes lack is in no candidate.
+        members = recipes[goal_rows, :-1]
+        is_known = ((members < 0) | (knowledge.number_of[members] >= 0)).all(1)
+        right = knowledge.numbers(members[is_known])
+        is_right = (sets[:, None] == right[None]).all(2).any(1)
+        results.append(Candidates(sets, features, is_right))
+    return results
+
+
+def _fit_committee(
+    lessons: Sequence[Candidates], seed: int
+) -> tuple[Networks, Tensor, Tensor, Tensor, tuple[float, ...]]:
+    """Fit the committee and the probabilities; each network leaves out a fifth of the goals."""
+    num_goals = len(lessons)
+    lessons = [lesson for lesson in lessons if len(lesson.sets)]
+    longest = max(len(lesson.sets) for lesson in lessons)
+    num_features = lessons[0].features.shape[1]
+    features = np.zeros((len(lessons), longest, num_features), dtype=np.float32)
+    is_set = np.zeros((len(lessons), longest), dtype=bool)
+    is_right = np.zeros_like(is_set)
+    for row, lesson in enumerate(lessons):
+        features[row, : len(lesson.sets)] = lesson.features
+        is_set[row, : len(lesson.sets)] = True
+        is_right[row, : len(lesson.sets)] = lesson.is_right
+    mean = torch.from_numpy(features[is_set].mean(0))
+    deviation = torch.from_numpy(features[is_set].std(0) + 1e-6)
+    scaled = ((torch.from_numpy(features) - mean) / deviation).clamp(-_LIMIT, _LIMIT)
+    never = torch.from_numpy(np.where(is_set, 0, _NEVER).astype(np.float32))
+    wrong = torch.from_numpy(np.where(is_right, 0, _NEVER).astype(np.float32))
+    generator = torch.Generator().manual_seed(seed * 1_000 + 999)
+    has_right = torch.from_numpy(is_right.any(1))
+    left_out = torch.randperm(len(lessons), generator=generator) % _COMMITTEE
+    member = torch.arange(_COMMITTEE)[:, None]
+    useful = torch.nonzero(has_right)[:, 0]
+
+    def scores_of(networks: Networks, rows: Tensor, **drop: Callable[[Tensor], Tensor]) -> Tensor:
+        flat = scaled[rows].reshape(-1, num_features)
+        return networks(flat, **drop).reshape(_COMMITTEE, len(rows), longest) + never[rows]
+
+    def loss_of(networks: Networks, rows: Tensor, drop: Callable[[Tensor], Tensor]) -> Tensor:
+        goals = useful[rows]
+        scores = scores_of(networks, goals, drop=drop)
+        loss = torch.logsumexp(scores, 2) - torch.logsumexp(scores + wrong[goals], 2)
+        return (loss * (left_out[goals] != member)).sum() / (_COMMITTEE - 1) / len(rows)
+
+    start = Networks.drawn(_COMMITTEE, (num_features, _COMMITTEE_HIDDEN, 1), generator)
+    committee = fit(start, loss_of, len(useful), generator, epochs=_COMMITTEE_EPOCHS, rate=5e-3)
+    with torch.no_grad():
+        everything = torch.arange(len(lessons))
+        unseen = scores_of(committee, everything)[left_out, everything]
+    order = torch.argsort(unseen, dim=1, descending=True, stable=True)
+    is_hit = torch.from_numpy(is_right).gather(1, order)
+    # Goals without candidates are misses.
+    top = tuple(float(is_hit[:, :k].any(1).sum()) / num_goals for k in TOP)
+    return committee, mean, deviation, _calibrated(unseen, wrong, has_right), top
+
+
+def _calibrated(scores: Tensor, wrong: Tensor, has_right: Tensor) -> Tensor:
+    """Return the temperature, and the score of none, that make unseen goals likeliest.
+
+    Args:
+        scores: of candidates by a network that has not seen the goal, shape (n, K).
+        wrong: 0 for right candidates, else a large negative number.
+        has_right: whether a candidate is right, shape (n,).
+    """
+    values = torch.zeros(2, requires_grad=True)
+    optimiser = torch.optim.LBFGS([values], max_iter=100, line_search_fn="strong_wolfe")
+
+    def loss() -> Tensor:
+        scaled = scores * torch.exp(-values[0])
+        every = torch.cat([scaled, values[1].expand(len(scores), 1)], 1)
+        right = torch.where(
+            has_right, torch.logsumexp(scaled + wrong, 1), values[1].expand(len(scores))
+        )
+        total = (torch.logsumexp(every, 1) - right).mean()
+        optimiser.zero_grad()
+        total.backward()
+        return total
+
+    optimiser.step(loss)
+    temperature, none_score = values.detach()
+    return torch.stack([torch.exp(temperature), none_score])

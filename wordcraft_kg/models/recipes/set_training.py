@@ -1,0 +1,275 @@
+"""Train models of recipes as sets into a model folder, by the command ``train-recipes``.
+
+A book with larger sets than pairs trains such a model, and any book with the setting ``parts``.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import torch
+from threadpoolctl import threadpool_limits
+
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.records import FitDone, SetMetrics, TrainedSets
+from wordcraft_kg.models.recipes.set_fitting import fit_sets
+from wordcraft_kg.models.scorers.features import make_features, named
+from wordcraft_kg.models.scorers.folder import write_scorer
+from wordcraft_kg.models.scorers.sets.knowledge import (
+    NO_INGREDIENT,
+    Flags,
+    SetKnowledge,
+    Vector,
+)
+from wordcraft_kg.models.scorers.sets.parts import (
+    NO_PARTS,
+    Parts,
+    parts_of_labels,
+    read_parts,
+)
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
+from wordcraft_kg.runs.checkpoints import Checkpoint
+from wordcraft_kg.runs.record import scorer_card
+from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
+from wordcraft_kg.runs.trackers import Log
+from wordcraft_kg.runs.training import Training
+
+_OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
+_OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "encoder", "device")
+"""Settings that models of sets do not have."""
+_FEWEST_GOALS = 10
+
+
+def trains_sets(settings: RecipeScorerConfig, graph: RecipeGraph) -> bool:
+    """Return whether the settings and the graph ask for a model of sets, not of pairs."""
+    return settings.parts is not None or bool((graph.sizes != 2).any())
+
+
+def word_vectors(features: str, labels: Sequence[str], *, allow_missing: bool) -> Vector:
+    """Return unit vectors of labels as a model stores them, shape (E, D); D = 0 for one-hot.
+
+    Args:
+        features: as in the settings.
+        labels: labels of entities.
+        allow_missing: whether labels may lack a vector.
+    """
+    # Vectors of which no two are alike tell nothing.
+    if features == "one-hot":
+        return np.zeros((len(labels), 0), dtype=np.float32)
+    vectors = make_features(features, labels, allow_missing=allow_missing).unit_vectors
+    return vectors.astype(np.float16).astype(np.float32)
+
+
+def with_new_entities(
+    scorer: SetScorer, labels: Sequence[str], parts: str, features: str
+) -> SetScorer:
+    """Return a scorer that also knows labels which its graph lacks, by their parts and words.
+
+    Args:
+        scorer: the model's scorer.
+        labels: the new entities, without duplicates.
+        parts: the model's source of parts.
+        features: the model's word vectors.
+
+    Raises:
+        ConfigError: if a label has no parts or words, or a part that the model's graph lacks.
+    """
+    shares = Parts.nothing(len(labels))
+    if parts != NO_PARTS:
+        amounts = parts_of_labels(parts, labels)
+        for label, amounts_of_label in zip(labels, amounts, strict=True):
+            unknown = [part for part in amounts_of_label if part not in scorer.part_labels]
+            if unknown:
+                raise ConfigError(
+                    f"'{label}' has the part {unknown[0]}, which no entity of the model's graph "
+                    "has. Train on a book with such recipes."
+                )
+        shares = Parts.of(amounts, scorer.part_labels)
+    elif features == "one-hot":
+        raise ConfigError(
+            f"no entity '{labels[0]}'.{nearest(labels[0], scorer.entities)} The model knows the "
+            "graph's entities alone: train with `parts` or words for new ones."
+        )
+    words = word_vectors(features, labels, allow_missing=False)
+    return scorer.with_entities(labels, shares, words)
+
+
+class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
+    """Trainer for models of sets.
+
+    Attributes:
+        features: name of the word vectors; one-hot for none.
+        recipes: training recipes, shape (R, 9), (ingredients, padding -1, goal).
+        parts: parts of all entities.
+        words: unit vectors of all entities.
+    """
+
+    config_type = RecipesConfig
+
+    def __init__(self, config: RecipesConfig, opened: OpenedGraph, kind: RunKind[Any]):
+        """Read parts and words.
+
+        Args:
+            config: all settings.
+            opened: the graph with its split.
+            kind: constants of runs of the command.
+
+        Raises:
+            ConfigError: if the settings do not fit the graph or models of sets.
+        """
+        super().__init__(config, opened)
+        self.kind = kind  # type: ignore[misc]
+        settings = config.settings
+        _check_settings(settings)
+        self.source = settings.parts or NO_PARTS
+        graph = opened.graph
+        allow_missing = settings.allow_missing
+        self.parts = read_parts(self.source, graph.entities, allow_missing=allow_missing)
+        self.features = settings.features
+        if self.features == "auto":
+            # Parts are enough unless words are named.
+            has_parts = self.source != NO_PARTS
+            self.features = "one-hot" if has_parts else named("auto", graph.entities)
+        self.words = word_vectors(self.features, graph.entities, allow_missing=allow_missing)
+        is_used = np.ones(graph.num_recipes, dtype=bool)
+        if settings.kg == "partial":
+            is_used = opened.split.is_in("train")
+        self.recipes = rows_of_sets(graph, is_used)
+        num_goals = len(np.unique(self.recipes[:, -1]))
+        if num_goals < max(_FEWEST_GOALS, settings.folds):
+            raise ConfigError(
+                f"{graph.name} has {num_goals} goals in train; expected {_FEWEST_GOALS} or more, "
+                "and as many as `folds`. Use a larger book."
+            )
+
+    def begin(  # noqa: D102 - inherited
+        self, run: RunFolder[FitDone], report: Progress | None
+    ) -> Mapping[str, Any]:
+        # The input `parts` also tells that a folder holds a model of sets.
+        return {"inputs": {"parts": self.parts.sha256}}
+
+    def fit(  # noqa: D102 - inherited
+        self,
+        run: RunFolder[FitDone],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[FitDone] | None,
+    ) -> TrainedSets:
+        settings = self.config.settings
+        began = time.perf_counter()
+        total = settings.folds + 1
+        steps = 0
+
+        def after() -> None:
+            nonlocal steps
+            steps += 1
+            if run.interrupted.is_set():
+                raise KeyboardInterrupt
+            if report:
+                report(steps, total, {})
+
+        with torch_threads(settings.threads), threadpool_limits(settings.threads):
+            fitted = fit_sets(
+                self.recipes,
+                self.parts.amounts,
+                self.words,
+                seed=settings.seed,
+                folds=settings.folds,
+                after=after,
+            )
+        tensors = {
+            "recipes": torch.from_numpy(self.recipes),
+            "amounts": torch.from_numpy(self.parts.amounts),
+            "part_names": stored_names(self.parts.labels),
+            "words": torch.from_numpy(self.words.astype(np.float16)),
+            **fitted.tensors(),
+        }
+        write_scorer(run.path, SetScorer.kind, tensors, self.opened.graph)
+        knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)
+        metrics = SetMetrics(
+            kg=settings.kg,
+            recipes=len(self.recipes),
+            goals=len(knowledge.goal_ids),
+            ingredients=len(knowledge.ingredient_ids),
+            parts=self.source,
+            features=self.features,
+            seconds=round(time.perf_counter() - began, 3),
+            folds=settings.folds,
+            fold_top=fitted.top,
+            lost=self._shares(knowledge.lost, ~knowledge.is_kept),
+            shared=self._shares(knowledge.shared, knowledge.is_kept & ~knowledge.is_key),
+        )
+        write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
+        run.finish(_OUTPUTS, self._card(metrics))
+        return TrainedSets(run.path, metrics)
+
+    def _shares(self, values: Vector, is_shown: Flags) -> dict[str, float]:
+        """Return values of some parts by name, the largest first."""
+        parts = [part for part in np.argsort(-values, kind="stable") if is_shown[part]]
+        return {self.parts.labels[part]: round(float(values[part]), 3) for part in parts}
+
+    def _card(self, metrics: SetMetrics) -> str:
+        """Return the README of the model folder."""
+        graph = self.opened.graph
+        goal = graph.entities[int(self.recipes[0, -1])]
+        data = "all recipes, test recipes included: the scores show memory, not prediction."
+        if metrics.kg == "partial":
+            data = "the train recipes only."
+        return scorer_card(
+            self.opened,
+            f"A scorer of recipes as sets of the {metrics.kg} knowledge graph of {graph.name}",
+            "Ranks sets of one to eight ingredients for a goal, and scores any set, "
+            f"with probabilities. Fitted on {data}",
+            ["", *(f"{name}: {text}" for name, text in metrics.facts().items())],
+            "`config.toml` reproduces the training; `run.json` records all versions.",
+            [f"scorer.recipes({goal!r}, 5)  # sets of ids, with probabilities"],
+        )
+
+    @classmethod
+    def outcome(cls, files: Any) -> TrainedSets:  # noqa: D102 - inherited
+        return TrainedSets(files.folder, files.record("metrics.json", SetMetrics))
+
+
+def rows_of_sets(graph: RecipeGraph, is_used: Any) -> Ids:
+    """Return recipes as a model of sets stores them, shape (R, 9).
+
+    Args:
+        graph: the recipe graph.
+        is_used: which of its recipes.
+
+    Returns:
+        Rows (ingredients, padding -1, goal).
+    """
+    sets = graph.sets[is_used]
+    rows = np.full((len(sets), MOST_INGREDIENTS + 1), NO_INGREDIENT, dtype=np.int64)
+    ingredients = sets[:, :-1]
+    rows[:, : ingredients.shape[1]] = np.where(
+        ingredients == graph.num_entities, NO_INGREDIENT, ingredients
+    )
+    rows[:, -1] = sets[:, -1]
+    return rows
+
+
+def _check_settings(settings: RecipeScorerConfig) -> None:
+    """Refuse settings of models of pairs."""
+    defaults = {field.name: field.default for field in fields(RecipeScorerConfig)}
+    refused_settings = [name for name in _OF_PAIRS if getattr(settings, name) != defaults[name]]
+    if settings.kg == "none":
+        refused_settings.append("kg none")
+    if refused_settings:
+        names = ", ".join(f"`{name.removesuffix('_')}`" for name in refused_settings)
+        raise ConfigError(
+            f"{names}: not for a model of sets, which a book with larger sets than pairs, or "
+            "`parts`, asks for. Leave them out."
+        )

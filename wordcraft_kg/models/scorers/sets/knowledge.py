@@ -1,0 +1,424 @@
+"""Train recipes as knowledge of sets: parts that recipes lose, votes, candidates and features."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
+from wordcraft_kg.models.scorers.sets.loops import (
+    NO_SHARE,
+    NUM_KERNELS,
+    WIDTHS,
+    SetLists,
+    search,
+    vote,
+)
+
+NO_INGREDIENT = -1
+_LOST_FROM = 0.05
+"""Share of recipes with a part whose goal lacks it, from which recipes lose the part."""
+_SHARED_FROM = 1.5
+"""Mean number of ingredients that bring a part, from which a set shares it."""
+_BEAM = 40
+_TOP = 8
+_TOP_OF_ALL = 16
+"""Ingredients that are tried for a part; in a model without parts, for each step."""
+_NEAR_SETS = 15
+"""Sets of the nearest goals that join the candidates."""
+_KEPT = 30
+"""Candidates that the committee orders."""
+_SMALL_VOTE = 1e-3
+"""Share of the mean vote that each ingredient of a part gets."""
+_SMALLEST = 1e-9
+_FLOOR = 1e-3
+"""Share of a number of ingredients that no similar recipe has."""
+_PRIOR = 0.3
+"""Added to counts of ingredients that occur together."""
+_WEIGHT_OF_SET = 50.0
+_FIRST, _SECOND = np.triu_indices(MOST_INGREDIENTS, 1)
+_SUM, _NETWORK_SUM, _SET_VOTE, _SIZE = 0, 6, 10, 23
+"""Columns of features, for the order before the committee's."""
+_FEATURES_BEFORE_KINDS = 25
+Vector = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class GoalEvidence:
+    """What similar train recipes tell of a goal.
+
+    Attributes:
+        keys: its key parts, shape (K,).
+        is_allowed: shape (N,), which ingredients bring no part that the goal lacks.
+        shares: log shares of ingredients by key part, shape (4, K, N).
+        votes: shape (3, N).
+        set_votes: shape (3, S).
+        similarity: shape (3, G), to each known goal.
+        log_sizes: log share of each number of ingredients, shape (8,).
+        missing: a key part that no train recipe brings, or -1.
+        amounts: its parts, shape (P,).
+    """
+
+    keys: Ids
+    is_allowed: Flags
+    shares: Vector
+    votes: Vector
+    set_votes: Vector
+    similarity: Vector
+    log_sizes: Vector
+    missing: int
+    amounts: Vector
+
+
+class SetKnowledge:
+    """All that a model knows of train recipes.
+
+    Attributes:
+        recipes: shape (R, 9), entities (ingredients, padding -1, goal).
+        goal_ids: entities that recipes make, shape (G,).
+        ingredient_ids: entities that recipes use, shape (N,), ascending.
+        amounts: parts of all entities, shape (E, P).
+        words: unit vectors of all entities, shape (E, D); D = 0 without words.
+        has_parts: whether parts tell entities apart.
+        lost: share of train recipes with each part whose goal lacks it, shape (P,).
+        unmet: share of goals with each part that no ingredient brings, shape (P,).
+        shared: mean number of ingredients that bring each part, shape (P,).
+        is_key: whether a part is a key part, shape (P,).
+        counts: number of recipes of each ingredient, shape (N,).
+        lift: how much more often ingredients occur together than by chance, nats, shape (N, N).
+        lists: the recipes as arrays for loops.
+        styles: kind of each ingredient, shape (N, K).
+        set_counts: number of recipes of each set in the lists, shape (S,).
+    """
+
+    def __init__(self, recipes: Ids, amounts: Vector, words: Vector):
+        """Count parts and recipes.
+
+        Args:
+            recipes: shape (R, 9), entities (ingredients, padding -1, goal).
+            amounts: shape (E, P).
+            words: shape (E, D).
+        """
+        self.recipes = recipes
+        self.amounts = amounts
+        self.words = words
+        self.has_parts = amounts.shape[1] > 1
+        member_ids = np.unique(recipes[:, :-1])
+        self.ingredient_ids = member_ids[member_ids >= 0]
+        self.goal_ids, recipe_goals = np.unique(recipes[:, -1], return_inverse=True)
+        self.number_of = np.full(len(amounts), NO_INGREDIENT, dtype=np.int64)
+        self.number_of[self.ingredient_ids] = np.arange(len(self.ingredient_ids))
+        members = self.numbers(recipes[:, :-1])
+        sets, recipe_sets = np.unique(members, axis=0, return_inverse=True)
+        rows, columns = np.nonzero(members >= 0)
+        shape = (len(recipes), len(self.ingredient_ids))
+        ones = np.ones(len(rows), dtype=np.float32)
+        is_in = csr_matrix((ones, (rows, members[rows, columns])), shape)
+        # An ingredient that is needed twice is in the set once.
+        is_in.data[:] = 1
+        has_part = amounts[self.ingredient_ids] > 0
+        self._count_parts(is_in @ has_part.astype(np.float32), amounts[recipes[:, -1]] > 0)
+        self.is_key = self.is_kept & (self.shared <= _SHARED_FROM) | (not self.has_parts)
+        self.styles = self.style(has_part)
+        self.counts: Vector = np.asarray(is_in.sum(0)).ravel()
+        together = (is_in.T @ is_in).toarray()
+        np.fill_diagonal(together, 0)
+        by_chance = np.outer(self.counts, self.counts) / len(recipes)
+        self.lift = np.log((together + _PRIOR) / (by_chance + _PRIOR))
+        self._numbers_of_sets = {row.tobytes(): number for number, row in enumerate(sets)}
+        self.set_counts = np.bincount(recipe_sets.ravel())
+        self._set_sizes = np.sum(sets >= 0, axis=1)
+        goal_amounts = amounts[self.goal_ids]
+        goals, goal_parts = np.nonzero(goal_amounts)
+        self.lists = SetLists(
+            goal_starts=np.searchsorted(goals, np.arange(len(goal_amounts) + 1)),
+            goal_parts=goal_parts,
+            goal_amounts=goal_amounts[goals, goal_parts],
+            recipe_goals=recipe_goals,
+            recipe_sets=recipe_sets.ravel(),
+            sets=np.ascontiguousarray(sets),
+            has_part=has_part,
+        )
+
+    def _count_parts(self, brought: Vector, is_in_goal: Flags) -> None:
+        """Learn what recipes lose, share and leave unmet.
+
+        Args:
+            brought: number of ingredients with each part in each recipe, shape (R, P).
+            is_in_goal: shape (R, P).
+        """
+        is_brought = brought > 0
+        recipes_with = np.maximum(is_brought.sum(0), 1)
+        self.lost = (is_brought & ~is_in_goal).sum(0) / recipes_with
+        self.unmet = (is_in_goal & ~is_brought).sum(0) / np.maximum(is_in_goal.sum(0), 1)
+        self.shared = brought.sum(0) / recipes_with
+
+    def style(self, has_part: Flags) -> Vector:
+        """Return the kind of ingredients: lost and shared parts, a single part, several keys.
+
+        Args:
+            has_part: shape (n, P).
+
+        Returns:
+            shape (n, K).
+        """
+        kinds = [
+            has_part[:, ~self.is_key],
+            has_part.sum(1, keepdims=True) == 1,
+            has_part[:, self.is_key].sum(1, keepdims=True) > 1,
+        ]
+        return np.concatenate(kinds, axis=1).astype(np.float32)
+
+    @property
+    def num_features(self) -> int:
+        """Number of features of a set."""
+        return _FEATURES_BEFORE_KINDS + 2 * self.styles.shape[1]
+
+    def numbers(self, entities: Ids) -> Ids:
+        """Return sets by numbers of ingredients, ascending, -1 behind the last.
+
+        Args:
+            entities: shape (n, 8), entities that train recipes use, -1 behind the last.
+        """
+        numbers = np.where(entities >= 0, self.number_of[entities], NO_INGREDIENT)
+        # Behind all others: the largest number.
+        numbers[entities < 0] = np.iinfo(np.int64).max
+        numbers.sort(axis=1)
+        numbers[numbers == np.iinfo(np.int64).max] = NO_INGREDIENT
+        return numbers
+
+    def inputs(self, amounts: Vector, words: Vector) -> torch.Tensor:
+        """Return what the network sees of goals, shape (n, 2 P + D)."""
+        columns = [np.sqrt(amounts), amounts > 0, words]
+        return torch.from_numpy(np.concatenate(columns, axis=1)).float()
+
+    @cached_property
+    def _goal_words(self) -> Vector:
+        return self.words[self.goal_ids]
+
+    def allowed(self, amounts: Vector) -> Flags:
+        """Return which ingredients bring no part that goals lack, but lost ones, shape (n, N).
+
+        Args:
+            amounts: shape (n, P).
+        """
+        is_lacking = (amounts <= 0) & self.is_kept
+        has_part = self.lists.has_part.astype(np.float32)
+        return (is_lacking.astype(np.float32) @ has_part.T) == 0
+
+    @property
+    def is_kept(self) -> Flags:
+        """Whether recipes keep a part, shape (P,)."""
+        return self.lost <= _LOST_FROM
+
+    def nearest_ingredients(self, entities: Ids) -> tuple[Vector, Ids]:
+        """Return the known ingredients that stand for entities which no train recipe uses.
+
+        Args:
+            entities: shape (n,).
+
+        Returns:
+            similarity, shape (n,), above 0, and numbers of ingredients, shape (n,).
+        """
+        ingredient_amounts = self.amounts[self.ingredient_ids]
+        entity_amounts = self.amounts[entities]
+        common = (entity_amounts > 0).astype(np.float32) @ (ingredient_amounts > 0).T.astype(
+            np.float32
+        )
+        sizes = (entity_amounts > 0).sum(1)[:, None] + (ingredient_amounts > 0).sum(1)
+        overlap = np.minimum(entity_amounts[:, None], ingredient_amounts[None]).sum(2)
+        kinds = 1 - common / np.maximum(sizes - common, 1)
+        if self.words.shape[1]:
+            kinds += 1 - self.words[entities] @ self.words[self.ingredient_ids].T
+        width, width_of_amounts = WIDTHS[1]
+        similarity = np.exp(-kinds / width - (1 - overlap) / width_of_amounts)
+        # An ingredient that stands for itself has all its shares.
+        numbers = similarity.argmax(1)
+        return similarity.max(1, initial=_FLOOR**3).astype(np.float32), numbers
+
+    def goal(
+        self,
+        amounts: Vector,
+        words: Vector,
+        log_network: Vector,
+        *,
+        entity: int = NO_INGREDIENT,
+        has_coverage: bool = True,
+    ) -> GoalEvidence:
+        """Ask train recipes about a goal.
+
+        Args:
+            amounts: its parts, shape (P,).
+            words: its unit vector, shape (D,).
+            log_network: scores of ingredients by the network, shape (N,).
+            entity: the goal's id, which is no ingredient of itself; -1 for a new one.
+            has_coverage: whether ingredients may bring no part that the goal lacks.
+        """
+        lists = self.lists
+        cosines = np.ones(len(self.goal_ids), dtype=np.float32)
+        if words.size:
+            cosines = self._goal_words @ words
+        similarity = np.empty((NUM_KERNELS, len(self.goal_ids)), dtype=np.float32)
+        set_votes = np.zeros((NUM_KERNELS, len(lists.sets)), dtype=np.float32)
+        votes = np.zeros((NUM_KERNELS, len(self.ingredient_ids)), dtype=np.float32)
+        vote(lists, amounts, cosines, similarity, set_votes, votes)
+        is_allowed = np.ones(votes.shape[1], dtype=bool)
+        if has_coverage:
+            is_allowed = self.allowed(amounts[None])[0]
+        if entity >= 0 and self.number_of[entity] >= 0:
+            is_allowed[self.number_of[entity]] = False
+        parts = np.flatnonzero(amounts > 0)
+        keys = parts[self.is_key[parts]]
+        keys = keys if len(keys) else parts
+        shares, missing = self._shares(keys, is_allowed, votes, log_network)
+        sizes = np.bincount(self._set_sizes, set_votes[1], MOST_INGREDIENTS + 1)[1:]
+        log_sizes = np.log(sizes / max(sizes.sum(), _FLOOR**3) + _FLOOR).astype(np.float32)
+        return GoalEvidence(
+            keys, is_allowed, shares, votes, set_votes, similarity, log_sizes, missing, amounts
+        )
+
+    def candidates(self, goal: GoalEvidence, *, has_coverage: bool = True) -> tuple[Ids, Vector]:
+        """Return likely sets for a goal, by numbers of ingredients, and their features.
+
+        Args:
+            goal: from :meth:`goal`.
+            has_coverage: whether sets must bring all key parts.
+
+        Returns:
+            sets, shape (n, 8), and features, shape (n, F); n = 0 if nothing is allowed.
+        """
+        sets = np.full((_BEAM, MOST_INGREDIENTS), NO_INGREDIENT, dtype=np.int64)
+        num_sets = 0
+        if goal.missing < 0 and len(goal.keys):
+            log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
+            top = _TOP if self.has_parts else _TOP_OF_ALL
+            num_sets = search(self.lists, goal.keys, goal.shares, log_sizes, top, sets)
+        near = np.argsort(-goal.set_votes[0], kind="stable")[:_NEAR_SETS]
+        near_sets = self.lists.sets[near]
+        is_in = near_sets >= 0
+        fits = np.all(goal.is_allowed[near_sets] | ~is_in, axis=1)
+        if has_coverage:
+            brings = (self.lists.has_part[near_sets][..., goal.keys] & is_in[..., None]).any(1)
+            fits &= np.all(brings, axis=1)
+        sets = np.unique(np.concatenate([sets[:num_sets], near_sets[fits]]), axis=0)
+        if not len(sets):
+            return sets, np.empty((0, self.num_features), dtype=np.float32)
+        features = self.features(goal, sets)
+        before = features[:, _SUM] + features[:, _NETWORK_SUM] + 2 * features[:, _SET_VOTE]
+        if not self.has_parts:
+            before += features[:, _SIZE]
+        best = np.argsort(-before, kind="stable")[:_KEPT]
+        return sets[best], features[best]
+
+    def sets_by_frequency(self, goal: GoalEvidence) -> Ids:
+        """Return sets of the ingredients that most often bring each key part, best first.
+
+        Args:
+            goal: from :meth:`goal`.
+
+        Returns:
+            shape (n, 8), numbers of ingredients.
+        """
+        sets = np.full((_BEAM, MOST_INGREDIENTS), NO_INGREDIENT, dtype=np.int64)
+        if goal.missing >= 0 or not len(goal.keys):
+            return sets[:0]
+        votes = np.tile(self.counts, (NUM_KERNELS, 1))
+        shares, _ = self._shares(goal.keys, goal.is_allowed, votes, np.log(self.counts))
+        log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
+        return sets[: search(self.lists, goal.keys, shares, log_sizes, _TOP, sets)]
+
+    def _shares(
+        self, keys: Ids, is_allowed: Flags, votes: Vector, log_network: Vector
+    ) -> tuple[Vector, int]:
+        """Return log shares of ingredients for each key part, by three kernels and the network.
+
+        Args:
+            keys: key parts of the goal.
+            is_allowed: shape (N,).
+            votes: shape (3, N).
+            log_network: shape (N,).
+
+        Returns:
+            shape (4, keys, N), and the first key part that no ingredient brings, or -1.
+        """
+        shape = (NUM_KERNELS + 1, len(keys), len(self.counts))
+        shares = np.full(shape, NO_SHARE, dtype=np.float32)
+        missing = -1
+        # From the last to the first, which stays.
+        for place in range(len(keys))[::-1]:
+            options = np.flatnonzero(is_allowed & self.lists.has_part[:, keys[place]])
+            if not len(options):
+                missing = int(keys[place])
+                continue
+            weights = votes[:, options].astype(np.float64)
+            weights += _SMALL_VOTE * weights.mean(1, keepdims=True)
+            weights += _SMALLEST * (self.counts[options] + 0.1)
+            shares[:-1, place, options] = np.log(weights / weights.sum(1, keepdims=True))
+            scores = log_network[options]
+            shares[-1, place, options] = scores - np.logaddexp.reduce(scores)
+        return shares, missing
+
+    def features(
+        self,
+        goal: GoalEvidence,
+        sets: Ids,
+        styles: Vector | None = None,
+        shares: Vector | None = None,
+        proxies: Ids | None = None,
+    ) -> Vector:
+        """Return the features of sets for a goal, shape (n, F).
+
+        Args:
+            goal: from :meth:`goal`.
+            sets: shape (n, 8), numbers of ingredients; those of unknown ones from N on.
+            styles: kinds of all ingredients, unknown ones included.
+            shares: log shares, unknown ones included.
+            proxies: known ingredient that stands for each.
+        """
+        styles = self.styles if styles is None else styles
+        shares = goal.shares if shares is None else shares
+        stand_ins = sets if proxies is None else proxies[sets]
+        is_in = sets >= 0
+        sizes = is_in.sum(1)
+        # Shape (4, keys, n, 8), and over keys, (4, n, 8).
+        member_shares = np.where(is_in, shares[:, :, sets], -np.inf)
+        best_shares = member_shares.max(1, initial=NO_SHARE)
+        sums = np.where(is_in, best_shares, 0).sum(2)
+        minima = np.where(is_in, best_shares, np.inf).min(2)
+        key_sums = member_shares.max(3).sum(1)
+        numbers = [self._numbers_of_sets.get(row.tobytes(), -1) for row in sets]
+        is_known = np.array(numbers) >= 0
+        set_shares = goal.set_votes[:, numbers] / np.maximum(goal.set_votes.sum(1), 1e-12)[:, None]
+        counts = np.where(is_known, self.set_counts[numbers], 0)
+        is_pair = is_in[:, _SECOND]
+        lifts = np.where(is_pair, self.lift[stand_ins[:, _FIRST], stand_ins[:, _SECOND]], 0)
+        smallest_lift = np.where(is_pair, lifts, np.inf).min(1)
+        log_counts = np.where(is_in, np.log(self.counts[stand_ins] + 1), 0)
+        style = np.where(is_in[..., None], styles[sets], 0).sum(1) / sizes[:, None]
+        near_style = goal.votes[1] @ self.styles / max(goal.votes[1].sum(), _SMALLEST)
+        distance = style - near_style
+        columns = [
+            *np.stack([sums, minima], axis=1).reshape(-1, len(sets)),
+            *key_sums[[0, -1]],
+            *np.log1p(_WEIGHT_OF_SET * np.where(is_known, set_shares, 0)),
+            np.log1p(counts),
+            sizes - len(goal.keys),
+            sizes,
+            np.full(len(sets), len(goal.keys)),
+            lifts.sum(1) / np.maximum(is_pair.sum(1), 1),
+            np.where(np.isinf(smallest_lift), 0, smallest_lift),
+            log_counts.sum(1) / sizes,
+            np.where(is_in, log_counts, np.inf).min(1),
+            np.full(len(sets), goal.similarity[0].max()),
+            np.full(len(sets), np.log(goal.set_votes[0].sum() + _SMALLEST)),
+            goal.log_sizes[sizes - 1],
+            np.abs(distance).sum(1),
+            *distance.T,
+            *style.T,
+        ]
+        return np.stack(columns, axis=1).astype(np.float32)

@@ -1,0 +1,207 @@
+"""Compiled loops of sets: votes of similar goals, and the beam over ingredients.
+
+Sets are rows of ingredient numbers in ascending order, -1 behind the last.
+"""
+
+# ruff: noqa: C901, PLR0912 - numba inlines what a call would split
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+
+WIDTHS = ((0.1, 0.15), (0.3, 0.5), (0.05, 0.08))
+"""Widths of the kernels: of kinds of parts and words, and of amounts."""
+_KINDS = np.array([width for width, _ in WIDTHS], dtype=np.float32)
+_AMOUNTS = np.array([width for _, width in WIDTHS], dtype=np.float32)
+NUM_KERNELS = len(WIDTHS)
+NO_SHARE = -12.0
+"""Log share of an ingredient that lacks the part, or that the goal does not allow."""
+
+
+class SetLists(NamedTuple):
+    """Train recipes as arrays; goals, ingredients, sets and parts have numbers of their own.
+
+    Attributes:
+        goal_starts: first place of each goal in the next two, shape (G + 1,).
+        goal_parts: parts of the goals.
+        goal_amounts: their shares, float32.
+        recipe_goals: goal of each recipe, shape (R,).
+        recipe_sets: set of each recipe, shape (R,).
+        sets: shape (S, 8), ascending ingredients, -1 behind the last.
+        has_part: whether an ingredient brings a part, shape (N, P).
+    """
+
+    goal_starts: Ids
+    goal_parts: Ids
+    goal_amounts: NDArray[np.float32]
+    recipe_goals: Ids
+    recipe_sets: Ids
+    sets: Ids
+    has_part: NDArray[np.bool_]
+
+
+@compiled
+def are_equal(row, sets, number):  # type: ignore[no-untyped-def]
+    """Return whether a set is the one of a number."""
+    return not np.any(row != sets[number])
+
+
+@compiled
+def write_with(ingredient, size, row):  # type: ignore[no-untyped-def]
+    """Add an ingredient to a set of ``size`` ingredients, in ascending order."""
+    column = size
+    while column > 0 and row[column - 1] > ingredient:
+        row[column] = row[column - 1]
+        column -= 1
+    row[column] = ingredient
+
+
+@compiled
+def vote(lists, amounts, cosines, similarity, set_votes, votes):  # type: ignore[no-untyped-def]
+    """Let known goals vote for their sets and ingredients by their similarity to a goal.
+
+    Args:
+        lists: the train recipes.
+        amounts: the goal's shares of parts, shape (P,).
+        cosines: similarity of words to each known goal, shape (G,); 1 without words.
+        similarity: shape (3, G), is written.
+        set_votes: zeros, shape (3, S), are written.
+        votes: zeros, shape (3, N), are written.
+    """
+    num_parts = 0
+    for part in range(len(amounts)):
+        if amounts[part] > 0:
+            num_parts += 1
+    for goal in range(len(lists.goal_starts) - 1):
+        start = lists.goal_starts[goal]
+        end = lists.goal_starts[goal + 1]
+        common = 0
+        overlap = np.float32(0)
+        for place in range(start, end):
+            amount = amounts[lists.goal_parts[place]]
+            if amount > 0:
+                common += 1
+                overlap += min(amount, lists.goal_amounts[place])
+        union = max(num_parts + end - start - common, 1)
+        kinds = 1 - np.float32(common) / np.float32(union) + 1 - cosines[goal]
+        for kernel in range(3):
+            similarity[kernel, goal] = math.exp(
+                -kinds / _KINDS[kernel] - (1 - overlap) / _AMOUNTS[kernel]
+            )
+    for recipe in range(len(lists.recipe_goals)):
+        goal = lists.recipe_goals[recipe]
+        number = lists.recipe_sets[recipe]
+        for kernel in range(3):
+            set_votes[kernel, number] += similarity[kernel, goal]
+    for number in range(len(lists.sets)):
+        for ingredient in lists.sets[number]:
+            if ingredient < 0:
+                break
+            for kernel in range(3):
+                votes[kernel, ingredient] += set_votes[kernel, number]
+
+
+@compiled
+def search(lists, keys, shares, log_sizes, top, sets):  # type: ignore[no-untyped-def]
+    """Write the best sets that cover all key parts, one part after the other.
+
+    Without parts, ``log_sizes`` has numbers, and each step adds an ingredient, or one again.
+
+    Args:
+        lists: the train recipes.
+        keys: key parts of the goal.
+        shares: log shares, shape (4, keys, N).
+        log_sizes: log probability of each number of ingredients, shape (8,); empty with parts.
+        top: most ingredients that are tried for a part.
+        sets: shape (K, 8), is written.
+
+    Returns:
+        The number of sets.
+    """
+    width = sets.shape[1]
+    beam_width = len(sets)
+    num_keys = len(keys)
+    num_ingredients = shares.shape[2]
+    # Of two kernels, the nearest goals' and the network's.
+    mean_shares = 0.5 * shares[0] + 0.5 * shares[3]
+    options = np.empty((num_keys, num_ingredients), dtype=np.int64)
+    num_options = np.empty(num_keys, dtype=np.int64)
+    for place in range(num_keys):
+        options[place] = np.argsort(-mean_shares[place], kind="mergesort")
+        num_options[place] = min(top, np.sum(mean_shares[place] != NO_SHARE))
+    is_free = len(log_sizes) > 0
+    # Parts with few options first: they leave the beam the most room.
+    order = np.argsort(num_options, kind="mergesort")
+    steps = width if is_free else num_keys
+    room = beam_width * (top + 1)
+    next_sets = np.full((room, width), -1, dtype=np.int64)
+    next_scores = np.empty(room)
+    next_sizes = np.zeros(room, dtype=np.int64)
+    beam = np.full((beam_width, width), -1, dtype=np.int64)
+    beam_scores = np.zeros(beam_width)
+    beam_sizes = np.zeros(beam_width, dtype=np.int64)
+    in_beam = 1
+    # Finished sets of a model without parts, of all sizes together.
+    finished = np.full((steps * beam_width, width), -1, dtype=np.int64)
+    finished_scores = np.empty(steps * beam_width)
+    num_finished = 0
+    for step in range(steps):
+        place = 0 if is_free else order[step]
+        count = 0
+        for row in range(in_beam):
+            size = beam_sizes[row]
+            is_covered = False
+            if not is_free:
+                for column in range(size):
+                    if lists.has_part[beam[row, column], keys[place]]:
+                        is_covered = True
+                        break
+            if is_covered:
+                next_sets[count] = beam[row]
+                next_scores[count] = beam_scores[row]
+                next_sizes[count] = size
+                count += 1
+                continue
+            if size == width:
+                continue
+            for slot in range(num_options[place]):
+                next_sets[count] = beam[row]
+                write_with(options[place, slot], size, next_sets[count])
+                next_scores[count] = beam_scores[row] + mean_shares[place, options[place, slot]]
+                next_sizes[count] = size + 1
+                count += 1
+        best = np.argsort(-next_scores[:count], kind="mergesort")
+        in_beam = 0
+        for row in best:
+            is_new = True
+            for earlier in range(in_beam):
+                if are_equal(next_sets[row], beam, earlier):
+                    is_new = False
+                    break
+            if is_new:
+                beam[in_beam] = next_sets[row]
+                beam_scores[in_beam] = next_scores[row]
+                beam_sizes[in_beam] = next_sizes[row]
+                in_beam += 1
+                if in_beam == beam_width:
+                    break
+        if is_free:
+            for row in range(in_beam):
+                finished[num_finished] = beam[row]
+                # A larger set has more ways in which its ingredients could come.
+                finished_scores[num_finished] = (
+                    beam_scores[row] + log_sizes[step] + math.lgamma(step + 2.0)
+                )
+                num_finished += 1
+    if not is_free:
+        sets[:in_beam] = beam[:in_beam]
+        return in_beam
+    best = np.argsort(-finished_scores[:num_finished], kind="mergesort")
+    num_sets = min(beam_width, num_finished)
+    for row in range(num_sets):
+        sets[row] = finished[best[row]]
+    return num_sets

@@ -107,26 +107,6 @@ def test_masks_are_those_of_the_tables(world):
     assert len(env.get_attr("render_mode", indices=1)) == 1
 
 
-def test_the_task_is_as_in_the_wrapper(opened_kitchen):
-    for part in ("train", "test"):
-        world = World(opened_kitchen, WordCraftConfig(part=part, num_distractors=3))
-        env, single = (
-            SB3VecEnv(SIZE, world, with_task=True),
-            TaskObservation(gym.make("WordCraft-v0", graph=world)),
-        )
-        assert env.observation_space == single.observation_space
-        shown = env.reset()["task"]
-        expected = (
-            env.env.state.task if part == "train" else [env.observation_space["task"].n - 1] * SIZE
-        )
-        np.testing.assert_array_equal(shown, expected)
-        before = shown
-        env.step(np.zeros(SIZE, dtype=int))
-        *_, over, infos = env.step(np.zeros(SIZE, dtype=int))
-        for row in np.flatnonzero(over):
-            assert infos[row]["terminal_observation"]["task"] == before[row]
-
-
 @pytest.mark.parametrize(
     ("algorithm", "kind"),
     [pytest.param(PPO, SB3Policy, marks=pytest.mark.slow), (MaskablePPO, MaskableSB3Policy)],

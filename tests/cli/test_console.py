@@ -96,17 +96,6 @@ def test_a_failure_with_json_is_one_object_on_stdout_that_names_its_kind(
     assert f"error: {error['message']}" in verbose
 
 
-def test_an_error_is_red_on_a_terminal_only_and_not_with_no_color(run, home, monkeypatch):
-    for name in ("NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    assert "\x1b" not in run("describe", "nowhere").err
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    assert run("describe", "nowhere").err.startswith("\x1b[1;31merror: \x1b[0m")
-    monkeypatch.setenv("NO_COLOR", "1")
-    assert "31m" not in run("describe", "nowhere").err
-
-
 def test_settings_in_errors_are_named_as_the_command_takes_them():
     message = "Give the right one as `graph`, or other `num_distractors`."
     assert with_options(message) == "Give the right one as --graph, or other --distractors."
@@ -421,16 +410,6 @@ def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):
         .splitlines()
     )
     assert set(lines) == {name.format(folder) for name in offered}
-
-
-@pytest.mark.slow
-def test_completion_can_be_installed(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    outcome = run("--install-completion", "--shell", "bash")
-    assert (outcome.code, outcome.err) == (0, "")
-    script = tmp_path / ".local/share/bash-completion/completions/wordcraft-kg"
-    assert str(script) in (tmp_path / ".bashrc").read_text()
-    assert all(word in script.read_text() for name in ALL for word in name.split())
 
 
 SHORTER = {
@@ -850,15 +829,3 @@ def test_lists_of_labels_quote_those_with_commas():
         "most used  'a, b': 1,200",
         "path       one, two",
     ]
-
-
-def test_the_warning_about_the_base_quotes_labels_with_commas(run, tmp_path, caplog):
-    book = tmp_path / "book.csv"
-    book.write_text(
-        '# base: "salt, pepper", fire\ningredient_a,ingredient_b,result\n'
-        '"salt, pepper",fire,smoke\n"x, y",fire,ash\nash,"x, y",dust\n'
-        "smoke,fire,soot\n",
-        encoding="utf-8",
-    )
-    run("build-graph", book, "--split", "none", "--out", tmp_path / "graph")
-    assert "cannot be made from the base (fire, 'salt, pepper'): ash, dust, 'x, y'" in caplog.text

@@ -1,7 +1,6 @@
 import re
 import xml.etree.ElementTree as ET
 
-import pytest
 from quick import text_of
 
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
@@ -63,24 +62,6 @@ def test_a_single_run_has_no_interval(printed, run):
     assert "[" not in text.split("people")[0].split("\n", 2)[2]
 
 
-def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, recipes_folder):
-    page = tmp_path / "deep" / "page.html"
-    assert f"wrote {page}" in text_of(
-        "discover", "kitchen", "--runs", 2, "--scorer", recipes_folder, "--out", page
-    )
-    assert list(page.parent.iterdir()) == [page]
-    html = page.read_text(encoding="utf-8")
-    assert not re.search(r"<link|src=|https?://", html)
-    svg = ET.fromstring(re.search(r"<svg.*?</svg>", html, re.DOTALL)[0])
-    lines = [path for path in svg.iter("path") if path.get("stroke-width") == "2"]
-    # Told apart by dash and colour together.
-    assert len({(line.get("stroke"), line.get("stroke-dasharray")) for line in lines}) == 6
-    assert any(path.get("fill-opacity") for path in svg.iter("path"))
-    labels = {text.text for text in svg.iter("text")}
-    assert {"random", "greedy", "recipe-learner", "people (another game)"} <= labels
-    assert "Brändle" in html
-
-
 def test_players_that_never_repeat_a_pair_are_named(run, tmp_path):
     """Players that never repeat a pair are named instead of drawn at zero."""
     page = tmp_path / "page.html"
@@ -136,23 +117,3 @@ def test_a_scorer_of_another_book_explores_beside_published_runs(
     assert rows["entities known after"][-6:-1] == ["100", "200", "300", "400", "500"]
     assert rows["o1, published"][-1] == "177"
     assert "stopped before" in text
-
-
-@pytest.mark.slow
-def test_another_book_guides_and_the_main_bottleneck_is_named(printed, refused, tmp_path):
-    arguments = ("discover", "everyday", "--book", "kitchen", *QUICK)
-    values = printed(*arguments)
-    assert values["book"] == "kitchen"
-    assert list(values["players"])[-1] == "book-votes"
-    main = values["statistics"]["main"]
-    assert values["statistics"]["bottlenecks"][0] == main
-    for passages in values["passed"].values():
-        assert passages[0]["entity"] == main["entity"]
-    text = text_of(*arguments)
-    assert f"main bottleneck: {main['entity']}, needed for {main['needed_by']} other" in text
-    assert "more attempts than pairs" not in text
-    assert "book-votes" in refused("discover", "kitchen", *QUICK, "--players", "book-votes")
-    assert "pancake day" in refused("discover", "everyday", "--base", "air,pancake day")
-    book = tmp_path / "few.csv"
-    book.write_text("ingredient_a,ingredient_b,result\na,b,c\n")
-    assert "more attempts than pairs" in text_of("discover", book, *QUICK)

@@ -1,7 +1,6 @@
 """The commands of graphs and recipe books as a user runs them: output, exit codes, and a disk left
 as it was."""
 
-import io
 import json
 import os
 import re
@@ -16,7 +15,6 @@ from quick import contents
 
 from wordcraft_kg.graphs import (
     SplitConfig,
-    library,
     make_split,
     open_book,
     open_graph,
@@ -451,11 +449,6 @@ def test_build_graph_prints_what_it_made(printed, run, home, kitchen):
     )
 
 
-@pytest.mark.slow
-def test_a_graph_folder_keeps_kinds(built):
-    assert built("everyday").graph.kinds == open_graph("everyday").graph.kinds
-
-
 def test_base_entities_come_from_options_and_a_file(built, book):
     path = book("base.txt", "\ufeffwater\r\n\r\nstone\r\n")
     opened = built("kitchen", "--base", "fire, earth", "--base", "seed", "--base-file", path)
@@ -490,13 +483,6 @@ def test_inferred_bases_and_unmakeable_entities_give_warnings(
     )
     assert finding in run("check-book", path).out
     assert finding not in run("check-book", path, "--base", "a").out
-
-
-def test_labels_that_stand_for_nothing_are_warned_of(printed, book, home, caplog, monkeypatch):
-    path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Nothing\nearth,NA,ash\n")
-    monkeypatch.chdir(home)
-    printed("build-graph", path, "--split", "none", "--out", "kept")
-    assert "'NA', 'Nothing' kept as entities; leave such rows out" in caplog.messages[-1]
 
 
 def test_labels_in_two_cases_are_named_with_the_remedy(printed, book, home, caplog, monkeypatch):
@@ -609,12 +595,6 @@ def test_a_book_too_small_to_split_can_be_described_and_exported(run, book, comm
     assert run(*command.format(*[book("tiny.csv", TABLE + "a,b,c\n")] * 2).split()).code == 0
 
 
-def test_labels_of_any_script_are_printed(printed, run, built, home, book):
-    built(book("book.csv", TABLE + "火,crème brûlée,🍞\n"), "--split", "none")
-    assert "crème brûlée + 火 -> 🍞" in run("describe", home / "built", "--entity", "🍞").out
-    assert printed("describe", home / "built", "--entity", "🍞")["entity"] == "🍞"
-
-
 def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     values = printed("books")
     origins = dict.fromkeys(
@@ -625,20 +605,6 @@ def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     text = run("books").out
     assert "get it: wordcraft-kg books --fetch little-alchemy-2" in text
     assert f"{DATA_VARIABLE} names (not set)" in text
-
-
-def test_fetch_reports_the_real_book_that_the_cache_holds(
-    printed, run, home, alchemy_path, monkeypatch
-):
-    monkeypatch.setattr(library, "_opened", lambda url: io.BytesIO(alchemy_path.read_bytes()))
-    result = printed("books", "--fetch", "little-alchemy-2")
-    assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
-    monkeypatch.setattr(library, "_opened", None)
-    assert (
-        "next: wordcraft-kg build-graph little-alchemy-2"
-        in run("books", "--fetch", "little-alchemy-2").out
-    )
-    assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
 
 
 @pytest.mark.slow
@@ -670,28 +636,6 @@ def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
     assert path.read_bytes() == before
 
 
-@pytest.mark.slow
-def test_check_book_prints_percentages_and_json_numbers(printed, run):
-    """Check book prints shares as percentages and json keeps them as numbers."""
-    command = ("check-book", "kitchen", "--against", "everyday")
-    lines = dict(line.split("  ", 1) for line in run(*command).out.splitlines() if "  " in line)
-    shown = {name: value.strip() for name, value in lines.items()}
-    figures = printed(*command)["figures"]
-    shares = {
-        "share with two recipes",
-        "most used share",
-        "words with vector",
-        "near synonym share",
-        "shared",
-    }
-    assert {name for name, value in shown.items() if value.endswith(" %")} == shares
-    for name in shares:
-        value = figures[name.replace(" ", "_")]
-        assert 0 <= value <= 1
-        assert float(shown[name].removesuffix(" %")) == pytest.approx(100 * value, rel=0.005)
-    assert shown["near synonym cosine"] == "0.7"
-
-
 @pytest.mark.parametrize("name", ["my graph", "a+b, c", "it's"])
 def test_a_suggested_command_can_be_repeated_in_a_shell(run, tmp_path, name):
     folder = tmp_path / name
@@ -709,32 +653,6 @@ def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):
     shared = set(open_book("everyday").recipes) & set(open_book("kitchen").recipes)
     assert figures["shared_recipes"] == len(shared) > 0
     assert {finding["severity"] for finding in result["findings"]} <= {"note"}
-
-
-def test_check_book_takes_base_and_graph_and_names_odd_words(run, book, kitchen_folder):
-    """Check book takes the base and a graph folder and names words without a vector."""
-    path = book("mine.csv", TABLE + "water,zqxjkv,mud\nzqxjkv,mud,water\n")
-    assert run("check-book", path).code == 1
-    outcome = run("check-book", path, "--base", "water,zqxjkv")
-    assert outcome.code == 0
-    assert "note [vector] 1 of 3 words have no word vector: zqxjkv" in outcome.out
-    assert run("check-book", kitchen_folder).code == 0
-
-
-def test_check_book_shows_first_findings_and_counts_others(run, book):
-    """Check book shows the first findings of each kind and counts the others."""
-    rows = "".join(f"thing{i:03},thing{i:03},things{i:03}\n" * 2 for i in range(30))
-    path = book("long.csv", TABLE + rows)
-    texts = [
-        run("check-book", path, *more).out.splitlines()
-        for more in ([], ["--limit", "2"], ["--limit", "99"])
-    ]
-    for text, number in zip(texts, (10, 2, 30), strict=True):
-        assert sum(line.startswith("problem [duplicate] line") for line in text) == number
-        more = f"problem [duplicate] and {30 - number} more; a larger --limit shows them"
-        assert (more in text) == (number < 30)
-        assert text[-1] == texts[0][-1]
-    assert len(json.loads(run("check-book", path, "--json").out)["findings"]) > 30
 
 
 def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused, built, book, home):
@@ -776,96 +694,6 @@ def test_describe_counts_all_and_shows_invisible_characters(run, book):
     assert note in run("check-book", path, "--limit", 99).out
 
 
-@pytest.mark.parametrize(
-    ("setting", "partner"),
-    [pytest.param("self", "sand", marks=pytest.mark.slow), ("furnace", "furnace")],
-)
-def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built(
-    run, book, built, not_built, setting, partner
-):
-    path = book("furnace.csv", TABLE + "sand,,glass\nglass,glass,pane\n")
-    not_built(path, says="furnace.csv, line 2: 'sand' is the only ingredient")
-    not_built(path, says="--single-ingredient self")
-    assert "--single-ingredient self" in run("check-book", path).out
-    options = ["--single-ingredient", setting]
-    graph = built(path, "--split", "none", *options).graph
-    assert graph.labels(graph.results("sand", partner)) == ("glass",)
-    assert run("check-book", path, *options).code == 0
-
-
-def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monkeypatch):
-    (home / "data").mkdir()
-    (home / "data" / "good.csv").write_text(TABLE + "a,b,c\n", encoding="utf-8")
-    (home / "data" / "bad.csv").write_text("no header\n", encoding="utf-8")
-    (home / "data" / "large.csv").write_text(TABLE + "a,b,c\n" * 200, encoding="utf-8")
-    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
-    monkeypatch.setattr("wordcraft_kg.evaluation.books.MAX_COUNTED", 500)
-    books = {book["name"]: book for book in printed("books")["books"]}
-    sizes = {name: (book["entities"], book["recipes"]) for name, book in books.items()}
-    assert sizes["good"] == (3, 1)
-    assert sizes["bad"] == sizes["large"] == sizes["little-alchemy-2"] == (None, None)
-    lines = run("books").out.splitlines()
-    assert lines[0].split() == ["book", "origin", "entities", "recipes"]
-    assert next(line for line in lines if line.startswith("good")).split()[:5] == [
-        "good",
-        "data",
-        "folder",
-        "3",
-        "1",
-    ]
-
-
-@pytest.mark.slow
-def test_the_figures_of_a_check_count_no_half_products(run, book):
-    path = book("lamps.txt", "plank + rope + coal + iron = lamp\nlamp + gold = box\n")
-    options = ("--ingredients", "chain", "--json")
-    run("build-graph", path, "--split", "none", "--out", path.parent / "lamps", *options)
-    checked = run("check-book", path, "--against", path.parent / "lamps", *options)
-    figures = json.loads(checked.out)["figures"]
-    assert (figures["words"], figures["shared_recipes"], figures["shared"]) == (7, 2, 1)
-
-
-@pytest.mark.slow
-def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, home):
-    path = book(
-        "wiki.csv", "x;y;z\nwater;earth;mud\nmud;water;mud\nearth;water;mud\nmud;fire;brick;?\n"
-    )
-    refused = run("build-graph", path, "--out", home / "graph")
-    assert refused.code == 1
-    assert "Another delimiter is named with --delimiter" in refused.err
-    assert "docs/your-file.md" in refused.err
-    columns = ("--columns", "x,y,z", "--delimiter", ";")
-    checked = run("check-book", path, *columns, "--fix", home / "mended.csv")
-    assert checked.code == 1
-    first, *lines = checked.out.splitlines()
-    assert first == (
-        "read as table with delimiter ';', x + y = z; kept 1 of 4 rows "
-        "(1 with a problem, 1 that repeat a recipe, 1 with an ingredient as the result)"
-    )
-    assert lines[-4:-1] == [
-        "left out: 1 row with a problem (at 5)",
-        "left out: 1 row that repeat a recipe (at 4)",
-        "left out: 1 row with an ingredient as the result (at 3)",
-    ]
-    assert any("line 5: 'mud;fire;brick;?' has 4 cells" in line for line in lines)
-    text = (home / "mended.csv").read_text(encoding="utf-8")
-    # In the order of the file, also of the ingredients.
-    assert text == TABLE + "water,earth,mud\n"
-    assert run("check-book", home / "mended.csv").code == 0
-    again = run("check-book", path, *columns, "--fix", home / "mended.csv")
-    assert "exists. Choose another --fix, or replace it with --force." in again.err
-    run("check-book", path, *columns, "--fix", home / "new" / "folder" / "mended.txt")
-    assert not (home / "new").exists()
-    run("check-book", path, *columns, "--fix", home / "new" / "folder" / "mended.csv")
-    assert (home / "new" / "folder" / "mended.csv").read_text(encoding="utf-8") == text
-    built = run(
-        "build-graph", home / "mended.csv", "--split", "none", "--out", home / "graph", "--json"
-    )
-    assert json.loads(built.out)["reading"]["rows"] == 1
-    described = run("describe", home / "graph")
-    assert "read as table with delimiter ',', ingredient_a + ingredient_b = result" in described.out
-
-
 def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, book):
     """JSON has no further columns, so they are named."""
     rows = (
@@ -885,19 +713,3 @@ def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, b
     said = run("check-book", path, "--fix", home / "mended.json").out
     assert "left out: the columns note, rank" in said
     assert read_book(home / "mended.json").recipes == read_book(path).recipes
-
-
-def test_the_whole_base_is_shown(run, book):
-    pairs = "".join(f"thing {i},other {i},made {i}\n" for i in range(20))
-    lines = run("check-book", book("many.csv", TABLE + pairs)).out.splitlines()
-    (base,) = [line for line in lines if line.startswith("base ")]
-    assert base.count(",") == 39
-    (finding,) = [line for line in lines if "[base]" in line]
-    assert finding.count("thing") == 20
-
-
-def test_twins_are_told_by_the_meaning_of_their_words(run, book):
-    rows = "milk,culture,yoghurt\nyogurt,berry,breakfast\nplant,sun,flower\nplanet,sun,orbit\n"
-    out = run("check-book", book("twins.csv", TABLE + rows)).out
-    assert "'yogurt' and 'yoghurt' may be one word" in out
-    assert "planet' may be" not in out

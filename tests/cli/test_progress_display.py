@@ -3,7 +3,6 @@
 
 import json
 import re
-import signal
 
 import pytest
 
@@ -55,34 +54,6 @@ def test_a_training_bar_has_room_and_its_figures_are_whole(
     assert last.rstrip().endswith("left  " + "  ".join(shown))
 
 
-def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
-    show = ProgressBar.__call__
-
-    def press(self, done, total, figures):
-        show(self, done, total, figures)
-        if self.unit == "epoch" and done == 2:
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(ProgressBar, "__call__", press)
-    outcome = run(
-        "train-complex",
-        "kitchen",
-        "--n3",
-        "0.1",
-        "--dim",
-        "8",
-        "--epochs",
-        "6",
-        "--out",
-        home / "model",
-    )
-    assert outcome.code == 130
-    bar, message = terminal(outcome.err)[-2:]
-    assert bar.startswith("partial graph")
-    assert message.startswith("interrupted; epoch")
-    assert outcome.err.rindex("\x1b[?25h") < outcome.err.index("interrupted")
-
-
 @pytest.mark.parametrize(
     ("command", "stages"),
     [
@@ -121,13 +92,3 @@ def test_commands_name_their_stages_on_stderr_and_are_silent_with_quiet(
     for stage in stages:
         assert f"\n{stage}" in f"\n{outcome.err}"
     assert run(*command, *force, "--quiet").err == ""
-
-
-def test_verbose_logs_how_long_stages_took(run, home, caplog):
-    run("describe", "kitchen", "--verbose")
-    assert any(
-        re.fullmatch(r"auditing the graph: \d+\.\d s", message) for message in caplog.messages
-    )
-    caplog.clear()
-    run("describe", "kitchen")
-    assert caplog.messages == []

@@ -64,20 +64,3 @@ def test_compare_shows_published_agents_apart_and_has_the_same_figures(
     assert "For comparison" in page
     assert "5 seeds" in page
     assert "For comparison" not in plain
-
-
-def test_discover_shows_players_from_elsewhere(run, tmp_path, pack):
-    page = tmp_path / "page.html"
-    command = ("discover", "kitchen", "--runs", 2, "--players", "random")
-    values = json.loads(run(*command, "--out", page, "--json").out)
-    players = [one["player"] for one in values["references"]]
-    assert players[0] == "explorer"
-    assert "people, Little Alchemy 2" not in players  # it is in the table already
-    assert {"people, Tiny Alchemy", "o1"} <= set(players)
-    ours, theirs = page.read_text().split("From the literature, in other environments")
-    assert "explorer" in ours
-    assert "192 new combinations after 500 attempts" in theirs
-    assert "arXiv 2501.18009" in theirs
-    text = run("discover", "kitchen", "--runs", 1, "--attempts", 500, "--players", "random").out
-    assert "o1, published" in text
-    assert "o1, DeepSeek-R1, GPT-4o" in text

@@ -6,14 +6,12 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 from refusals import refuses
 
 from wordcraft_kg.agents.discovery import NEVER
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.evaluation.discovery import (
     ORACLES,
-    explain_run,
     open_guide,
     view_discovery,
 )
@@ -74,30 +72,6 @@ def test_the_page_maps_discoveries_of_the_best_player_without_an_oracle(kitchen)
     main = view.statistics.main
     assert main.entity in page
     assert f"<td>{main.needed_by}</td>" in page
-
-
-@pytest.mark.slow
-def test_reasons_repeat_the_first_run_with_evidence_of_the_scorers_book(recipes_folder, kitchen):
-    guide = open_guide(recipes_folder, kitchen)
-    view, plays = view_discovery(kitchen, ["recipe-learner"], attempts=20, runs=2, scorer=guide)
-    tried = explain_run(kitchen, guide, 20)
-    gained = 0
-    for one in tried:
-        gained += len(one.made)
-        assert plays.known[0, 0, one.attempt] == len(kitchen.base) + gained
-        results = {kitchen.entities[c] for c in kitchen.results(one.ingredient_a, one.ingredient_b)}
-        assert set(one.made) <= results
-    train = {tuple(kitchen.labels(row)) for row in guide.recipes.scorer.recipes.tolist()}
-    evidence = [each for one in tried for each in one.evidence]
-    assert evidence
-    assert {(each.ingredient_a, each.ingredient_b, each.result) for each in evidence} <= train
-    page = discovery_page(replace(view, tried=tried), plays, kitchen)
-    assert "Tried, and why" in page
-    assert f"{evidence[0].ingredient_a} + {evidence[0].ingredient_b} →" in page
-    # The scorer belongs to this book: its recipes are named and counted.
-    assert view.knows_recipes
-    assert view.shared_recipes == guide.shared > 0
-    assert view.contradicted == 0
 
 
 def test_a_scorer_of_other_results_is_counted(recipes_folder, kitchen):

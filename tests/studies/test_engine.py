@@ -29,13 +29,10 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.reports.pages import render
-from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.runs.run_folder import locked
 from wordcraft_kg.studies.engine import FullDiskError, Pool, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
-from wordcraft_kg.studies.plan import Outcome, agent_config, make_plan
-from wordcraft_kg.studies.report import make_study_report
+from wordcraft_kg.studies.plan import Outcome, agent_config
 from wordcraft_kg.studies.results import (
     RunMetrics,
     StudyResults,
@@ -47,8 +44,6 @@ from wordcraft_kg.studies.results import (
     results_text,
     write_metrics,
 )
-from wordcraft_kg.studies.study import adapted
-from wordcraft_kg.studies.view import view_study
 
 
 def times_made(root):
@@ -109,15 +104,6 @@ def test_what_is_done_is_not_done_again(done):
     before = figures(done)
     assert run_small(done) == []
     assert figures(done) == before
-
-
-def test_a_study_that_replaces_another_of_its_name_says_so(tmp_path, caplog):
-    plan = small_plan()
-    run_small(tmp_path, plan, pretend)
-    run_small(tmp_path, make_plan(adapted(plan.study, seeds=3), "small"), pretend)
-    assert not caplog.text, "more seeds of the same study"
-    run_small(tmp_path, make_plan(adapted(plan.study, steps=1024), "small"), pretend)
-    assert "was another one" in caplog.text
 
 
 @pytest.mark.slow
@@ -199,19 +185,6 @@ def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
     assert run_small(done) == ["none, distractors 2, seed 0"]
     assert not collect_study(done, "small").missing
     assert graph.read_bytes() == before
-
-
-@pytest.mark.slow
-def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
-    task = the("scorers", small_plan(text=TRAINED))
-    shutil.copytree(done / "graphs", tmp_path / "graphs")
-    folder = task.folder(tmp_path)
-    folder.mkdir(parents=True)
-    end_run(folder, start_run(folder, "train-complex"), "interrupted")
-    (folder / "checkpoints").mkdir()
-    (folder / "checkpoints" / "fold.json").write_text("{")
-    outcome = perform(task, tmp_path)
-    assert outcome.termination == "done", outcome.error
 
 
 def test_a_training_that_another_process_still_works_on_is_left_alone(tmp_path):
@@ -298,16 +271,6 @@ def test_a_second_ctrl_c_ends_the_study_at_once(tmp_path):
 
     with pytest.raises(KeyboardInterrupt, match="1 of 10 tasks are done"):
         run_plan(small_plan(), tmp_path, Pool(1), work=work)
-
-
-def test_two_engines_do_not_work_in_one_folder(tmp_path):
-    # The lock belongs to an open file, so that this process stands for any other.
-    with (
-        own_results(tmp_path),
-        pytest.raises(ArtefactError, match="is being used for a study by another process"),
-    ):
-        run_small(tmp_path, work=pretend)
-    assert run_small(tmp_path, work=pretend)
 
 
 def test_a_study_whose_first_file_cannot_be_written_leaves_no_folder(tmp_path):
@@ -483,16 +446,6 @@ def test_missing_tasks_are_listed_in_the_order_of_the_plan(pretended, tmp_path):
     plan = small_plan()
     assert missing_tasks(plan, pretended) == []
     assert missing_tasks(plan, tmp_path) == list(plan.tasks.values())
-
-
-def test_the_report_names_platform_and_versions(pretended):
-    results = collect_study(pretended, "small")
-    assert as_values(results.origins) == [
-        {"platform": "here", "versions": {"torch": "2"}, "runs": 8}
-    ]
-    page = " ".join(render(make_study_report(view_study(results))).split())
-    assert "<dt>8 trainings</dt> <dd>here; torch 2</dd>" in page
-    assert results.hours == pytest.approx(9 / 3600, abs=1e-4), "runs and a scorer"
 
 
 def test_results_of_fewer_tasks_are_missing_with_a_reason(tmp_path):

@@ -9,7 +9,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.studies.results import Missing
-from wordcraft_kg.studies.view import StudyView, title_of, view_study
+from wordcraft_kg.studies.view import StudyView, view_study
 
 BOTH = {"no graph": NO_GRAPH, "guided": GUIDED}
 
@@ -57,13 +57,6 @@ def test_p_values_are_corrected_over_all_points_of_the_grid():
         assert found.p_value > 0
         assert found.p_corrected == pytest.approx(2 * found.p_value)
     assert [point.title for point in view.points] == ["8 distractors", "1 distractor"]
-
-
-def test_a_single_seed_has_an_interval_over_tasks_only():
-    view = view_study(fabricate({"no graph": NO_GRAPH[4:], "guided": GUIDED[:1]}))
-    found = of(view, "guided")
-    assert (found.seed_interval, found.reached_interval) == (None, None)
-    assert found.interval[0] < 0.6 < found.interval[1]
 
 
 @pytest.mark.parametrize("pairs", [1, 2, 3])
@@ -217,8 +210,3 @@ LOST = (Missing("no graph", {}, 0, "the disk was full"),)
 def test_runs_that_cannot_be_averaged_are_refused(won, more, why):
     with pytest.raises(ConfigError, match=why):
         view_study(msgspec.structs.replace(fabricate({"no graph": won}), **more))
-
-
-def test_points_of_the_grid_in_words():
-    values = {"book": "everyday", "distractors": 1, "in_sample": True, "scorer.train_fraction": 0.5}
-    assert title_of(values) == "everyday, 1 distractor, in_sample true, scorer.train_fraction 0.5"

@@ -7,9 +7,6 @@ import pytest
 from refusals import refuses
 
 from tests.apps.explorer.shown import (
-    Shown,
-    client_of,
-    explored_by,
     explored_graph,
     look,
     view_by,
@@ -18,7 +15,7 @@ from tests.apps.explorer.shown import (
 from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, train_links
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
-from wordcraft_kg.apps.explorer.pages import PAGES, entities, entity
+from wordcraft_kg.apps.explorer.pages import entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.home import HomeState
@@ -43,33 +40,6 @@ PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, furthest, most_used):
     overview = view_of(explored_graph(rows), HomeState())
     assert (overview.furthest, overview.most_used) == (furthest, most_used)
-
-
-@pytest.mark.parametrize(
-    ("content", "pages"),
-    [
-        pytest.param(
-            "models and runs", ["tasks", "link", "path", "map", "entity"], marks=pytest.mark.slow
-        ),
-        ("runs", ["tasks", "path", "map", "entity"]),
-        ("nothing", ["path", "map", "entity"]),
-    ],
-)
-def test_the_overview_asks_questions_and_each_is_answered(explored, content, pages):
-    models, runs = (
-        explored.models if "models" in content else {},
-        explored.runs if "runs" in content else {},
-    )
-    explored = Explored(explored.opened, models, runs)
-    page, client = look(explored, HomeState()).page, client_of(explored)
-    links = Shown(page.split('aria-label="Examples"')[1].split("</ul>")[0]).links
-    assert [link.split("/")[1].split("?")[0] for link in links] == pages
-    for link, name in zip(links, pages, strict=True):
-        answer = client.get(link)
-        content = answer.text.split("<main")[1].split("</form>")[-1]
-        assert answer.status_code == 200
-        assert sum(content.count(f"<{tag}") for tag in ("tr>", "li>", "circle")) > 2, link
-        assert PAGES[name].is_there(explored)
 
 
 @pytest.mark.parametrize(
@@ -217,31 +187,6 @@ def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):
     cosines = [row.cosine for row in found]
     assert cosines == sorted(cosines, reverse=True)
     assert cosines[0] > 0.3
-
-
-def test_an_entity_whose_words_have_no_vector_is_like_none_by_words():
-    explored = explored_graph([("bread", "water", "qqxzzq"), ("qqxzzq", "water", "cake")])
-    assert view_of(explored, EntityState("qqxzzq")).by_words is None
-    assert [row.entity for row in view_of(explored, EntityState("bread")).by_words] == [
-        "cake",
-        "water",
-    ]
-
-
-def test_many_recipes_come_page_by_page(of_recipes):
-    rows = [("hub", f"part {i:03}", f"thing {i:03}") for i in range(250)]
-    explored = explored_by(of_recipes(rows, kind="by-recipe-plain"))
-    pages = [view_of(explored, RecipesState("hub", page=page)) for page in (1, 2, 3)]
-    assert [len(page.recipes) for page in pages] == [100, 100, 50]
-    assert len({row.recipe.result for page in pages for row in page.recipes}) == 250
-    assert pages[0].paging.pages == 3
-    assert len(view_of(explored, EntityState("hub")).used_in.recipes) == 12
-    with refuses("page"):
-        view_of(explored, RecipesState("hub", page=4))
-    assert view_of(explored, RecipesState("hub", "makes")).recipes == ()
-    of_test = view_of(explored, RecipesState("hub", part="test"))
-    assert {row.part for row in of_test.recipes} == {"test"}
-    assert of_test.paging.total == pages[0].parts["test"] < 250
 
 
 def test_the_partner_of_an_entity_may_be_itself():

@@ -10,7 +10,6 @@ from wordcraft_kg.apps.explorer.pages import PAGES, predictions
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.link import LinkState
 from wordcraft_kg.apps.explorer.pages.pair import PairState
-from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
 from wordcraft_kg.apps.explorer.pages.predictions import PredictionsState
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
@@ -120,19 +119,6 @@ def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     assert "Results, if the pair combines" in texts[1]
 
 
-@pytest.mark.parametrize("page", [PairState(model="kitchen-recipes"), Goal()], ids=["pair", "path"])
-def test_an_example_offers_others_and_a_choice_does_not(explored, page):
-    examples = view_of(explored, page).examples
-    assert len(set(examples)) == 3
-    text = look(explored, page).text
-    assert all(
-        (one if isinstance(page, Goal) else " + ".join(one)) in text.split("try another: ")[1]
-        for one in examples
-    )
-    chosen = Goal("bread") if isinstance(page, Goal) else PairState("flour", "water")
-    assert "try another" not in look(explored, chosen).text
-
-
 @pytest.mark.parametrize(
     ("known", "how_many"), [("unseen", ""), ("all", " of these"), ("learned", "All of these")]
 )
@@ -173,14 +159,6 @@ def test_a_book_without_a_split_has_pages_too(of_recipes):
     assert pair.has_seen_the_test_recipes
 
 
-def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(explored, of_recipes):
-    assert "%" in look(explored, EntityState("bread")).text
-    assert view_of(explored, EntityState("bread")).has_probabilities
-    plain = of_recipes(MANY, kind="by-recipe-plain")
-    assert not view_by(plain, EntityState("part 1")).has_probabilities
-    assert view_by(plain, held_out(plain)[1]).probability is None
-
-
 def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder):
     explored = Explored.open(kitchen_folder)
     view = view_of(explored, EntityState("bread"))
@@ -212,22 +190,6 @@ def test_a_graph_without_recipes_has_no_pair_in_the_menu():
     for state in (EntityState(), PairState()):
         with pytest.raises(ConfigError, match="The graph has no"):
             view_of(explored, state)
-
-
-def test_what_speaks_for_a_prediction_is_named_beside_it(explored):
-    state = EntityState("bread", model="kitchen-recipes")
-    text, named = look(explored, state).text, 0
-    for slot, row in [(one, row) for one in view_of(explored, state).slots for row in one.best]:
-        head, tail = slot.head or row.entity, slot.tail or row.entity
-        for witness in row.reason.witnesses:
-            like = (head, witness.head) if witness.tail == tail else (tail, witness.tail)
-            recipe = witness.recipes[0]
-            shown = (
-                f"{like[0]} is like {like[1]}: {' + '.join(recipe.ingredients)} → {recipe.result}"
-            )
-            assert shown in text
-            named += 1
-    assert named > 10
 
 
 def test_a_link_shows_how_far_each_train_recipe_speaks_for_it(explored):

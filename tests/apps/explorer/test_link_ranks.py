@@ -3,13 +3,10 @@ models beside."""
 
 from itertools import product
 
-import msgspec
 import pytest
 
-from tests.apps.explorer.shown import look, view_of
-from wordcraft_kg.apps.explorer.pages import PAGES, predictions
+from wordcraft_kg.apps.explorer.pages import predictions
 from wordcraft_kg.apps.explorer.pages.predictions import (
-    PredictionsState,
     RankFilter,
     rank_graph,
     ranked_queries,
@@ -138,43 +135,6 @@ def test_a_filter_chooses_what_it_says(ranked, everything, chosen):
 def test_queries_are_sorted_as_asked(ranked, order, key):
     keys = [key(query) for query in pages(ranked, UNSEEN, order=order)]
     assert keys == sorted(keys)
-
-
-@pytest.mark.parametrize(
-    ("order", "first"), [pytest.param("worst", max, marks=pytest.mark.slow), ("best", min)]
-)
-def test_each_link_is_listed_once_by_its_first_query(ranked, everything, order, first):
-    listed = pages(ranked, RankFilter(known="all"), order=order)
-    ranks = {}
-    for query in everything:
-        ranks.setdefault(link_of(query), []).append(query.rank)
-    assert {link_of(query): query.rank for query in listed} == {
-        link: first(both) for link, both in ranks.items()
-    }
-    assert (len(listed), max(map(len, ranks.values()))) == (len(ranks), 4)
-
-
-@pytest.mark.parametrize(
-    "state",
-    [
-        PredictionsState(),
-        pytest.param(PredictionsState(part="new"), marks=pytest.mark.slow),
-        pytest.param(
-            PredictionsState(known="all", entity="water", rank="1"), marks=pytest.mark.slow
-        ),
-    ],
-)
-def test_each_facet_leads_to_as_many_links_as_it_says(explored, state):
-    page, links = look(explored, state), 0
-    for setting, counts in view_of(explored, state).facets.items():
-        for value, count in counts.items():
-            target = msgspec.structs.replace(state, **{setting: value})
-            assert view_of(explored, target).paging.total == count, (setting, value)
-            is_link = PAGES["predictions"].address(target) in page.links
-            assert is_link == (count > 0) or target == state
-            assert f"({count:,})" in page.text
-            links += is_link
-    assert links > 4
 
 
 def test_new_links_are_the_candidates_before_a_true_answer(neighbours, ranked, everything):

@@ -1,17 +1,12 @@
 """The map: places, groups, links and colours."""
 
-import re
-
 import numpy as np
 import pytest
 
-from tests.apps.explorer.shown import look, view_of
-from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import map as maps
 from wordcraft_kg.apps.explorer.pages.map import (
     HEIGHT,
     WIDTH,
-    MapState,
     communities_of,
     map_of,
     view_map,
@@ -152,42 +147,6 @@ def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
         tuple(found.spots[number].entity for number in chosen.combines.placed)[:2]
         == chosen.combines.listed
     )
-
-
-def test_links_of_a_chosen_entity_are_lines_to_its_partners(explored):
-    """The links of a chosen entity are lines to its partners which are named first."""
-    view, page = (
-        view_of(explored, MapState(entity="bread")),
-        look(explored, MapState(entity="bread")),
-    )
-    lines = {
-        values["class"]: values["d"]
-        for name, values in page.tags
-        if name == "path" and "L" in values["d"]
-    }
-    for kind, links in (("combines", view.chosen.combines), ("makes", view.chosen.makes)):
-        ends = [view.spots[end] for end in links.placed if end != view.chosen.entity]
-        assert re.findall(r"L(\d+) (\d+)", lines[kind]) == [
-            (str(spot.x), str(spot.y)) for spot in ends
-        ]
-    dots = [
-        values["class"]
-        for _, values in page.tags
-        if " r" in f" {values.get('class')}" and "href" in values
-    ]
-    chosen = view.spots[view.chosen.entity]
-    place = dots.index(next(dot for dot in dots if "chosen" in dot))
-    assert view.spots[place] == chosen
-    assert "far" not in dots[place]
-
-
-def test_each_layer_colour_is_in_the_legend_with_a_count(explored):
-    """Each colour of layers is in the legend with the number of its entities."""
-    view = view_of(explored, MapState(colour="layer"))
-    legend = PAGES["map"].draw(view, MapState(colour="layer"), lambda *_: "")["legend"]
-    assert sum(number for _, _, number in legend) == 80
-    assert legend[0] == ("shade-0", "base", len(explored.opened.graph.base))
-    assert len(legend) == len({style for style, _, _ in legend}) == 5
 
 
 TWO_CLIQUES = np.array(

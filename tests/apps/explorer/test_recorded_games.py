@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.apps.explorer.shown import look, view_of
+from tests.apps.explorer.shown import view_of
 from tests.apps.people.stored import go_on
 from wordcraft_kg import WordCraftConfig, World, open_graph
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.episode import EpisodeState
 from wordcraft_kg.apps.explorer.pages.games import GamesState
 from wordcraft_kg.apps.people.config import StudyConfig
@@ -19,7 +18,7 @@ from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import play_all
 from wordcraft_kg.apps.text_agents.submission import Submission, read_submission_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import checked_values, parse_record
+from wordcraft_kg.base.records import parse_record
 from wordcraft_kg.evaluation.reference import read_table_games
 
 
@@ -43,46 +42,6 @@ def played(kitchen_folder, agents, tmp_path_factory):
     return Explored.open(kitchen_folder, [], runs, [home / "study", home / "program"]), read_study(
         home / "study"
     )
-
-
-@pytest.mark.slow
-def test_each_recorded_table_leads_to_an_episode_with_every_player(played):
-    explored, study = played
-    actions = {
-        (one.answer.goal, one.session): one.answer.actions
-        for given in study.answers.values()
-        for one in given
-    }
-    tables = view_of(explored, GamesState()).tables
-    assert [len(row.solved + row.not_solved) for row in tables] == [2] * 4 + [1] * 4
-    assert {EpisodeState(**row.settings) for row in tables} <= set(
-        PAGES["episode"].states(explored)
-    )
-    for row in tables:
-        state = EpisodeState(**row.settings, other=("plain",))
-        view, page = view_of(explored, state), look(explored, state)
-        assert checked_values(view)
-        assert set(view.start) <= set(view.table) == set(row.settings["table"])
-        guided, plain, *others = view.players
-        assert (guided.player, plain.player) == ("guided", "plain")
-        assert guided.success == (view.first.episode.outcome == "goal")
-        assert {(one.player, one.success) for one in others} == {
-            *((name, True) for name in row.solved),
-            *((name, False) for name in row.not_solved),
-        }
-        for one in others:
-            picks = tuple(pick.entity for pick in one.attempts[0].picks)
-            assert (
-                f"{one.player} people {picks[0]}" in page.text or f"program {picks[0]}" in page.text
-            )
-            assert one.kind == "other" or picks == actions[view.goal, int(one.player.split()[1])]
-        for step, pick in zip(view.first.episode.steps, guided.attempts[0].picks, strict=True):
-            (slot,) = (slot for slot in step.slots if slot.entity == step.action)
-            assert (pick.entity, pick.sources, pick.probability) == (
-                slot.entity,
-                slot.sources,
-                slot.probability,
-            )
 
 
 def test_a_game_at_a_table_of_the_evaluation_is_shown_there_too(played):

@@ -3,16 +3,11 @@
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from refusals import refuses
-from scipy.stats import binomtest
 
 from wordcraft_kg.apps.people.config import TASKS_PER_PART
 from wordcraft_kg.apps.people.protocol import HumanProtocol, episode_seed, schedule
-from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import table_labels
 from wordcraft_kg.graphs import SplitConfig, make_split
@@ -131,18 +126,3 @@ def test_the_header_and_an_answer_have_nothing_about_people(protocol, kitchen):
         "success",
         "seconds",
     ]
-
-
-@given(st.integers(1, 10_000), st.data())
-def test_the_wilson_interval_is_scipys(n, data):
-    successes = data.draw(st.integers(0, n))
-    expected = tuple(binomtest(successes, n).proportion_ci(0.95, method="wilson"))
-    low, high = wilson_interval(successes, n)
-    assert (low, high) == pytest.approx(expected, abs=1e-12)
-    assert 0 <= low <= successes / n <= high <= 1
-
-
-@pytest.mark.parametrize(("successes", "n"), [(0, 0), (-1, 3), (4, 3)])
-def test_a_rate_that_cannot_be_is_refused(successes, n):
-    with pytest.raises(ConfigError, match="expected"):
-        wilson_interval(successes, n)

@@ -11,12 +11,14 @@ import jsonschema
 import msgspec
 import numpy as np
 import pytest
+from short_fits import short_fits
 
 from wordcraft_kg import (
     AgentConfig,
     ImpalaConfig,
     TaskConfig,
     load_scorer,
+    open_book,
     open_graph,
     open_model,
     train_agent,
@@ -61,6 +63,8 @@ from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import make_features
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
@@ -175,6 +179,14 @@ def test_every_lite_track_can_be_played_and_verified(submitted, track, player):
         assert submission.figures.by_plan == submission.figures.mean == 1
     record = json.loads((submitted(track, player) / "submission.json").read_text())
     jsonschema.validate(record, json.loads(SCHEMA.read_text()))
+
+
+def test_the_tasks_with_made_up_words_are_the_same_tasks(submitted):
+    known, unknown = (
+        verify(submitted(f"depth-2-lite{words}", "votes")) for words in ("", "-made-up")
+    )
+    assert known.figures == unknown.figures
+    assert known.games_hash != unknown.games_hash
 
 
 @pytest.mark.parametrize(
@@ -595,6 +607,20 @@ def test_models_and_agents_play_as_in_the_evaluation(
             enter(other_split, player, RunSettings(tmp_path))
 
 
+def test_a_model_declares_the_knowledge_from_outside_its_recipes(kitchen_track, tmp_path):
+    other = tmp_path / "other.csv"
+    rows = (f"{a},{b},{result}\n" for a, b, result in open_book("kitchen").recipes[:100])
+    other.write_text("ingredient_a,ingredient_b,result\n" + "".join(rows))
+    settings = RecipeScorerConfig(kg="none", folds=2, with_=(str(other),))
+    with short_fits():
+        train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model")
+    _, entrant = enter(kitchen_track, f"scorer:{tmp_path / 'model'}", RunSettings(tmp_path))
+    assert re.match(
+        r"no recipe of this book, \w+ words, outside knowledge: other \(book\)",
+        entrant.training_data,
+    )
+
+
 def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_path):
     """The leaderboard has a table for each track and refuses edited submissions."""
     page = tmp_path / "page.md"
@@ -640,7 +666,7 @@ def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
     pytest.importorskip("linkify_it")
     from markdown_it import MarkdownIt
 
-    edit(copied(), kind="own", **HOSTILE)
+    edit(copied(), kind="own", tokens={"input": 1_000, "output": 9}, seconds=12.3, **HOSTILE)
     bench_leaderboard(tmp_path / "copy", out=tmp_path / "page.md")
     markdown = MarkdownIt("gfm-like")
     html = markdown.render((tmp_path / "page.md").read_text())
@@ -651,6 +677,7 @@ def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
     assert shown["player"] in details
     assert f"<li>training data: {shown['training_data']}</li>" in details
     assert f"<li>licence: {shown['licence']}</li>" in details
+    assert "<li>cost: 1,009 tokens, 12 s</li>" in details
     assert table.count("<td>") == table.count("<th>") == 5
     for part in (table, details):
         assert not [mark for mark in ("<a", "<img", "<strong", "<em", "<s>") if mark in part]

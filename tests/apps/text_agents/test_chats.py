@@ -122,6 +122,12 @@ def test_games_are_kept_by_their_end():
     assert lengths["all"].total() > lengths["made"].total()
 
 
+def test_equal_conversations_are_written_once():
+    plays = kitchen_plays(1)
+    rows, counts = rows_of([*plays, *plays], tasks=20)
+    assert (len(rows), counts.repeated) == (20, 20)
+
+
 def test_each_row_has_the_mark_of_the_benchmark_but_no_request():
     (row, *_), _ = rows_of(kitchen_plays(1), tasks=1)
     assert row["canary"] in read_manifest()[0].canary

@@ -363,6 +363,17 @@ def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path,
     assert (line.task, line.actions) == (0, 2)
 
 
+def test_a_file_whose_header_cannot_be_written_disappears_with_its_folder(tmp_path, monkeypatch):
+    def full(file):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    kept = games_writer(tmp_path / "new" / "games.jsonl", header_of(hosted()))
+    with pytest.raises(OSError, match="No space"), kept:
+        pass
+    assert not [*tmp_path.iterdir()]
+
+
 def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path):
     path, host = tmp_path / "run.json", hosted()
     path.write_text('{"kind": "train-agent"}\n')

@@ -104,6 +104,14 @@ def len_of(games, place):
     return len(games.plays["train"][place].games.world.tasks)
 
 
+def test_a_seed_draws_the_same_game_in_each_session():
+    client = client_of()
+    with session(client) as one, session(client) as other:
+        first = [seen(one("reset", {"seed": seed})) for seed in range(20)]
+        assert [seen(other("reset", {"seed": seed})) for seed in range(20)] == first
+    assert len({begun["observation"]["task_id"] for begun in first}) == 20
+
+
 def test_sessions_do_not_disturb_each_other():
     """An interleaved game equals a game alone."""
     client = client_of()
@@ -188,6 +196,16 @@ def test_invalid_answers_of_any_length_count_and_end_the_game():
         assert over["observation"]["text"].startswith("This game is over.")
         assert (over["done"], over["reward"]) == (True, 0)
         assert ask("state")["data"] == {"episode_id": "mine", "step_count": 4}
+
+
+def test_look_ups_need_knowledge():
+    games = kitchen_games("test", (1,), knowledge="partial", look_ups=1)
+    with session(client_of(games)) as ask:
+        assert "look up" in seen(ask("reset", {"index": 0}))["observation"]["text"]
+        assert "Known recipes" in seen(ask("step", {"look_up": "water"}))["observation"]["text"]
+        second = seen(ask("step", {"look_up": "water"}))
+    assert "no look-ups left" in second["observation"]["text"]
+    assert second["metadata"]["look_ups"] == 1
 
 
 def test_the_number_of_sessions_is_bounded_and_a_place_becomes_free():

@@ -7,7 +7,7 @@ tails.
 
 Shapes: B queries, N candidates, d complex dimensions, E entities.
 
-The page docs/evidence/complex.md measures the model.
+The page docs/evidence/links.md#complex measures the model.
 """
 
 from collections.abc import Mapping

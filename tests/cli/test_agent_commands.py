@@ -6,11 +6,9 @@ from pathlib import Path
 
 import pytest
 from configured import in_file
-from graph_folders import write_graph
 from quick import SMALL, same, succeed
 
 from wordcraft_kg.base.artefacts import TEMPORARY
-from wordcraft_kg.graphs import open_graph
 
 
 def moment(**settings):
@@ -277,30 +275,8 @@ def test_tasks_are_printed_with_their_table_and_plans(run, home):
     assert plan.endswith("  barley + water -> malt; malt + yeast -> beer")
 
 
-def test_tables_are_shuffled_and_differ_in_their_distractors(shown):
-    values = shown("kitchen", "--depth", 2, "--distractors", 4)
-    assert any(task["table"][: len(task["start"])] != task["start"] for task in values["shown"])
-    assert len({tuple(task["distractors"]) for task in values["shown"]}) > 15
-
-
 def test_the_order_is_seeded_and_a_lower_limit_shows_the_first(shown):
     values = shown("kitchen", "--limit", 8)
     assert shown("kitchen", "--limit", 8) == values
     assert shown("kitchen", "--limit", 5)["shown"] == values["shown"][:5]
     assert shown("kitchen", "--limit", 8, "--seed", 1)["shown"] != values["shown"]
-
-
-def test_a_limit_beyond_the_tasks_shows_each_once(shown):
-    values = shown("kitchen", "--part", "all", "--limit", 10_000)
-    assert (
-        len({(task["goal"], *task["start"]) for task in values["shown"]}) == values["tasks"] == 326
-    )
-
-
-def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
-    folder = write_graph(home / "graph", kind="by-goal", seed=3)
-    held_out = {
-        recipe.result for recipe in kitchen.recipe_labels(open_graph(folder).split.recipes("test"))
-    }
-    values = shown(folder, "--part", "test", "--limit", 10_000)
-    assert {task["goal"] for task in values["shown"]} == held_out

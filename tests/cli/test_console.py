@@ -194,16 +194,6 @@ def test_tables_have_aligned_columns_and_no_empty_ones(rows, numbers, lines):
     assert aligned(rows, numbers=numbers) == lines
 
 
-def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_path):
-    config = tmp_path / "odd.toml"
-    config.write_text("[describe]\nseed = 1.5\n")
-    refused(
-        "describe", "kitchen", "--config", config, says='unable to convert "1.5" into int', code=2
-    )
-    config.write_text("[describe]\ntasks = true\nseed = 1\nlimit = 0\n")
-    assert run("describe", "kitchen", "--config", config).code == 0
-
-
 def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, tmp_path):
     """The application is kept between command lines; the last file's options must not stay."""
     config = tmp_path / "odd.toml"
@@ -267,22 +257,6 @@ def test_a_command_of_two_words_runs_and_the_first_alone_lists_all(run):
     examples = [example for name, example in EXAMPLES if name.startswith("people ")]
     assert all(example in listed.out for example in examples)
     assert run("help", "people", "serve").out == run("people", "serve", "--help").out
-
-
-def test_misuse_of_two_word_commands_is_said_as_of_others(refused):
-    """Misuse and failure of a command of two words are said as those of others."""
-    usage = "usage:   wordcraft-kg people serve GRAPH --out OUT [OPTIONS]"
-    assert refused("people", "serve", code=2).splitlines()[:2] == [
-        "error: GRAPH is missing.",
-        usage,
-    ]
-    refused(
-        "people",
-        "serv",
-        "kitchen",
-        says='error: Unknown command "serv". Did you mean "serve"?\n',
-        code=2,
-    )
 
 
 @pytest.mark.parametrize(

@@ -55,11 +55,22 @@ def test_a_link_predictor_guides_no_player(refused, trained):
     refused("discover", "kitchen", *QUICK, "--scorer", trained / "one", says=says)
 
 
-def test_a_single_run_has_no_interval(printed, run):
-    values = printed("discover", "kitchen", "--runs", 1, "--players", "random")
-    assert values["players"]["random"]["100"]["low"] is None
-    text = run("discover", "kitchen", "--runs", 1, "--players", "random").out
-    assert "[" not in text.split("people")[0].split("\n", 2)[2]
+def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, recipes_folder):
+    page = tmp_path / "deep" / "page.html"
+    assert f"wrote {page}" in text_of(
+        "discover", "kitchen", "--runs", 2, "--scorer", recipes_folder, "--out", page
+    )
+    assert list(page.parent.iterdir()) == [page]
+    html = page.read_text(encoding="utf-8")
+    assert not re.search(r"<link|src=|https?://", html)
+    svg = ET.fromstring(re.search(r"<svg.*?</svg>", html, re.DOTALL)[0])
+    lines = [path for path in svg.iter("path") if path.get("stroke-width") == "2"]
+    # Told apart by dash and colour together.
+    assert len({(line.get("stroke"), line.get("stroke-dasharray")) for line in lines}) == 6
+    assert any(path.get("fill-opacity") for path in svg.iter("path"))
+    labels = {text.text for text in svg.iter("text")}
+    assert {"random", "greedy", "recipe-learner", "people (another game)"} <= labels
+    assert "Brändle" in html
 
 
 def test_players_that_never_repeat_a_pair_are_named(run, tmp_path):

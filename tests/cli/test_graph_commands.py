@@ -1,6 +1,7 @@
 """The commands of graphs and recipe books as a user runs them: output, exit codes, and a disk left
 as it was."""
 
+import io
 import json
 import os
 import re
@@ -15,6 +16,7 @@ from quick import contents
 
 from wordcraft_kg.graphs import (
     SplitConfig,
+    library,
     make_split,
     open_book,
     open_graph,
@@ -485,18 +487,11 @@ def test_inferred_bases_and_unmakeable_entities_give_warnings(
     assert finding not in run("check-book", path, "--base", "a").out
 
 
-def test_labels_in_two_cases_are_named_with_the_remedy(printed, book, home, caplog, monkeypatch):
-    """Results in another case than ingredients put half of the recipes out of reach."""
-    path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Lava\nlava,fire,Ash\n")
+def test_labels_that_stand_for_nothing_are_warned_of(printed, book, home, caplog, monkeypatch):
+    path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Nothing\nearth,NA,ash\n")
     monkeypatch.chdir(home)
     printed("build-graph", path, "--split", "none", "--out", "kept")
-    assert caplog.messages[-1] == (
-        "2 labels differ only in case: Lava and lava. If they are the same thing, read the book "
-        "with --case fold."
-    )
-    caplog.clear()
-    printed("build-graph", path, "--split", "none", "--case", "fold", "--out", "folded")
-    assert not caplog.messages
+    assert "'NA', 'Nothing' kept as entities; leave such rows out" in caplog.messages[-1]
 
 
 def test_shares_that_differ_from_the_settings_are_named(run, home):
@@ -510,15 +505,6 @@ def test_shares_that_differ_from_the_settings_are_named(run, home):
     assert [round(100 * train / 326), round(100 * test / 326)] == [int(counts[1]), int(counts[2])]
     assert open_graph(home / "out").split.moved_for_coverage == int(counts[3])
     assert "--split by-recipe-plain" in text
-
-
-@pytest.mark.parametrize(
-    ("options", "recipes", "dropped"), [([], 1, 1), (["--keep-self-results"], 2, 0)]
-)
-def test_self_results_are_kept_when_asked_for(printed, home, book, options, recipes, dropped):
-    path = book("book.csv", TABLE + "a,b,c\na,c,a\n")
-    values = printed("build-graph", path, "--split", "none", "--out", home / "out", *options)
-    assert (values["recipes"], values["dropped_self_results"]) == (recipes, dropped)
 
 
 def test_a_graph_folder_is_a_recipe_book_too(built, kitchen, kitchen_folder):
@@ -607,6 +593,20 @@ def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     assert f"{DATA_VARIABLE} names (not set)" in text
 
 
+def test_fetch_reports_the_real_book_that_the_cache_holds(
+    printed, run, home, alchemy_path, monkeypatch
+):
+    monkeypatch.setattr(library, "_opened", lambda url: io.BytesIO(alchemy_path.read_bytes()))
+    result = printed("books", "--fetch", "little-alchemy-2")
+    assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
+    monkeypatch.setattr(library, "_opened", None)
+    assert (
+        "next: wordcraft-kg build-graph little-alchemy-2"
+        in run("books", "--fetch", "little-alchemy-2").out
+    )
+    assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
+
+
 @pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error(tmp_path):
     reader, writer = os.pipe()
@@ -653,6 +653,22 @@ def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):
     shared = set(open_book("everyday").recipes) & set(open_book("kitchen").recipes)
     assert figures["shared_recipes"] == len(shared) > 0
     assert {finding["severity"] for finding in result["findings"]} <= {"note"}
+
+
+def test_check_book_shows_first_findings_and_counts_others(run, book):
+    """Check book shows the first findings of each kind and counts the others."""
+    rows = "".join(f"thing{i:03},thing{i:03},things{i:03}\n" * 2 for i in range(30))
+    path = book("long.csv", TABLE + rows)
+    texts = [
+        run("check-book", path, *more).out.splitlines()
+        for more in ([], ["--limit", "2"], ["--limit", "99"])
+    ]
+    for text, number in zip(texts, (10, 2, 30), strict=True):
+        assert sum(line.startswith("problem [duplicate] line") for line in text) == number
+        more = f"problem [duplicate] and {30 - number} more; a larger --limit shows them"
+        assert (more in text) == (number < 30)
+        assert text[-1] == texts[0][-1]
+    assert len(json.loads(run("check-book", path, "--json").out)["findings"]) > 30
 
 
 def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused, built, book, home):

@@ -3,6 +3,7 @@
 
 import json
 import re
+import signal
 
 import pytest
 
@@ -52,6 +53,34 @@ def test_a_training_bar_has_room_and_its_figures_are_whole(
     assert "3.00M/3.00M" in last
     shown = ["success 0.9407", "test success 0.3175", "steps per second 12,439"][:num_figures]
     assert last.rstrip().endswith("left  " + "  ".join(shown))
+
+
+def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
+    show = ProgressBar.__call__
+
+    def press(self, done, total, figures):
+        show(self, done, total, figures)
+        if self.unit == "epoch" and done == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(ProgressBar, "__call__", press)
+    outcome = run(
+        "train-complex",
+        "kitchen",
+        "--n3",
+        "0.1",
+        "--dim",
+        "8",
+        "--epochs",
+        "6",
+        "--out",
+        home / "model",
+    )
+    assert outcome.code == 130
+    bar, message = terminal(outcome.err)[-2:]
+    assert bar.startswith("partial graph")
+    assert message.startswith("interrupted; epoch")
+    assert outcome.err.rindex("\x1b[?25h") < outcome.err.index("interrupted")
 
 
 @pytest.mark.parametrize(

@@ -217,6 +217,15 @@ def test_the_scores_of_a_file_go_to_a_file(printed, refused, run, trained, tmp_p
     assert run(*command, "--force").code == 0
 
 
+def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained):
+    triples, known = trained / "graph" / "triples" / "full.tsv", parts_of(trained / "graph")
+    assert printed("score", trained / "one", "--in", triples, "--new-only").get("rows", []) == []
+    rows = printed("score", trained / "one", "--in", triples)["rows"]
+    assert [row["known"] for row in rows] == [
+        known[row["head"], row["relation"], row["tail"]] for row in rows
+    ]
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -7,7 +7,7 @@ import pytest
 from graph_strategies import books, graphs_of_sets
 from hypothesis import given
 
-from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_book, open_graph
+from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook
 from wordcraft_kg.graphs.export import export_graph
@@ -61,15 +61,6 @@ def test_any_graph_comes_back_whole(book):
     again = back(graph)
     assert (again.hash, again.name, again.base) == (graph.hash, graph.name, graph.base)
     assert again.recipe_labels() == graph.recipe_labels()
-
-
-@pytest.mark.parametrize(
-    "name", ["kitchen", pytest.param("everyday", marks=pytest.mark.slow), "paper-examples"]
-)
-def test_built_in_books_come_back_with_their_kinds(name):
-    graph = RecipeGraph.from_book(open_book(name))
-    again = back(graph)
-    assert (again.hash, again.kinds) == (graph.hash, graph.kinds)
 
 
 @given(graph=graphs_of_sets())

@@ -16,6 +16,7 @@ from wordcraft_kg.graphs import (
     RecipeGraph,
     SplitConfig,
     make_split,
+    open_graph,
     recipe_triples,
 )
 from wordcraft_kg.graphs.export import to_networkx, triples_frame
@@ -245,3 +246,24 @@ def test_frames_have_a_row_per_entity_and_triple():
     assert entities["uses"].to_dict() == {"a": 1, "b": 1, "c": 1, "d": 0, "idle": 0}
     triples = triples_frame(graph, graph.triples).itertuples(index=False, name=None)
     assert set(triples) == oracles.triples(graph.recipe_labels())
+
+
+def test_a_graph_has_a_length_and_contains_its_labels(kitchen):
+    assert len(kitchen) == kitchen.num_entities == 80
+    assert list(kitchen.entities) == sorted(kitchen.entities)
+    assert [kitchen.id_of(label) for label in kitchen.entities] == list(range(kitchen.num_entities))
+    assert kitchen.id_of(3) == 3
+    assert "dough" in kitchen
+    assert "tractor" not in kitchen
+    assert 3 not in kitchen
+    assert RecipeGraph((), np.empty((0, 3), dtype=np.int64), [])
+
+
+def test_what_a_graph_and_a_split_look_like_fits_on_a_line():
+    opened = open_graph("kitchen")
+    assert repr(opened) == (
+        "OpenedGraph(graph=RecipeGraph('kitchen', 80 entities, 326 recipes, hash 43fe37e2e912), "
+        "split=Split('by-recipe', seed 0, 260 train, 0 valid, 66 test recipes of 'kitchen'), "
+        "source='kitchen')"
+    )
+    assert str(opened.graph.recipe_labels()[0]) == "animal + earth -> pig"

@@ -10,7 +10,7 @@ pytest.importorskip("sb3_contrib")
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+from stable_baselines3.common.vec_env import VecMonitor
 
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents.sb3 import MaskableSB3Policy, SB3Policy, SB3VecEnv
@@ -72,21 +72,6 @@ def test_episodes_are_those_of_the_vector_environment(world):
     assert ended > 20
 
 
-def test_observations_are_as_from_a_loop_over_single_environments(world):
-    looped = DummyVecEnv([lambda: gym.make("WordCraft-v0", graph=world)] * 2)
-    env = SB3VecEnv(2, world)
-    assert env.observation_space == looped.observation_space
-    assert env.action_space == looped.action_space
-    here, there = env.reset(), looped.reset()
-    assert {name: (values.shape, values.dtype) for name, values in here.items()} == {
-        name: (values.shape, values.dtype) for name, values in there.items()
-    }
-    for one, other in zip(
-        env.step(np.zeros(2, dtype=int))[1:3], looped.step(np.zeros(2, dtype=int))[1:3], strict=True
-    ):
-        assert (one.shape, one.dtype) == (other.shape, other.dtype)
-
-
 def test_a_seed_gives_the_same_episodes_and_is_used_once(world):
     env = SB3VecEnv(SIZE, world)
     assert env.seed(3) == [3] * SIZE
@@ -105,6 +90,26 @@ def test_masks_are_those_of_the_tables(world):
         env.env_method("action_masks", indices=[-1, 2]), get_action_masks(env)[[-1, 2]]
     )
     assert len(env.get_attr("render_mode", indices=1)) == 1
+
+
+def test_the_task_is_as_in_the_wrapper(opened_kitchen):
+    for part in ("train", "test"):
+        world = World(opened_kitchen, WordCraftConfig(part=part, num_distractors=3))
+        env, single = (
+            SB3VecEnv(SIZE, world, with_task=True),
+            TaskObservation(gym.make("WordCraft-v0", graph=world)),
+        )
+        assert env.observation_space == single.observation_space
+        shown = env.reset()["task"]
+        expected = (
+            env.env.state.task if part == "train" else [env.observation_space["task"].n - 1] * SIZE
+        )
+        np.testing.assert_array_equal(shown, expected)
+        before = shown
+        env.step(np.zeros(SIZE, dtype=int))
+        *_, over, infos = env.step(np.zeros(SIZE, dtype=int))
+        for row in np.flatnonzero(over):
+            assert infos[row]["terminal_observation"]["task"] == before[row]
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,24 @@ def test_descriptions_reach_names_in_json_and_inner_records():
     assert "description" not in schema["properties"]["name"]
 
 
+class Point(Record, array_like=True):
+    """A point.
+
+    Attributes:
+        x: to the right.
+        y: upwards.
+    """
+
+    x: float
+    y: float
+
+
+def test_items_of_a_record_that_is_written_as_an_array_are_described():
+    schema = schema_of(Point, "urn:point", "point")["$defs"]["Point"]
+    assert [item["description"] for item in schema["prefixItems"]] == ["to the right.", "upwards."]
+    assert schema["description"] == "A point."
+
+
 def test_a_field_is_named_in_quotes_because_backticks_are_for_settings():
     with pytest.raises(ArtefactError) as of_bytes:
         parse_record(b'{"name": 1, "counts": []}', Row, "row.json")

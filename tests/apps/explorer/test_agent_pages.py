@@ -109,32 +109,6 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents):
         view_of(agents, EpisodeState(run="mlp", distractors=8))
 
 
-def test_the_form_asks_at_the_table_that_is_seen(agents):
-    episode = PAGES["episode"]
-    state = EpisodeState(part="train", task=9, distractor_seed=1, other=("plain",))
-    shown, sent = view_of(agents, state), look(agents, state).form("selection")
-    edited = view_of(agents, episode.read("", sent))
-    assert (edited.is_edited, edited.table) == (True, shown.table)
-    for again, agent in zip(edited.agents, shown.agents, strict=True):
-        assert again.explained.episode.steps == agent.explained.episode.steps
-    # An emptied line is taken off, a filled one is put on the table, and what is held is the first
-    # pick.
-    lines = [value for name, value in sent if name == "table"]
-    assert lines == [*shown.table, "", "", ""]
-    added = next(
-        label for label in agents.opened.graph.entities if label not in (*shown.table, shown.goal)
-    )
-    changed = [("table", line) for line in ("", *lines[1:-2], f"  {added} ", "")]
-    rest = [(name, value) for name, value in sent if name not in ("table", "selection")]
-    state = episode.read("", [*rest, *changed, ("selection", shown.table[1])])
-    edited = view_of(agents, state)
-    assert (edited.table, edited.selection) == ((*shown.table[1:], added), shown.table[1])
-    assert len(edited.first.episode.steps) == 1
-    text = look(agents, state).text
-    assert "edited table" in text
-    assert "Back to the original table" in text
-
-
 def test_in_sample_scores_are_marked(agents, recipes_folder):
     """Where two folds have a way, every model has learned one of them; where one has, there is a
     model that has not."""

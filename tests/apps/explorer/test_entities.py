@@ -7,6 +7,8 @@ import pytest
 from refusals import refuses
 
 from tests.apps.explorer.shown import (
+    Shown,
+    client_of,
     explored_graph,
     look,
     view_by,
@@ -15,7 +17,7 @@ from tests.apps.explorer.shown import (
 from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, train_links
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
-from wordcraft_kg.apps.explorer.pages import entities, entity
+from wordcraft_kg.apps.explorer.pages import PAGES, entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.home import HomeState
@@ -40,6 +42,33 @@ PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, furthest, most_used):
     overview = view_of(explored_graph(rows), HomeState())
     assert (overview.furthest, overview.most_used) == (furthest, most_used)
+
+
+@pytest.mark.parametrize(
+    ("content", "pages"),
+    [
+        pytest.param(
+            "models and runs", ["tasks", "link", "path", "map", "entity"], marks=pytest.mark.slow
+        ),
+        ("runs", ["tasks", "path", "map", "entity"]),
+        ("nothing", ["path", "map", "entity"]),
+    ],
+)
+def test_the_overview_asks_questions_and_each_is_answered(explored, content, pages):
+    models, runs = (
+        explored.models if "models" in content else {},
+        explored.runs if "runs" in content else {},
+    )
+    explored = Explored(explored.opened, models, runs)
+    page, client = look(explored, HomeState()).page, client_of(explored)
+    links = Shown(page.split('aria-label="Examples"')[1].split("</ul>")[0]).links
+    assert [link.split("/")[1].split("?")[0] for link in links] == pages
+    for link, name in zip(links, pages, strict=True):
+        answer = client.get(link)
+        content = answer.text.split("<main")[1].split("</form>")[-1]
+        assert answer.status_code == 200
+        assert sum(content.count(f"<{tag}") for tag in ("tr>", "li>", "circle")) > 2, link
+        assert PAGES[name].is_there(explored)
 
 
 @pytest.mark.parametrize(

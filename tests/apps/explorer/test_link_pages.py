@@ -1,6 +1,5 @@
 """The pages of links, pairs, ranks and two models: scores, in-sample marks, evidence, and texts."""
 
-import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
@@ -190,13 +189,3 @@ def test_a_graph_without_recipes_has_no_pair_in_the_menu():
     for state in (EntityState(), PairState()):
         with pytest.raises(ConfigError, match="The graph has no"):
             view_of(explored, state)
-
-
-def test_a_link_shows_how_far_each_train_recipe_speaks_for_it(explored):
-    a, b = explored.opened.graph.labels(np.array(explored.opened.split.held_out("test")[0])[[0, 2]])
-    state = LinkState(a, "combinesWith", b, "kitchen-recipes")
-    witnesses, text = view_of(explored, state).reason.witnesses, look(explored, state).text
-    assert witnesses
-    for witness in witnesses:
-        assert f"{witness.head} combinesWith {witness.tail}" in text
-        assert f"{witness.weight:.3f} {100 * witness.share:.0f} %" in text

@@ -12,9 +12,8 @@ from wordcraft_kg.apps.explorer.pages.predictions import (
     ranked_queries,
     view_link_ranks,
 )
-from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
-from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples
 
 UNSEEN = RankFilter(part="test")
 
@@ -42,18 +41,6 @@ def link_of(query):
 
 def key_of(query):
     return query.head, query.relation, query.tail, query.side
-
-
-def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours):
-    few = rank_graph(neighbours, 40)
-    report = rank_links(neighbours.model.scorer, neighbours.model.opened, max_queries=80)
-    found = view_link_ranks(few, UNSEEN)
-    assert found.metrics.mrr == pytest.approx(ranking_metrics(report.ranks).mrr)
-    assert (found.sample.unseen, found.sample.others) == (40, 40)
-    assert found.sample.unseen_of == len(neighbours.split.held_out("test"))
-    assert found.sample.unseen_of + found.sample.others_of == len(neighbours.graph.triples)
-    assert not found.sample.is_whole
-    assert view_link_ranks(rank_graph(neighbours), UNSEEN).sample.is_whole
 
 
 @pytest.mark.parametrize(("each", "ranked"), [(50, 50), (0, MIN_TRIPLES)])

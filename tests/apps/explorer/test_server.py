@@ -281,6 +281,16 @@ def test_what_cannot_be_served_is_a_clear_error(run, arguments, message, kind):
     assert message in refused(run("explore", "kitchen", "--no-browser", *arguments.split()), kind)
 
 
+def test_the_site_as_files(run, tmp_path):
+    (tmp_path / "small.csv").write_text("ingredient_a,ingredient_b,result\na,b,c\n")
+    command = ("explore", tmp_path / "small.csv", "--export", tmp_path / "site")
+    record = json.loads(run(*command, "--json").out)
+    assert record == json.loads((tmp_path / "site" / "site.json").read_text())
+    assert record["graph"] == "small"
+    refused(run(*command), "OutputExistsError")
+    assert run(*command, "--force").code == 0
+
+
 def test_without_the_extra_the_command_says_what_to_install(run, uninstalled):
     uninstalled("starlette")
     assert "pip install 'starlette<2" in refused(run("explore", "kitchen"), "MissingExtraError")

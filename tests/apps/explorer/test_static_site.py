@@ -7,12 +7,11 @@ from urllib.parse import unquote
 
 import pytest
 
-from tests.apps.explorer.shown import HOSTILE, Shown, explored_graph
+from tests.apps.explorer.shown import HOSTILE, Shown
 from wordcraft_kg.apps.explorer import export
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.base.errors import OutputExistsError
 
 LOADING = ("link", "script", "img")
 
@@ -78,18 +77,6 @@ def test_the_same_site_has_the_same_bytes(hostile, hostile_site, tmp_path):
 
     export_site(Explored(hostile.opened), tmp_path / "again")
     assert content(tmp_path / "again") == content(hostile_site)
-
-
-def test_a_site_is_replaced_only_on_request(tmp_path):
-    small, site, other = explored_graph([("a", "b", "c")]), tmp_path / "site", tmp_path / "other"
-    for is_forced in (False, True):
-        export_site(small, site, force=is_forced)
-    other.mkdir()
-    (other / "notes.txt").write_text("mine")
-    for out, is_forced in ((site, False), (other, True)):
-        with pytest.raises(OutputExistsError):
-            export_site(small, out, force=is_forced)
-    assert (other / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.slow

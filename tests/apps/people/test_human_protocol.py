@@ -7,7 +7,9 @@ from refusals import refuses
 
 from wordcraft_kg.apps.people.config import TASKS_PER_PART
 from wordcraft_kg.apps.people.protocol import HumanProtocol, episode_seed, schedule
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import table_labels
 from wordcraft_kg.graphs import SplitConfig, make_split
@@ -126,3 +128,9 @@ def test_the_header_and_an_answer_have_nothing_about_people(protocol, kitchen):
         "success",
         "seconds",
     ]
+
+
+@pytest.mark.parametrize(("successes", "n"), [(0, 0), (-1, 3), (4, 3)])
+def test_a_rate_that_cannot_be_is_refused(successes, n):
+    with pytest.raises(ConfigError, match="expected"):
+        wilson_interval(successes, n)

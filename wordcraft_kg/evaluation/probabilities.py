@@ -1,6 +1,6 @@
 """Calibration of a cross-fitted scorer's triple probabilities, outside the training data.
 
-The page docs/evidence/recipe-scorer.md#probabilities shows its figures; docs/explanation/recipe-scorer.md has the
+The page docs/evidence/recipe-scorer.md shows its figures; docs/explanation/recipe-scorer.md has the
 formulas.
 """
 

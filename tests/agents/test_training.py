@@ -141,24 +141,6 @@ def test_a_policy_is_loaded_from_its_folder_alone(done, tmp_path):
     assert policy(state).logits[0, 2] == -torch.inf
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("lag", [0, 2])
-@pytest.mark.parametrize("update", [1, 20, 37, 99])
-def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
-    config, made_once, interrupted, update, lag
-):
-    trainer = replace(config.trainer, policy_lag=lag, unroll=2, steps=1_600)
-    tasks = TaskConfig(depth=2, distractors=2)
-    # The policy is new, because the fixture's was completed for one attempt.
-    config = replace(config, tasks=tasks, policy=PolicyConfig(), trainer=trainer)
-    assert config.policy.sees_attempts
-    whole = made_once(f"kitchen-agent-lag-{lag}", lambda out: train_agent(config, out))
-    folder = interrupted(update, config=config)
-    assert open_agent(folder).checkpoint == f"step {update * 16:,}"
-    assert not resume(folder).interrupted
-    assert_same_training(folder, whole)
-
-
 def test_an_interrupted_run_is_opened_at_its_checkpoint(interrupted):
     folder = interrupted(30)
     assert open_agent(folder).checkpoint == "step 480"

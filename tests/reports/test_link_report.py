@@ -47,7 +47,6 @@ from wordcraft_kg.models.scorers.ranking import (
     random_metrics,
     rank_triples,
     ranking_metrics,
-    triple_groups,
 )
 from wordcraft_kg.reports.pages import render, write_report
 
@@ -107,12 +106,6 @@ def split(opened):
 def ranks(kitchen_model, graph, split):
     """The ranks of the unseen test triples."""
     return rank_triples(kitchen_model.scorer, split.held_out("test"), graph.triples)
-
-
-@pytest.fixture(scope="module")
-def whole_report(kitchen_model, opened):
-    """Of the model of all train recipes, without its folds."""
-    return link_report(kitchen_model.scorer.whole, opened)
 
 
 def triple_of(graph, row):
@@ -197,37 +190,6 @@ def test_the_baselines_are_of_train_and_expected_chance(values, graph, split):
         == set(values["baselines"]["random"])
         == set(values["metrics"])
     )
-
-
-def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, split, ranks):
-    comparisons = values["comparisons"]
-    mrr = {
-        name: values["baselines"][name]["all"]["mrr"]
-        for name in ("neighbours", "votes", "frequency", "random")
-    }
-    assert [row["baseline"] for row in comparisons] == sorted(mrr, key=mrr.get, reverse=True)
-    for row in comparisons:
-        assert row["difference"] == pytest.approx(
-            values["metrics"]["all"]["mrr"] - mrr[row["baseline"]]
-        )
-    # A slow bootstrap of the paired differences over recipes, by a generator of its own.
-    test = split.held_out("test")
-    own = 1 / ranks["rank"].to_numpy()
-    other = (
-        1
-        / rank_triples(FrequencyScorer(graph, split.partial), test, graph.triples)[
-            "rank"
-        ].to_numpy()
-    )
-    clusters = np.tile(triple_groups(split, split.is_in("test"), test), 2)
-    groups = [(own - other)[clusters == name] for name in np.unique(clusters)]
-    distractor_seeds = np.random.default_rng(5).integers(len(groups), size=(2000, len(groups)))
-    means = [
-        np.concatenate([groups[i] for i in distractor_seed]).mean()
-        for distractor_seed in distractor_seeds
-    ]
-    ci = next(row["ci"] for row in comparisons if row["baseline"] == "frequency")
-    assert ci == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.006)
 
 
 def test_ties_and_unfiltered_ranks_surround_the_headline(values):
@@ -424,16 +386,6 @@ def test_the_page_is_complete_without_its_one_script_and_no_other_may_run(html):
     assert kinds == ["application/json"] * (page.tags.count("script") - 1)
 
 
-def test_each_section_has_an_anchor_that_the_contents_lead_to(html):
-    page = Page(html)
-    ids = [value for _, name, value in page.attributes if name == "id"]
-    assert len(ids) == len({*ids})
-    contents = re.findall(r'href="#([^"]+)"', html[html.index("<nav") : html.index("</nav>")])
-    assert contents == re.findall(r'<h2 id="([^"]+)"', html)
-    assert len(contents) > 10
-    assert page.tags.count("main") == 1
-
-
 def test_a_failed_check_is_shown(kitchen_report):
     passed = kitchen_report.view.checks
     for check in passed:
@@ -454,27 +406,6 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
     assert Page(render(report)).faults == []
     note = "this report has no neighbour and vote baselines"
     assert [note in text_of(render(one)) for one in (kitchen_report, report)] == [False, True]
-
-
-@pytest.mark.slow
-def test_more_queries_than_asked_for_are_sampled_uniformly(kitchen_model, split):
-    """Of more queries than asked for a uniform sample is ranked and said so."""
-    held_out = split.held_out("test")
-    report = made(kitchen_model, max_queries=80)
-    assert (report.view.queries, report.view.triples, report.view.sampled_from) == (
-        80,
-        40,
-        len(held_out),
-    )
-    assert {table["all"].queries for table in report.view.baselines.values()} == {80}
-    assert len(report.tables["ranks.csv"]) == 80
-    assert f"a uniform sample: 40 of {len(held_out)}" in render(report)
-    low, high = report.view.metrics["all"].mrr_ci
-    assert low < report.view.metrics["all"].mrr < high
-    leaked = len(split.triples_of("test")) - len(held_out)
-    assert report.view.with_leaked.queries == 80 + 2 * round(leaked * 40 / len(held_out))
-    again = made(kitchen_model, max_queries=80)
-    pd.testing.assert_frame_equal(again.tables["ranks.csv"], report.tables["ranks.csv"])
 
 
 @pytest.mark.parametrize("max_queries", [-1, 59])
@@ -562,30 +493,6 @@ def test_a_report_is_replaced_by_a_whole_one_on_force_alone(
     written = json.loads((tmp_path / "report" / "report.json").read_text())
     assert written["model"]["name"] == ("kitchen" if end else "kitchen-full")
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
-
-
-@pytest.mark.slow
-def test_a_cross_fitted_model_shows_left_out_metrics(
-    kitchen_model, kitchen_report, values, whole_report, full_report
-):
-    """A cross fitted model shows in sample and left out figures and probabilities."""
-    memory, record = values["in_sample"], kitchen_model.scorer.record
-    expected = {"folds": 5, "queries": record.queries, "in_sample_mrr": record.in_sample_mrr}
-    assert memory == {
-        **expected,
-        "left_out_mrr": record.mrr,
-        "test_mrr": values["metrics"]["all"]["mrr"],
-    }
-    assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
-    html = " ".join(render(kitchen_report).split())
-    assert all(
-        text in html
-        for text in ("Memory and generalisation", "with the entity itself has the base rate")
-    )
-    for other in (whole_report, full_report):
-        assert (other.view.in_sample, other.view.probabilities) == (None, ())
-        html = render(other)
-        assert not any(text in html for text in ("Memory and generalisation", ">Probabilities<"))
 
 
 def test_probabilities_are_compared_with_recipes_outside_train(kitchen_model, values, graph, split):

@@ -379,17 +379,6 @@ def test_a_wrapper_refuses_sources_that_cannot_be_honest_about_its_tasks(opened,
         )
 
 
-def test_a_wrapper_asks_about_its_own_tasks(opened, scorer):
-    """A wrapper asks about its own tasks whatever else the sources were asked."""
-    world, deep = world_of(opened), world_of(opened, depth=2, num_tasks=30)
-    sources = make_sources(["v"], scorer, tasks=world.tasks)
-    env = KGScoreObservation(gym.make("WordCraft-v0", graph=world), sources)
-    expected, _ = env.reset(seed=3)
-    sources[0].bind(deep.tasks)
-    found, _ = env.reset(seed=3)
-    np.testing.assert_array_equal(found["v"], expected["v"])
-
-
 @pytest.mark.parametrize("part", ["train", "test"])
 def test_observations_can_have_the_number_of_the_task(opened, part):
     world = world_of(opened, part)

@@ -124,25 +124,6 @@ def test_no_recipe_that_solves_a_task_of_a_track_is_learned(track):
     assert not asked & learned
 
 
-@pytest.mark.slow
-@torch.no_grad()
-def test_a_tree_has_the_loss_of_its_texts_one_by_one():
-    model = tiny()
-    batch = [
-        Tree([1, 2, 3], [[4, 5, 6], [4, 7], [8]]),
-        Tree([9, 2], [[10, 11, 12, 13]]),
-    ]
-    losses = []
-    for tree in batch:
-        for branch in tree.branches:
-            text = [*tree.stem, *branch]
-            rows = model(torch.tensor([text])).logits[0].log_softmax(-1)
-            places = range(len(tree.stem), len(text))
-            losses += [-float(rows[place - 1, text[place]]) for place in places]
-    assert len(losses) == 10
-    assert float(SCRIPT["loss_of"](model, batch)) == pytest.approx(np.mean(losses), abs=1e-5)
-
-
 @torch.no_grad()
 def test_told_tokens_have_no_loss_and_weights_multiply_that_of_a_branch():
     model = tiny()
@@ -322,37 +303,6 @@ def test_answers_are_drawn_from_the_models_probabilities(reinforcing):
         until = text.index(reader.end) + 1 if reader.end in text else 5
         assert answer == text[:until]
     assert reader.ids == []
-
-
-class LowTokens:
-    """Rewards answers whose first token is below 50."""
-
-    def reward(self, row, answer):
-        return float(int(answer.split()[0]) < 50)
-
-
-def reinforced(reinforcing, written, state, **parts):
-    rows = [json.loads(line) for line in written.read_text().splitlines()][:30]
-    settings = reinforcing["Settings"](layers=1, steps=24, groups=3, new_tokens=2, lr=2e-2)
-    reader = TinyReader()
-    figures = list(
-        reinforcing["reinforce"](reader, rows, LowTokens(), settings, state, save_every=5, **parts)
-    )
-    return reader.model, figures
-
-
-@pytest.mark.slow
-def test_reinforcement_raises_the_reward_and_goes_on_with_the_same_bits(
-    reinforcing, written, tmp_path
-):
-    whole, figures = reinforced(reinforcing, written, tmp_path / "whole")
-    rewards = [row["reward"] for row in figures]
-    assert np.mean(rewards[-6:]) > np.mean(rewards[:6]) + 0.2
-    _, begun = reinforced(reinforcing, written, tmp_path / "parts", stop_after=12)
-    parts, rest = reinforced(reinforcing, written, tmp_path / "parts")
-    assert [row["reward"] for row in begun + rest] == rewards
-    for name, value in whole.state_dict().items():
-        assert torch.equal(value, parts.state_dict()[name]), name
 
 
 @pytest.mark.slow

@@ -710,6 +710,28 @@ def test_describe_counts_all_and_shows_invisible_characters(run, book):
     assert note in run("check-book", path, "--limit", 99).out
 
 
+def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monkeypatch):
+    (home / "data").mkdir()
+    (home / "data" / "good.csv").write_text(TABLE + "a,b,c\n", encoding="utf-8")
+    (home / "data" / "bad.csv").write_text("no header\n", encoding="utf-8")
+    (home / "data" / "large.csv").write_text(TABLE + "a,b,c\n" * 200, encoding="utf-8")
+    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
+    monkeypatch.setattr("wordcraft_kg.evaluation.books.MAX_COUNTED", 500)
+    books = {book["name"]: book for book in printed("books")["books"]}
+    sizes = {name: (book["entities"], book["recipes"]) for name, book in books.items()}
+    assert sizes["good"] == (3, 1)
+    assert sizes["bad"] == sizes["large"] == sizes["little-alchemy-2"] == (None, None)
+    lines = run("books").out.splitlines()
+    assert lines[0].split() == ["book", "origin", "entities", "recipes"]
+    assert next(line for line in lines if line.startswith("good")).split()[:5] == [
+        "good",
+        "data",
+        "folder",
+        "3",
+        "1",
+    ]
+
+
 def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, book):
     """JSON has no further columns, so they are named."""
     rows = (

@@ -138,6 +138,19 @@ def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents, entry, worl
     assert (row.tasks if row else 0) == alone
 
 
+def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report, entry):
+    for figure in ("loss", "entropy", "return", "grad_norm", "baseline_loss", "test_success"):
+        curves = entry.training[figure]
+        assert [curve.seed for curve in curves] == [0, 1]
+        for agent, curve in zip(agents[:2], curves, strict=True):
+            logged = [
+                (row.step, row.figures[figure]) for row in agent.metrics if figure in row.figures
+            ]
+            assert list(curve.points) == logged
+    (axes,) = report.figures["training/loss"].get_axes()
+    assert len(axes.get_lines()) == len(agents)
+
+
 def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, report, entry):
     facts = entry.provenance["plain-1"]
     run = agents[1].run

@@ -318,3 +318,9 @@ def test_long_labels_are_cut_with_a_tooltip_and_markup_stays_text():
     assert [title.text for title in root.iter("title") if title.text == f"{long} = x"]
     assert not list(root.iter("script"))
     assert root.get("aria-label") == "<i>"
+
+
+def test_a_thing_without_an_address_is_no_link():
+    root = parsed(layered([Made("b", "", 1, ("a", "a"))], ["a"], "way"))
+    assert not list(root.iter("a"))
+    assert [text.text for text in root.iter("text")][1] == "b"

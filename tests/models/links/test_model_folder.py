@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 import torch
 from graph_folders import write_graph
-from link_helpers import contents, flip_bit, random_graph, train
+from link_helpers import flip_bit, random_graph, train
 from refusals import refuses
 from small_scorers import embeddings
 
@@ -29,7 +29,6 @@ from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
     GraphMismatchError,
-    OutputExistsError,
 )
 from wordcraft_kg.graphs import write_graph_folder
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
@@ -229,17 +228,6 @@ def test_scores_that_are_not_finite_are_refused(bad, opened_kitchen, tmp_path):
 def test_what_it_has_seen_has_to_be_one_of_two(mine, opened_kitchen, tmp_path):
     with refuses("kg"):
         save_scorer(tmp_path / "x", mine, opened_kitchen, kg="some")
-
-
-def test_a_folder_that_exists_is_replaced_only_by_force(mine, opened_kitchen, tmp_path):
-    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
-    before = contents(folder)
-    with pytest.raises(OutputExistsError):
-        save_scorer(folder, mine, opened_kitchen, kg="full")
-    assert contents(folder) == before
-    save_scorer(folder, mine, opened_kitchen, kg="full", force=True)
-    assert open_model(folder).kg == "full"
-    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_table_that_is_too_large_is_refused_before_it_is_computed(

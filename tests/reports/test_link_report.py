@@ -4,12 +4,9 @@ stands alone."""
 import base64
 import hashlib
 import itertools
-import json
 import random
 import re
-from contextlib import nullcontext
 from dataclasses import replace
-from unittest.mock import Mock
 
 import jsonschema
 import msgspec
@@ -20,7 +17,7 @@ import torch
 from refusals import refuses
 from report_helpers import Page, link_report, text_of
 
-from wordcraft_kg.base.errors import OutputExistsError, SplitError
+from wordcraft_kg.base.errors import SplitError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import bootstrap
 from wordcraft_kg.evaluation.links import LinkView, summarise_links
@@ -479,20 +476,6 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
     before = states()
     made(kitchen_model)
     assert states() == before
-
-
-@pytest.mark.parametrize("end", [OutputExistsError, KeyboardInterrupt, None])
-def test_a_report_is_replaced_by_a_whole_one_on_force_alone(
-    kitchen_report, full_report, tmp_path, monkeypatch, end
-):
-    write_report(kitchen_report, tmp_path / "report")
-    if end is KeyboardInterrupt:
-        monkeypatch.setattr("wordcraft_kg.reports.pages.render", Mock(side_effect=end))
-    with pytest.raises(end) if end else nullcontext():
-        write_report(full_report, tmp_path / "report", force=end is not OutputExistsError)
-    written = json.loads((tmp_path / "report" / "report.json").read_text())
-    assert written["model"]["name"] == ("kitchen" if end else "kitchen-full")
-    assert [path.name for path in tmp_path.iterdir()] == ["report"]
 
 
 def test_probabilities_are_compared_with_recipes_outside_train(kitchen_model, values, graph, split):

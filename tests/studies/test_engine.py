@@ -29,10 +29,12 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.run_folder import locked
 from wordcraft_kg.studies.engine import FullDiskError, Pool, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
-from wordcraft_kg.studies.plan import Outcome, agent_config
+from wordcraft_kg.studies.plan import Outcome, agent_config, make_plan
+from wordcraft_kg.studies.report import make_study_report
 from wordcraft_kg.studies.results import (
     RunMetrics,
     StudyResults,
@@ -44,6 +46,8 @@ from wordcraft_kg.studies.results import (
     results_text,
     write_metrics,
 )
+from wordcraft_kg.studies.study import adapted
+from wordcraft_kg.studies.view import view_study
 
 
 def times_made(root):
@@ -104,6 +108,15 @@ def test_what_is_done_is_not_done_again(done):
     before = figures(done)
     assert run_small(done) == []
     assert figures(done) == before
+
+
+def test_a_study_that_replaces_another_of_its_name_says_so(tmp_path, caplog):
+    plan = small_plan()
+    run_small(tmp_path, plan, pretend)
+    run_small(tmp_path, make_plan(adapted(plan.study, seeds=3), "small"), pretend)
+    assert not caplog.text, "more seeds of the same study"
+    run_small(tmp_path, make_plan(adapted(plan.study, steps=1024), "small"), pretend)
+    assert "was another one" in caplog.text
 
 
 @pytest.mark.slow
@@ -446,6 +459,16 @@ def test_missing_tasks_are_listed_in_the_order_of_the_plan(pretended, tmp_path):
     plan = small_plan()
     assert missing_tasks(plan, pretended) == []
     assert missing_tasks(plan, tmp_path) == list(plan.tasks.values())
+
+
+def test_the_report_names_platform_and_versions(pretended):
+    results = collect_study(pretended, "small")
+    assert as_values(results.origins) == [
+        {"platform": "here", "versions": {"torch": "2"}, "runs": 8}
+    ]
+    page = " ".join(render(make_study_report(view_study(results))).split())
+    assert "<dt>8 trainings</dt> <dd>here; torch 2</dd>" in page
+    assert results.hours == pytest.approx(9 / 3600, abs=1e-4), "runs and a scorer"
 
 
 def test_results_of_fewer_tasks_are_missing_with_a_reason(tmp_path):

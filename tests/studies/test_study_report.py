@@ -10,7 +10,8 @@ from itertools import product
 import jsonschema
 import msgspec
 import pytest
-from fabricated import GUIDED, NO_GRAPH, fabricate
+from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
+from markupsafe import escape
 
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.records import schema_of
@@ -18,7 +19,9 @@ from wordcraft_kg.reports.pages import render
 from wordcraft_kg.studies.report import (
     as_csv,
     make_study_report,
+    panels_of,
     signed,
+    tables_of,
     write_study_report,
 )
 from wordcraft_kg.studies.results import Missing
@@ -63,6 +66,12 @@ def test_numbers_have_a_true_minus_and_none_for_zero(value, form, text):
     assert signed(value, form) == text
 
 
+def test_columns_without_any_figure_are_left_out(view):
+    assert "MRR" in tables_of(view)[0].headings
+    alone = tables_of(view_study(fabricate({"no graph": NO_GRAPH[:1]})))[0].headings
+    assert alone == ("variant", "seeds", "success [seeds, tasks]", "train", "reached after")
+
+
 def test_a_report_is_written_whole(view, tmp_path):
     files = write_study_report(view, tmp_path / "report")
     names = "index.html report.json table.csv figure.svg"
@@ -83,6 +92,25 @@ def test_equal_results_have_equal_files(view, tmp_path):
     one, other = make_study_report(view).files, make_study_report(again).files
     for name in ("table.csv", "figure.svg"):
         assert one[name] == other[name]
+
+
+def test_a_study_of_doses_is_drawn_by_mrr():
+    view = view_study(three_train_fractions())
+    ((title, chart),) = panels_of(view).items()
+    assert title == ""
+    drawn = escape(chart)
+    assert all(
+        label in drawn for label in ("cross-fitted", "in-sample", "no graph", "train_fraction 0.5")
+    )
+    assert "train tasks scored in-sample</th><td>3</td>" in " ".join(
+        render(make_study_report(view)).split()
+    )
+
+
+def test_bars_are_drawn_where_there_are_no_curves():
+    curves = {"no graph": [[(2000, 0.1)]] * 5}
+    (chart,) = panels_of(view_study(fabricate({"no graph": NO_GRAPH}, curves=curves))).values()
+    assert "over seeds and tasks" in escape(chart)
 
 
 def test_the_page_says_of_each_claim_whether_it_holds():

@@ -9,7 +9,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.studies.results import Missing
-from wordcraft_kg.studies.view import StudyView, view_study
+from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 BOTH = {"no graph": NO_GRAPH, "guided": GUIDED}
 
@@ -210,3 +210,8 @@ LOST = (Missing("no graph", {}, 0, "the disk was full"),)
 def test_runs_that_cannot_be_averaged_are_refused(won, more, why):
     with pytest.raises(ConfigError, match=why):
         view_study(msgspec.structs.replace(fabricate({"no graph": won}), **more))
+
+
+def test_points_of_the_grid_in_words():
+    values = {"book": "everyday", "distractors": 1, "in_sample": True, "scorer.train_fraction": 0.5}
+    assert title_of(values) == "everyday, 1 distractor, in_sample true, scorer.train_fraction 0.5"

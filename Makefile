@@ -28,7 +28,7 @@ help:
 	@echo "make lint     ruff, mypy, directions of imports, generated pages"
 	@echo "make docs     write docs/terms.md from the glossary, tables and figures of docs/evidence from their data"
 	@echo "make results  train the next missing runs of all studies into results/ for MINUTES=30; of some with STUDY='splits'"
-	@echo "make notebooks  run the notebooks of docs/notebooks and store their outputs; of some with NOTEBOOKS='graphs planning'"
+	@echo "make notebooks  run the notebooks of docs/notebooks and store their outputs; of some with NOTEBOOKS='graphs agents'"
 	@echo "make site     the guides, notebooks, Python reference and the demo in the explorer as a website, in site/"
 	@echo "make check-site  every page of the website in Chromium: widths, colours, links, requests, sizes"
 	@echo "make pictures  take the pictures of the guides again, in Chromium"
@@ -115,7 +115,7 @@ results: install
 	$(BIN)/python $(PIP_INSTALL) --constraint constraints.txt --editable ".[docs]"
 	touch $@
 
-# Of some notebooks with NOTEBOOKS='graphs planning'; 5 minutes of CPU time in all.
+# Of some notebooks with NOTEBOOKS='graphs agents'; 5 minutes of CPU time in all.
 notebooks: .venv/installed-docs
 	$(BIN)/python docs/make_notebooks.py $(NOTEBOOKS)
 

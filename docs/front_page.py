@@ -1,8 +1,8 @@
 """A hook for the website: the README's first screen on the landing page, and the changelog, without
-copies.
+copies; addresses of earlier pages lead to the pages that have their content now.
 """
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
@@ -16,6 +16,13 @@ BUTTONS = """
 FINDING = "<!-- finding -->"
 END = "<!-- end of first screen -->"
 """The mark in README where the landing page ends."""
+MOVED = """<!doctype html>
+<html lang="en">
+<title>This page has moved</title>
+<meta http-equiv="refresh" content="0; url={address}">
+<p>This page has moved: <a href="{address}">{address}</a></p>
+</html>
+"""
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
@@ -29,3 +36,14 @@ def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
     if page.file.src_uri == "changelog.md":
         return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
     return markdown
+
+
+def on_post_build(*, config: Any) -> None:
+    """Write a page that leads on at each address of ``extra: moved`` in mkdocs.yml."""
+    for old, new in config.extra["moved"].items():
+        page, _, anchor = new.partition("#")
+        up = "../" * old.count("/")
+        address = f"{up}{PurePosixPath(page).with_suffix('.html')}#{anchor}"
+        path = Path(config.site_dir, old).with_suffix(".html")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(MOVED.format(address=address), encoding="utf-8")

@@ -442,7 +442,7 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
     if "train-recipes" in commands:
         yield (
             "- Scores of whole recipes and plans are those of the recipe scorer by tables, before "
-            "neighbour lists ([the difference](lists.md))."
+            "neighbour lists ([the difference](recipe-scorer.md#lists))."
         )
     for results, view in of:
         for point in view.points:

@@ -77,28 +77,6 @@ def test_a_figure_shows_the_named_columns_of_the_first_table(script):
         script.figure(text.replace("| b;", "| split; b;", 1))
 
 
-@pytest.mark.parametrize(
-    ("answer", "short"),
-    [
-        ("No: scores help in all conditions.", "No: scores help in all conditions."),
-        (f"Hardly, so far: the difference is {'-.009 to +.020, ' * 8}[.0, .1].", "Hardly, so far."),
-        (
-            f"A whole sentence of {'many ' * 20}words. A second.",
-            f"A whole sentence of {'many ' * 20}words.",
-        ),
-    ],
-)
-def test_the_index_has_the_words_before_the_figures_of_a_long_answer(script, answer, short):
-    assert script.answer(f"# Why?\n\n**Answer.** {answer}\n\nMore.\n") == short
-
-
-def test_a_cell_shows_its_value_interval_and_mark_without_leading_zeros(script):
-    cell = script.Cell("page", "table", "row", "column", "+0.852†", "0.829", "1.873")
-    assert cell.text == "+.852 [.829, 1.873]†"
-    assert cell._replace(low="", high="").text == "+.852†"
-    assert cell._replace(value="10.5", low="").text == "10.5"
-
-
 def test_a_table_has_the_columns_of_all_its_rows(script, tmp_path, monkeypatch):
     (tmp_path / "evidence").mkdir()
     (tmp_path / "evidence/tables.csv").write_text(

@@ -62,21 +62,6 @@ def test_changed_text_is_written_without_a_run(script, tmp_path):
     assert "[1, 2]" in (tmp_path / "one.ipynb").read_text()
 
 
-@pytest.mark.parametrize("damage", ["no hash", "no cell", "no json"])
-def test_a_stored_notebook_without_hash_or_damaged_is_refused(script, tmp_path, damage):
-    path = tmp_path / "one.ipynb"
-    stored = json.loads(path.read_text())
-    if damage == "no hash":
-        del stored["metadata"]["code_sha256"]
-    elif damage == "no cell":
-        del stored["cells"][1]
-    path.write_text("{" if damage == "no json" else json.dumps(stored))
-    with pytest.raises(
-        SystemExit, match="has no hash" if damage == "no hash" else "is missing or damaged"
-    ):
-        script("--check")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [path.stem for path in sorted((SCRIPT.parent / "notebooks").glob("*.py"))]

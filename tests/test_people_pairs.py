@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
+from wordcraft_kg.base.errors import ArtefactError, LeakError
 from wordcraft_kg.graphs import RecipeGraph
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "people_pairs.py"
@@ -48,19 +48,6 @@ def judgements(tmp_path, graph):
     path = tmp_path / "judgements.json"
     path.write_text(json.dumps({"1": person}))
     return pairs.read_judgements(path, graph)
-
-
-def test_people_and_a_scorer_answer_the_same_questions(graph, judgements):
-    scores = {(0, 1): [-1, 2.5, 3, 2], (1, 2): [0, 0, 0, 1], (0, 3): [0, 2, 0, 0]}
-    people = pairs.answers_of_people(judgements, graph)
-    # Ratings 7, 2, 5 of recipes against 5 of a pair that makes nothing: one won, one lost, one tie.
-    assert people.auc == ((1 + 0 + 0.5) / 3,) * 3  # one person: no spread
-    assert people.right.value == 1 / 2
-    scorer = pairs.answers_of_scorer(judgements, graph, "fixed", Fixed(scores, [[0, 0, 1]]))
-    assert scorer.auc.value == 1 / 2  # best scores 3, 1 against 2
-    assert scorer.right == (1 / 2,) * 3  # two answers on one pair
-    with pytest.raises(ConfigError, match="only recipes or none"):
-        pairs.answers_of_people(judgements[:2], graph)
 
 
 def test_a_scorer_that_knows_a_judged_pair_is_refused(graph, judgements):

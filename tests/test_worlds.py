@@ -1,13 +1,11 @@
 """Worlds that benchmarks cut out of books, wrong recipes, and results of play in many worlds."""
 
 import json
-import statistics
 import sys
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 from refusals import refuses
 
@@ -23,7 +21,6 @@ cut_world = worlds_of_books.cut_world
 with_wrong_recipes = worlds_of_books.with_wrong_recipes
 results = import_module("world_results")
 PlayedWorld = results.PlayedWorld
-view_worlds = results.view_worlds
 script = import_module("discovery_worlds")
 
 ATTEMPTS = 25
@@ -99,55 +96,6 @@ def worlds():
         fits = [play(graph), play(graph, ["random-no-repeat"], seed=1)]
         played.append(PlayedWorld(graph, fits, {"random-no-repeat": seed}))
     return played
-
-
-def test_areas_are_mean_discoveries_relative_to_the_better_oracle(worlds):
-    view = view_worlds(worlds)
-
-    def area(curve):
-        return statistics.mean(known - curve[0] for known in curve[1:])
-
-    ratios = []
-    for world, result in zip(worlds, view.worlds, strict=True):
-        first = world.fits[0]
-        oracles = {
-            name: statistics.mean(area(run.tolist()) for run in first.known[number])
-            for number, name in enumerate(first.players)
-            if name in ORACLES
-        }
-        best = max(oracles.values())
-        assert oracles[result.oracle] == best
-        of_runs = [area(run.tolist()) / best for fit in world.fits for run in fit.known[0]]
-        assert result.areas["random-no-repeat"] == pytest.approx(statistics.mean(of_runs))
-        ratios += of_runs
-    player = view.players["random-no-repeat"]
-    assert player.area.mean == pytest.approx(statistics.mean(ratios))
-    assert player.area.low < player.area.mean < player.area.high
-    assert player.fits == 2
-    assert view.players["greedy"].fits == 1
-    assert max(each.area.mean for each in view.players.values()) <= 1
-    known = [run[ATTEMPTS] for world in worlds for fit in world.fits for run in fit.known[0]]
-    assert player.known[str(ATTEMPTS)].mean == pytest.approx(np.mean(known))
-    assert player.curve["0"].mean == np.mean([len(world.graph.base) for world in worlds])
-
-
-def test_differences_are_paired_and_leave_oracles_out(worlds):
-    more = []
-    for world in worlds:
-        random, *others = world.fits
-        again = play(world.graph, ["random"])
-        stacked = [
-            np.concatenate([getattr(random, name), getattr(again, name)])
-            for name in ("known", "repeated", "learnt")
-        ]
-        both = type(random)((*random.players, "random"), *stacked)
-        more.append(PlayedWorld(world.graph, [both, *others], {}))
-    view = view_worlds(more)
-    assert view.best in ("random", "random-no-repeat")
-    ((other, difference),) = view.differences.items()
-    gap = view.players[view.best].area.mean - view.players[other].area.mean
-    assert difference.mean == pytest.approx(gap) != 0
-    assert difference.low < difference.mean < difference.high
 
 
 def test_the_scripts_play_worlds_and_write_figures_and_graph_folders(tmp_path, monkeypatch, capsys):

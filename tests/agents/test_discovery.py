@@ -18,7 +18,6 @@ from wordcraft_kg.agents.discovery import (
     play_runs,
     summarise_curves,
 )
-from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.models.scorers.features import glove_features
@@ -188,16 +187,6 @@ def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
     single = summarise_curves(curves[curves["run"] == 0])
     assert single["low"].isna().all()
     assert single["mean"].tolist() == [6, 6]
-
-
-def test_unknown_players_and_settings_out_of_range_are_refused(kitchen):
-    with refuses("players"):
-        make_discoverers(["gredy"], kitchen)
-    with refuses("scorer"):
-        make_discoverers(["recipe-learner"], kitchen)
-    for settings in ({"attempts": 0}, {"runs": 0}, {"seed": -1}, {"base": ["nothing like it"]}):
-        with pytest.raises(ConfigError):
-            curves_of(kitchen, make_discoverers(["random"], kitchen), **settings)
 
 
 @pytest.mark.slow

@@ -319,15 +319,6 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     )
 
 
-def test_a_limit_below_one_is_refused(opened):
-    world = World(opened, WordCraftConfig(part="test"))
-    for limit in (0, -1):
-        with refuses("limit"):
-            Evaluator(world, limit=limit)
-        with refuses("limit"):
-            play_all(world, {"random": random_entity}, limit=limit)
-
-
 @pytest.mark.parametrize("slot", [-1, 99])
 def test_a_number_that_is_no_slot_is_an_action_error(opened, slot):
     def wrong(state, rng):
@@ -444,12 +435,6 @@ def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
         if use != "u" or (state.selection != state.nothing).all():
             assert (scores.max(1) > scores[:, 0]).sum() > 100
         state, _ = state.engine.step_once(state, slots)
-
-
-def test_the_scorer_alone_needs_a_scorer(opened):
-    for kind in ("attention", "mlp"):
-        with refuses("agent"):
-            player_of(policy_for(opened, 5, policy=kind), "kg-only")
 
 
 def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeypatch, caplog):

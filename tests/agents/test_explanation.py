@@ -20,7 +20,7 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, recipe_triples
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.sources.registry import make_sources
@@ -29,7 +29,6 @@ from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 from wordcraft_kg.models.scorers.folder import load_scorer
 
 SMALL = {
@@ -431,28 +430,6 @@ def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once,
             assert one.is_in_sample == (ids in trained_on)
             told.add((one.part, one.is_in_sample))
     assert told >= {("train", False), *([("train", True)] if in_sample else [])}
-
-
-@pytest.mark.parametrize(
-    "kind", ["by-goal", "none", pytest.param("by-slot", marks=pytest.mark.slow)]
-)
-def test_tables_are_explained_whatever_the_split(opened, kind):
-    graph = opened.graph
-    opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind)), "kitchen")
-    world = World(opened, WordCraftConfig(num_distractors=4))
-    guide = FrequencyScorer(graph, opened.split.partial)
-    if kind != "none":
-        guide = cross_fit(
-            opened.split, lambda recipes: FrequencyScorer(graph, recipe_triples(recipes)), folds=3
-        )
-    policy = make_policy(
-        PolicyConfig(**SMALL), graph, world.num_slots, scorer=guide, tasks=world.tasks
-    )[0]
-    explainer = Explainer(policy, world)
-    for task in range(0, len(world.tasks), 4):
-        found = explainer.task(task)
-        assert found.model == ("train_recipes" if kind == "none" else "without_a_fold")
-        assert bool(found.in_sample) == (kind == "none") or len(found.ways) > 1
 
 
 @pytest.mark.slow

@@ -8,17 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import torch
-from msgspec.json import encode
 from resumption import resume
-from safetensors.torch import load, save
 
 from wordcraft_kg import (
-    PolicyConfig,
     SplitConfig,
-    WordCraftConfig,
     World,
-    load_scorer,
     open_agent,
     open_graph,
 )
@@ -32,7 +26,6 @@ from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
-from wordcraft_kg.models.policies.folder import make_policy, read_policy, write_constants
 
 CONFIG = AgentConfig(
     "kitchen",
@@ -167,28 +160,6 @@ def copy(done, tmp_path):
     return Path(shutil.copytree(done, tmp_path / "run"))
 
 
-@pytest.mark.slow
-def test_a_line_of_episodes_says_how_each_draw_of_a_task_ended(done):
-    found, summary = read_episodes(done), read_agent_run(done).evaluation
-    for part, success in summary.success.items():
-        tasks = [task for task in found if task.part == part]
-        assert len(tasks) == success.tasks
-        assert sum(task.success for task in tasks) / len(tasks) == pytest.approx(success.mean)
-        for task in tasks:
-            assert task.success == task.terminations.count("goal") / success.distractor_seeds
-            assert len(task.actions) == success.distractor_seeds
-    lines = (done / "episodes.jsonl").read_text().splitlines()
-    assert [json.loads(line) for line in lines] == [json.loads(encode(task)) for task in found]
-    assert list(json.loads(lines[0])) == [
-        "part",
-        "goal",
-        "start",
-        "success",
-        "terminations",
-        "actions",
-    ]
-
-
 def test_a_damaged_line_of_episodes_is_named(copy):
     lines = (copy / "episodes.jsonl").read_text().splitlines()
     lines[2] = lines[2].replace('"goal":', '"gaol":')
@@ -232,26 +203,3 @@ def test_a_run_that_is_not_done_is_read_as_far_as_it_has_come(copy, status):
     (copy / "checkpoints/step-1280.json").write_text("{}")
     (copy / "checkpoints/step-320.json").write_text("{}")
     assert read_agent_run(copy).checkpoint == "step 1,280"
-
-
-@pytest.mark.slow
-def test_constants_of_another_type_or_shape_are_damage(recipes_folder, tmp_path):
-    world = World.open("kitchen", WordCraftConfig(num_distractors=1))
-    scorer = load_scorer(recipes_folder)
-    config = PolicyConfig(use="u,v,w", self_edges="keep")
-    policy, _ = make_policy(config, world.graph, 5, scorer=scorer, tasks=world.tasks)
-    write_constants(tmp_path, policy)
-    constants, parameters = (
-        load((tmp_path / "constants.safetensors").read_bytes()),
-        dict(policy.named_parameters()),
-    )
-    read_policy(tmp_path, save(constants), parameters)
-    names = [name for name in constants if name.startswith("sources.")]
-    assert len(names) == 24  # u, v and w with their folds
-    for name in names:
-        others = [torch.ones(2, 2, dtype=torch.bool), constants[name].to(torch.int8)]
-        if "fold" not in name:  # the number of recipes is that of the tasks
-            others.append(constants[name][:-1].clone())
-        for other in others:
-            with pytest.raises(ArtefactError, match=r"do not make a policy|torch\.int8"):
-                read_policy(tmp_path, save(constants | {name: other}), parameters)

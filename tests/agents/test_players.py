@@ -13,7 +13,7 @@ from wordcraft_kg import (
     make_split,
     open_graph,
 )
-from wordcraft_kg.agents.evaluation import Evaluator, play_all
+from wordcraft_kg.agents.evaluation import play_all
 from wordcraft_kg.agents.players import (
     advice_on_words,
     fact_sources,
@@ -28,7 +28,6 @@ from wordcraft_kg.agents.players import (
     words_player,
 )
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
-from wordcraft_kg.base.statistics import task_bootstrap, wilson_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph
 from wordcraft_kg.models.policies.states import States
@@ -231,24 +230,6 @@ def test_votes_beat_chance_only_where_the_goal_has_train_recipes(opened):
     assert without == pytest.approx(same, abs=0.05)
 
 
-def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
-    seen = []
-
-    def look(state, rng):
-        seen.append(state.table)
-        return np.zeros(state.num_envs, dtype=np.int64)
-
-    config = WordCraftConfig(part="test")
-    for seed in (0, 0, 1):
-        play_all(
-            World(opened, config), {"one": look, "other": look}, (3,), distractor_seeds=1, seed=seed
-        )
-    one, other, again, _, third, _ = seen[::2]
-    np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(one, again)
-    assert (one != third).any()
-
-
 def test_a_scorers_players_take_its_scores_on_a_common_scale(opened):
     graph = opened.graph
     scorer = FrequencyScorer(graph, opened.split.partial)
@@ -294,21 +275,6 @@ def test_facts_score_slots_like_tables_of_all_pairs_do(opened, known):
         torch.testing.assert_close(
             found(States(goal, selection, slots)), expected(States(goal, selection, slots))
         )
-
-
-def test_intervals_resample_tasks_not_draws(opened):
-    """Intervals are those over tasks because the draws of a task resemble each other."""
-
-    def picky(state, rng):
-        return np.where(state.task % 2, recipe_oracle(state, rng), 0)
-
-    world = World(opened, WordCraftConfig(part="test"))
-    (row,) = play_all(world, {"picky": picky}, (1,), distractor_seeds=5)
-    evaluation = Evaluator(world.variant(num_distractors=1), distractor_seeds=5)(picky)
-    assert row.success == evaluation.success.mean()
-    assert (row.low, row.high) == pytest.approx(task_bootstrap(evaluation.success, world.groups))
-    of_episodes = wilson_interval(evaluation.success.sum(), row.episodes)
-    assert row.high - row.low > 1.5 * (of_episodes[1] - of_episodes[0])
 
 
 def test_a_foreign_scorer_is_refused(opened):

@@ -10,7 +10,7 @@ pytest.importorskip("sb3_contrib")
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+from stable_baselines3.common.vec_env import VecMonitor
 
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents.sb3 import MaskableSB3Policy, SB3Policy, SB3VecEnv
@@ -70,21 +70,6 @@ def test_episodes_are_those_of_the_vector_environment(world):
             assert infos[row]["TimeLimit.truncated"] is False
             assert infos[row]["task"] == infos_there["final_info"]["task"][row]
     assert ended > 20
-
-
-def test_observations_are_as_from_a_loop_over_single_environments(world):
-    looped = DummyVecEnv([lambda: gym.make("WordCraft-v0", graph=world)] * 2)
-    env = SB3VecEnv(2, world)
-    assert env.observation_space == looped.observation_space
-    assert env.action_space == looped.action_space
-    here, there = env.reset(), looped.reset()
-    assert {name: (values.shape, values.dtype) for name, values in here.items()} == {
-        name: (values.shape, values.dtype) for name, values in there.items()
-    }
-    for one, other in zip(
-        env.step(np.zeros(2, dtype=int))[1:3], looped.step(np.zeros(2, dtype=int))[1:3], strict=True
-    ):
-        assert (one.shape, one.dtype) == (other.shape, other.dtype)
 
 
 def test_a_seed_gives_the_same_episodes_and_is_used_once(world):

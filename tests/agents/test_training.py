@@ -5,9 +5,7 @@ import json
 import re
 import shutil
 import signal
-import sys
 from dataclasses import fields, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -143,24 +141,6 @@ def test_a_policy_is_loaded_from_its_folder_alone(done, tmp_path):
     assert policy(state).logits[0, 2] == -torch.inf
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("lag", [0, 2])
-@pytest.mark.parametrize("update", [1, 20, 37, 99])
-def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
-    config, made_once, interrupted, update, lag
-):
-    trainer = replace(config.trainer, policy_lag=lag, unroll=2, steps=1_600)
-    tasks = TaskConfig(depth=2, distractors=2)
-    # The policy is new, because the fixture's was completed for one attempt.
-    config = replace(config, tasks=tasks, policy=PolicyConfig(), trainer=trainer)
-    assert config.policy.sees_attempts
-    whole = made_once(f"kitchen-agent-lag-{lag}", lambda out: train_agent(config, out))
-    folder = interrupted(update, config=config)
-    assert open_agent(folder).checkpoint == f"step {update * 16:,}"
-    assert not resume(folder).interrupted
-    assert_same_training(folder, whole)
-
-
 def test_an_interrupted_run_is_opened_at_its_checkpoint(interrupted):
     folder = interrupted(30)
     assert open_agent(folder).checkpoint == "step 480"
@@ -255,47 +235,6 @@ def test_a_policy_of_other_entities_than_the_run_is_refused(done, tmp_path, chan
 
 
 @pytest.mark.slow
-def test_tensorboard_gets_the_metrics_also_of_a_resumed_run(interrupted, monkeypatch):
-    """Tensorboard gets the figures of the metrics and goes on with a resumed run."""
-    written, begun = [], []
-
-    class Writer:
-        def __init__(self, folder, purge_step):
-            assert folder.endswith("run/tensorboard")
-            begun.append(purge_step)
-            self.add_scalar = lambda *scalar: written.append(scalar)
-            self.close = lambda: begun.append(-1)
-
-    monkeypatch.setitem(
-        sys.modules, "torch.utils.tensorboard", SimpleNamespace(SummaryWriter=Writer)
-    )
-    folder = interrupted(trackers=["tensorboard"])
-    resume(folder)
-    assert begun == [None, -1, 800, -1]
-    for row in lines_of(folder / "metrics.jsonl"):
-        for name, value in row.items():
-            timed = name in ("step", "seconds", "steps_per_second")
-            assert timed or value is None or (name, value, row["step"]) in written
-
-
-@pytest.mark.slow
-def test_a_missing_compiler_leaves_the_run_that_was_to_be_replaced(
-    config, interrupted, monkeypatch
-):
-    folder = interrupted()
-    before = open_agent(folder)
-    monkeypatch.setattr(
-        torch, "compile", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("no compiler"))
-    )
-    with refuses("compile"):
-        train_agent(
-            replace(config, trainer=replace(config.trainer, compile=True)), folder, force=True
-        )
-    assert open_agent(folder).run == before.run
-    assert [path.name for path in folder.parent.iterdir()] == ["run"]
-
-
-@pytest.mark.slow
 def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(interrupted):
     folder = interrupted()
     (folder / "metrics.jsonl").write_bytes(b"")
@@ -313,26 +252,6 @@ def test_a_link_as_the_metrics_file_is_refused(interrupted, tmp_path):
     with pytest.raises(ArtefactError, match="is a link"):
         resume(metrics.parent)
     assert other.read_bytes() == before
-
-
-@pytest.mark.slow
-def test_features_without_half_of_the_words_are_refused(config, opened, tmp_path):
-    """Features without half of the words are refused before anything is written."""
-    words = tmp_path / "words.txt"
-    words.write_text(
-        "".join(f"{label} 1.0 2.0\n" for label in opened.graph.entities[::2] if " " not in label)
-    )
-    policy = PolicyConfig(features=str(words))
-    with pytest.raises(ConfigError, match=r"allow.missing"):
-        train_agent(replace(config, policy=policy), tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-    trained = train_agent(
-        replace(config, policy=replace(policy, allow_missing=True)), tmp_path / "run"
-    )
-    assert (
-        opened.graph.entities[1]
-        in json.loads((trained.folder / "run.json").read_text())["missing_words"]
-    )
 
 
 SELF_PAIRS = "a,a,c\nb,b,d\na,b,e\n"
@@ -528,20 +447,6 @@ def test_a_preset_or_attempts_that_do_not_exist_are_refused():
         PolicyConfig("mlp", sees_attempts=True)
     with pytest.raises(ConfigError, match="`unroll` depends on the tasks"):
         _ = ImpalaConfig().updates
-
-
-@pytest.mark.slow
-def test_an_unroll_shorter_than_an_episode_is_warned_of(tmp_path, caplog):
-    def warned(**settings):
-        caplog.clear()
-        trainer = ImpalaConfig(steps=8, eval_every=0, **settings)
-        config = AgentConfig("kitchen", None, TaskConfig(2, 2), PolicyConfig(), trainer)
-        train_agent(config, tmp_path / "run", force=True)
-        return "`unroll` 2 is shorter than an episode of 4 actions" in caplog.text
-
-    assert warned(unroll=2, batch_size=4)
-    assert not warned(batch_size=4)
-    assert warned(preset="paper")
 
 
 @pytest.mark.parametrize(("steps", "updates"), [(1, 1), (24, 1), (25, 2), (240, 10), (241, 11)])

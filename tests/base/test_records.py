@@ -15,7 +15,6 @@ from wordcraft_kg.base.records import (
     Record,
     Share,
     as_values,
-    attributes_of,
     checked_values,
     parse_record,
     schema_of,
@@ -141,21 +140,6 @@ def test_items_of_a_record_that_is_written_as_an_array_are_described():
     schema = schema_of(Point, "urn:point", "point")["$defs"]["Point"]
     assert [item["description"] for item in schema["prefixItems"]] == ["to the right.", "upwards."]
     assert schema["description"] == "A point."
-
-
-def test_a_class_inherits_descriptions_and_may_replace_them():
-    class Shorter(Longer):
-        """Another row.
-
-        Attributes:
-            at_one: replaced.
-        """
-
-    assert attributes_of(Shorter) == {
-        "at_one": "replaced.",
-        "again": "the same record, inside itself.",
-    }
-    assert attributes_of(Row) == {}
 
 
 def test_a_field_is_named_in_quotes_because_backticks_are_for_settings():

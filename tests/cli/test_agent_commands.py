@@ -1,20 +1,14 @@
 """The commands of agents as a user runs them: output, exit codes and bad input."""
 
 import json
-import re
 import shutil
 from pathlib import Path
 
 import pytest
 from configured import in_file
-from graph_folders import write_graph
 from quick import SMALL, same, succeed
 
-from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.base.artefacts import TEMPORARY
-from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.graphs import Recipe, open_graph
-from wordcraft_kg.graphs.tasks import replay
 
 
 def moment(**settings):
@@ -78,36 +72,6 @@ def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, p
     assert values["outcomes"]["2"] == recorded["outcomes"][part]
 
 
-@pytest.mark.slow
-def test_train_agent_names_its_preset_and_refuses_contradictions(
-    run, printed, refused, world, tmp_path
-):
-    start = ("train-agent", world / "graph", "--out", tmp_path / "run")
-    for options, name in (
-        (("--learning-rate", 0.5), "--learning-rate"),
-        (in_file("train-agent", unroll=8), "`unroll`"),
-        (in_file("train-agent", sees_attempts=True), "`sees_attempts`"),
-    ):
-        said = "contradicts --preset paper"
-        refused(*start, *options, "--preset", "paper", says=[name, said])
-    assert not (tmp_path / "run").exists()
-    quick = ("--steps", 96, "--eval-every", 0, "--quiet")
-    outcome = run(*start, *quick, "--preset", "paper", "--depth", 2, "--distractors", 1)
-    assert re.search("preset +paper: .*unroll 2, learning rate 0.001", outcome.out)
-    assert printed(*start, *MOMENT, "--force")["preset"] == "recommended"
-
-
-def test_the_oracle_makes_every_goal_and_chance_few(printed, world):
-    """The oracle makes every goal chance few and the scorer alone plays too."""
-    players = (("plain/seed-0", "oracle"), ("plain/seed-0", "random"), ("guided", "kg-only"))
-    oracle, chance, scorer = (
-        printed("evaluate-agent", world / run, "--agent", agent) for run, agent in players
-    )
-    assert oracle["success"]["2"]["mean"] == 1.0
-    assert chance["success"]["2"]["mean"] < 0.3
-    assert scorer["scores"]
-
-
 def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):
     goal = printed("explain", world / "plain/seed-0", "--episodes", 1)["episodes"][0]["goal"]
     episodes = printed("explain", world / "plain/seed-0", "--goal", goal, "--episodes", 3)[
@@ -144,20 +108,6 @@ def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(
     assert alone["agents"].keys() == {"plain-seed-1"}
 
 
-def test_compare_prints_the_interval_over_tasks_beside_that_over_seeds(
-    printed, run, world, tmp_path
-):
-    command = ("compare", world / "plain", "--distractor-seeds", 1)
-    agents = printed(*command, "--out", tmp_path / "json")["agents"]
-    shown = run(*command, "--out", tmp_path / "text").out
-    for figures in agents["plain"]["success"].values():
-        (low, high), (lowest, highest) = figures["task_ci"], figures["seed_ci"]
-        assert (
-            f"{figures['mean']:.3f} [{lowest:.3f}, {highest:.3f}] over 2 seeds, "
-            f"[{low:.3f}, {high:.3f}] over recipes" in shown
-        )
-
-
 def test_a_missing_report_is_written_by_the_same_command(world, tmp_path):
     """A report that was not written any more is written by the same command."""
     shutil.copytree(
@@ -174,52 +124,11 @@ def test_a_missing_report_is_written_by_the_same_command(world, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_same_command_goes_on_with_an_agent(
-    printed, refused, run, world, tmp_path, monkeypatch
-):
-    step = Impala.update
-
-    def interrupted(self):
-        step(self)
-        if self.update_number == 9:
-            raise KeyboardInterrupt
-
-    command = ("train-agent", world / "graph", *SMALL, "--out", tmp_path / "run")
-    with monkeypatch.context() as patch:
-        patch.setattr(Impala, "update", interrupted)
-        stopped = run(*command)
-    assert stopped.code == 130
-    assert f"is saved in '{tmp_path / 'run'}'. Repeat the command" in stopped.err
-    assert "step 256\n" in run("evaluate-agent", tmp_path / "run").out
-    refused(*command, "--learning-rate", 0.5, says="--learning-rate")
-    assert printed(*command)["steps"] == 512
-    refused(*command, kind="OutputExistsError")
-
-
-@pytest.mark.slow
 def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
     config = world / "guided/config.toml"
     assert 'scorer = "../scorer"' in config.read_text()
     succeed(("train-agent", "--config", config, "--out", tmp_path / "again", "--quiet"))
     assert same("policy.safetensors", tmp_path / "again", world / "guided")
-
-
-@pytest.mark.slow
-def test_a_book_too_small_for_8_distractors_gets_advice(printed, refused, run, tmp_path):
-    """A book too small for 8 distractors says what to give and then trains."""
-    book = tmp_path / "small.csv"
-    pairs = [(a, b) for a in "abcd" for b in "abcd" if a < b]
-    rows = [f"{a},{b},{'uvwx'[i % 4]}" for i, (a, b) in enumerate(pairs)]
-    book.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]) + "\n")
-    command = ("train-agent", book, *SMALL, "--features", "one-hot", "--out", tmp_path / "run")
-    refused(*command, says="expected at most 5.")
-    assert not (tmp_path / "run").exists()
-    assert run(*command, "--distractors", 5).code == 0
-    options = ("--distractor-seeds", 1, "--episodes", 0, "--out", tmp_path / "report")
-    assert printed("compare", tmp_path / "run", *options)["agents"]["run"]["success"].keys() == {
-        "1",
-        "5",
-    }
 
 
 @pytest.mark.slow
@@ -236,18 +145,6 @@ def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path,
         assert outcome.code == 1
         assert "'goal' plays with task_weighting goal and 'task' with task" in outcome.err
         assert not (tmp_path / "report").exists()
-
-
-@pytest.mark.slow
-def test_an_mlp_is_judged_with_the_tables_it_was_made_for(refused, run, train, tmp_path):
-    mlp, report = (
-        train(*MOMENT, "--policy", "mlp", "--distractors", 2),
-        tmp_path / "report",
-    )
-    assert run("evaluate-agent", mlp).code == 0
-    refused("evaluate-agent", mlp, "--distractors", 5, says="this mlp was made for")
-    refused("compare", mlp, "--distractors", "3,5", "--out", report, says="an mlp plays with")
-    assert run("compare", mlp, "--distractors", "2,3", "--out", report).code == 0
 
 
 SLOW_CHOICES = [
@@ -378,85 +275,8 @@ def test_tasks_are_printed_with_their_table_and_plans(run, home):
     assert plan.endswith("  barley + water -> malt; malt + yeast -> beer")
 
 
-def uses_twice(tasks):
-    """The share of tasks all of whose plans use an entity twice, counted in a plain loop."""
-    counts = []
-    for task in tasks:
-        used = [[entity for row in plan for entity in row[:2]] for plan in task.plans]
-        counts.append(all(len(set(entities)) < len(entities) for entities in used))
-    return sum(counts) / len(counts)
-
-
-@pytest.mark.parametrize(
-    ("part", "depth"),
-    [
-        ("all", 1),
-        pytest.param("train", 2, marks=pytest.mark.slow),
-        ("test", 2),
-        pytest.param("test", 3, marks=pytest.mark.slow),
-    ],
-)
-def test_what_is_shown_are_tasks_as_an_agent_sees_them(shown, kitchen, part, depth):
-    values = shown("kitchen", "--depth", depth, "--distractors", 4, "--part", part, "--limit", 30)
-    made = WordCraftEnv("kitchen", part=part, depth=depth, num_distractors=4).tasks
-    assert {key: values[key] for key in values if key != "shown"} == {
-        **{"graph": "kitchen", "depth": depth, "part": part},
-        **{"tasks": len(made), "complete": depth < 2, "mixed": made.mixed},
-        "uses_twice": pytest.approx(uses_twice(made)),
-    }
-    known = {(task.goal, task.start): task for task in made}
-    assert (
-        len({(task["goal"], *task["start"]) for task in values["shown"]})
-        == len(values["shown"])
-        == 30
-    )
-    for task in values["shown"]:
-        plans = tuple(tuple(Recipe.of(*row) for row in plan) for plan in task["plans"])
-        assert plans == known[task["goal"], tuple(task["start"])].plans
-        for plan in plans:
-            assert task["goal"] in replay(kitchen, task["start"], plan)
-        assert sorted(task["table"]) == sorted(task["start"] + task["distractors"])
-        # All tables of a setting have the same number of items, whatever the plan.
-        assert len(task["table"]) == depth + 1 + 4
-        assert task["distractors"] == sorted(task["distractors"])
-        between = {row.result for plan in plans for row in plan}
-        assert not between & set(task["table"])
-
-
-def test_tables_are_shuffled_and_differ_in_their_distractors(shown):
-    values = shown("kitchen", "--depth", 2, "--distractors", 4)
-    assert any(task["table"][: len(task["start"])] != task["start"] for task in values["shown"])
-    assert len({tuple(task["distractors"]) for task in values["shown"]}) > 15
-
-
 def test_the_order_is_seeded_and_a_lower_limit_shows_the_first(shown):
     values = shown("kitchen", "--limit", 8)
     assert shown("kitchen", "--limit", 8) == values
     assert shown("kitchen", "--limit", 5)["shown"] == values["shown"][:5]
     assert shown("kitchen", "--limit", 8, "--seed", 1)["shown"] != values["shown"]
-
-
-def test_a_limit_beyond_the_tasks_shows_each_once(shown):
-    values = shown("kitchen", "--part", "all", "--limit", 10_000)
-    assert (
-        len({(task["goal"], *task["start"]) for task in values["shown"]}) == values["tasks"] == 326
-    )
-
-
-@pytest.mark.slow
-def test_without_options_the_environments_tasks_are_played(shown):
-    """Without options the tasks are those of the environment without settings."""
-    values, env = shown("everyday"), WordCraftEnv("everyday")
-    assert (values["graph"], values["tasks"]) == ("everyday", len(env.tasks))
-    assert (values["depth"], values["part"]) == (env.config.depth, env.config.part)
-    assert {len(task["distractors"]) for task in values["shown"]} == {env.config.num_distractors}
-    assert len(values["shown"]) == 20
-
-
-def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
-    folder = write_graph(home / "graph", kind="by-goal", seed=3)
-    held_out = {
-        recipe.result for recipe in kitchen.recipe_labels(open_graph(folder).split.recipes("test"))
-    }
-    values = shown(folder, "--part", "test", "--limit", 10_000)
-    assert {task["goal"] for task in values["shown"]} == held_out

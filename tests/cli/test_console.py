@@ -96,17 +96,6 @@ def test_a_failure_with_json_is_one_object_on_stdout_that_names_its_kind(
     assert f"error: {error['message']}" in verbose
 
 
-def test_an_error_is_red_on_a_terminal_only_and_not_with_no_color(run, home, monkeypatch):
-    for name in ("NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    assert "\x1b" not in run("describe", "nowhere").err
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    assert run("describe", "nowhere").err.startswith("\x1b[1;31merror: \x1b[0m")
-    monkeypatch.setenv("NO_COLOR", "1")
-    assert "31m" not in run("describe", "nowhere").err
-
-
 def test_settings_in_errors_are_named_as_the_command_takes_them():
     message = "Give the right one as `graph`, or other `num_distractors`."
     assert with_options(message) == "Give the right one as --graph, or other --distractors."
@@ -205,16 +194,6 @@ def test_tables_have_aligned_columns_and_no_empty_ones(rows, numbers, lines):
     assert aligned(rows, numbers=numbers) == lines
 
 
-def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_path):
-    config = tmp_path / "odd.toml"
-    config.write_text("[describe]\nseed = 1.5\n")
-    refused(
-        "describe", "kitchen", "--config", config, says='unable to convert "1.5" into int', code=2
-    )
-    config.write_text("[describe]\ntasks = true\nseed = 1\nlimit = 0\n")
-    assert run("describe", "kitchen", "--config", config).code == 0
-
-
 def test_a_file_sets_the_options_of_its_own_command_line_alone(refused, tmp_path):
     """The application is kept between command lines; the last file's options must not stay."""
     config = tmp_path / "odd.toml"
@@ -278,22 +257,6 @@ def test_a_command_of_two_words_runs_and_the_first_alone_lists_all(run):
     examples = [example for name, example in EXAMPLES if name.startswith("people ")]
     assert all(example in listed.out for example in examples)
     assert run("help", "people", "serve").out == run("people", "serve", "--help").out
-
-
-def test_misuse_of_two_word_commands_is_said_as_of_others(refused):
-    """Misuse and failure of a command of two words are said as those of others."""
-    usage = "usage:   wordcraft-kg people serve GRAPH --out OUT [OPTIONS]"
-    assert refused("people", "serve", code=2).splitlines()[:2] == [
-        "error: GRAPH is missing.",
-        usage,
-    ]
-    refused(
-        "people",
-        "serv",
-        "kitchen",
-        says='error: Unknown command "serv". Did you mean "serve"?\n',
-        code=2,
-    )
 
 
 @pytest.mark.parametrize(
@@ -421,16 +384,6 @@ def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):
         .splitlines()
     )
     assert set(lines) == {name.format(folder) for name in offered}
-
-
-@pytest.mark.slow
-def test_completion_can_be_installed(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    outcome = run("--install-completion", "--shell", "bash")
-    assert (outcome.code, outcome.err) == (0, "")
-    script = tmp_path / ".local/share/bash-completion/completions/wordcraft-kg"
-    assert str(script) in (tmp_path / ".bashrc").read_text()
-    assert all(word in script.read_text() for name in ALL for word in name.split())
 
 
 SHORTER = {
@@ -850,15 +803,3 @@ def test_lists_of_labels_quote_those_with_commas():
         "most used  'a, b': 1,200",
         "path       one, two",
     ]
-
-
-def test_the_warning_about_the_base_quotes_labels_with_commas(run, tmp_path, caplog):
-    book = tmp_path / "book.csv"
-    book.write_text(
-        '# base: "salt, pepper", fire\ningredient_a,ingredient_b,result\n'
-        '"salt, pepper",fire,smoke\n"x, y",fire,ash\nash,"x, y",dust\n'
-        "smoke,fire,soot\n",
-        encoding="utf-8",
-    )
-    run("build-graph", book, "--split", "none", "--out", tmp_path / "graph")
-    assert "cannot be made from the base (fire, 'salt, pepper'): ash, dust, 'x, y'" in caplog.text

@@ -4,9 +4,8 @@ folder."""
 import pytest
 from frozen import frozen
 from pykeen.pipeline import pipeline
-from quick import SMALL
 
-from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
+from wordcraft_kg import from_pykeen, open_graph, save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 
 
@@ -49,37 +48,6 @@ def test_links_commands_take_it(printed, name, run, models, tmp_path):
     assert compared["models"][1]["difference"] < 0  # an epoch teaches DistMult nothing
     options = ("--scorer", models / name, "--distractor-seeds", 1, "--distractors", 1)
     assert run("evaluate-agent", "kitchen", *options).code == 0
-
-
-@pytest.mark.slow
-def test_an_unseeing_scorer_meets_baselines_of_train_recipes(printed, models, tmp_path):
-    """A scorer that has seen no recipe is compared with baselines of the train recipes."""
-    opened = open_graph("kitchen")
-    scorer = NeighbourScorer(opened.graph, opened.split.partial)
-    folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")
-    assert "no recipe from the graph" in (folder / "README.md").read_text()
-    model = open_model(folder)
-    assert (model.kg, len(model.triples), len(model.train_sample.recipes)) == ("none", 0, 0)
-    report = printed("evaluate-links", folder)
-    assert not report["has_seen_the_test_recipes"]
-    assert 0 < report["baselines"]["frequency"]["all"] < 1
-    page = (folder / "report/index.html").read_text()
-    assert "trained on no recipe" in page
-    assert "none knowledge graph" not in page
-
-
-@pytest.mark.slow
-def test_an_agent_can_be_guided_by_it_explained_and_compared(run, models, tmp_path):
-    for seed in (0, 1):
-        options = ("--scorer", models / "mine", "--seed", seed, "--out", tmp_path / f"run-{seed}")
-        assert run("train-agent", "kitchen", *SMALL, *options).code == 0
-    explained = run("explain", tmp_path / "run-0", "--episodes", 1)
-    assert (explained.code, "u" in explained.out) == (0, True)
-    compared = run(
-        "compare", tmp_path / "run-0", tmp_path / "run-1", "--out", tmp_path / "report", "--json"
-    )
-    assert compared.code == 0
-    assert (tmp_path / "report" / "index.html").is_file()
 
 
 def test_no_training_goes_on_with_it(refused, models):

@@ -450,11 +450,6 @@ def test_build_graph_prints_what_it_made(printed, run, home, kitchen):
     )
 
 
-@pytest.mark.slow
-def test_a_graph_folder_keeps_kinds(built):
-    assert built("everyday").graph.kinds == open_graph("everyday").graph.kinds
-
-
 def test_base_entities_come_from_options_and_a_file(built, book):
     path = book("base.txt", "\ufeffwater\r\n\r\nstone\r\n")
     opened = built("kitchen", "--base", "fire, earth", "--base", "seed", "--base-file", path)
@@ -498,20 +493,6 @@ def test_labels_that_stand_for_nothing_are_warned_of(printed, book, home, caplog
     assert "'NA', 'Nothing' kept as entities; leave such rows out" in caplog.messages[-1]
 
 
-def test_labels_in_two_cases_are_named_with_the_remedy(printed, book, home, caplog, monkeypatch):
-    """Results in another case than ingredients put half of the recipes out of reach."""
-    path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Lava\nlava,fire,Ash\n")
-    monkeypatch.chdir(home)
-    printed("build-graph", path, "--split", "none", "--out", "kept")
-    assert caplog.messages[-1] == (
-        "2 labels differ only in case: Lava and lava. If they are the same thing, read the book "
-        "with --case fold."
-    )
-    caplog.clear()
-    printed("build-graph", path, "--split", "none", "--case", "fold", "--out", "folded")
-    assert not caplog.messages
-
-
 def test_shares_that_differ_from_the_settings_are_named(run, home):
     """Shares of a split that differ from the settings are named with the remedy."""
     assert "note: split" not in run("describe", "kitchen").out
@@ -523,15 +504,6 @@ def test_shares_that_differ_from_the_settings_are_named(run, home):
     assert [round(100 * train / 326), round(100 * test / 326)] == [int(counts[1]), int(counts[2])]
     assert open_graph(home / "out").split.moved_for_coverage == int(counts[3])
     assert "--split by-recipe-plain" in text
-
-
-@pytest.mark.parametrize(
-    ("options", "recipes", "dropped"), [([], 1, 1), (["--keep-self-results"], 2, 0)]
-)
-def test_self_results_are_kept_when_asked_for(printed, home, book, options, recipes, dropped):
-    path = book("book.csv", TABLE + "a,b,c\na,c,a\n")
-    values = printed("build-graph", path, "--split", "none", "--out", home / "out", *options)
-    assert (values["recipes"], values["dropped_self_results"]) == (recipes, dropped)
 
 
 def test_a_graph_folder_is_a_recipe_book_too(built, kitchen, kitchen_folder):
@@ -608,12 +580,6 @@ def test_a_book_too_small_to_split_can_be_described_and_exported(run, book, comm
     assert run(*command.format(*[book("tiny.csv", TABLE + "a,b,c\n")] * 2).split()).code == 0
 
 
-def test_labels_of_any_script_are_printed(printed, run, built, home, book):
-    built(book("book.csv", TABLE + "火,crème brûlée,🍞\n"), "--split", "none")
-    assert "crème brûlée + 火 -> 🍞" in run("describe", home / "built", "--entity", "🍞").out
-    assert printed("describe", home / "built", "--entity", "🍞")["entity"] == "🍞"
-
-
 def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     values = printed("books")
     origins = dict.fromkeys(
@@ -685,15 +651,6 @@ def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):
     assert {finding["severity"] for finding in result["findings"]} <= {"note"}
 
 
-def test_check_book_takes_base_and_graph(run, book, kitchen_folder):
-    """Check book takes the base and a graph folder."""
-    path = book("mine.csv", TABLE + "water,zqxjkv,mud\nzqxjkv,mud,water\n")
-    assert run("check-book", path).code == 1
-    outcome = run("check-book", path, "--base", "water,zqxjkv")
-    assert outcome.code == 0
-    assert run("check-book", kitchen_folder).code == 0
-
-
 def test_check_book_shows_first_findings_and_counts_others(run, book):
     """Check book shows the first findings of each kind and counts the others."""
     rows = "".join(f"thing{i:03},thing{i:03},things{i:03}\n" * 2 for i in range(30))
@@ -749,23 +706,6 @@ def test_describe_counts_all_and_shows_invisible_characters(run, book):
     assert note in run("check-book", path, "--limit", 99).out
 
 
-@pytest.mark.parametrize(
-    ("setting", "partner"),
-    [pytest.param("self", "sand", marks=pytest.mark.slow), ("furnace", "furnace")],
-)
-def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built(
-    run, book, built, not_built, setting, partner
-):
-    path = book("furnace.csv", TABLE + "sand,,glass\nglass,glass,pane\n")
-    not_built(path, says="furnace.csv, line 2: 'sand' is the only ingredient")
-    not_built(path, says="--single-ingredient self")
-    assert "--single-ingredient self" in run("check-book", path).out
-    options = ["--single-ingredient", setting]
-    graph = built(path, "--split", "none", *options).graph
-    assert graph.labels(graph.results("sand", partner)) == ("glass",)
-    assert run("check-book", path, *options).code == 0
-
-
 def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monkeypatch):
     (home / "data").mkdir()
     (home / "data" / "good.csv").write_text(TABLE + "a,b,c\n", encoding="utf-8")
@@ -788,47 +728,6 @@ def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monk
     ]
 
 
-@pytest.mark.slow
-def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, home):
-    path = book(
-        "wiki.csv", "x;y;z\nwater;earth;mud\nmud;water;mud\nearth;water;mud\nmud;fire;brick;?\n"
-    )
-    refused = run("build-graph", path, "--out", home / "graph")
-    assert refused.code == 1
-    assert "Another delimiter is named with --delimiter" in refused.err
-    assert "docs/your-file.md" in refused.err
-    columns = ("--columns", "x,y,z", "--delimiter", ";")
-    checked = run("check-book", path, *columns, "--fix", home / "mended.csv")
-    assert checked.code == 1
-    first, *lines = checked.out.splitlines()
-    assert first == (
-        "read as table with delimiter ';', x + y = z; kept 1 of 4 rows "
-        "(1 with a problem, 1 that repeat a recipe, 1 with an ingredient as the result)"
-    )
-    assert lines[-4:-1] == [
-        "left out: 1 row with a problem (at 5)",
-        "left out: 1 row that repeat a recipe (at 4)",
-        "left out: 1 row with an ingredient as the result (at 3)",
-    ]
-    assert any("line 5: 'mud;fire;brick;?' has 4 cells" in line for line in lines)
-    text = (home / "mended.csv").read_text(encoding="utf-8")
-    # In the order of the file, also of the ingredients.
-    assert text == TABLE + "water,earth,mud\n"
-    assert run("check-book", home / "mended.csv").code == 0
-    again = run("check-book", path, *columns, "--fix", home / "mended.csv")
-    assert "exists. Choose another --fix, or replace it with --force." in again.err
-    run("check-book", path, *columns, "--fix", home / "new" / "folder" / "mended.txt")
-    assert not (home / "new").exists()
-    run("check-book", path, *columns, "--fix", home / "new" / "folder" / "mended.csv")
-    assert (home / "new" / "folder" / "mended.csv").read_text(encoding="utf-8") == text
-    built = run(
-        "build-graph", home / "mended.csv", "--split", "none", "--out", home / "graph", "--json"
-    )
-    assert json.loads(built.out)["reading"]["rows"] == 1
-    described = run("describe", home / "graph")
-    assert "read as table with delimiter ',', ingredient_a + ingredient_b = result" in described.out
-
-
 def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, book):
     """JSON has no further columns, so they are named."""
     rows = (
@@ -848,12 +747,3 @@ def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, b
     said = run("check-book", path, "--fix", home / "mended.json").out
     assert "left out: the columns note, rank" in said
     assert read_book(home / "mended.json").recipes == read_book(path).recipes
-
-
-def test_the_whole_base_is_shown(run, book):
-    pairs = "".join(f"thing {i},other {i},made {i}\n" for i in range(20))
-    lines = run("check-book", book("many.csv", TABLE + pairs)).out.splitlines()
-    (base,) = [line for line in lines if line.startswith("base ")]
-    assert base.count(",") == 39
-    (finding,) = [line for line in lines if "[base]" in line]
-    assert finding.count("thing") == 20

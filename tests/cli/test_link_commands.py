@@ -3,19 +3,13 @@
 import json
 import re
 import shutil
-import signal
-import tomllib
 
-import msgspec
 import numpy as np
 import pytest
 from configured import in_file
 from quick import QUICK, TINY, same, text_of
 
-from wordcraft_kg.evaluation import links
 from wordcraft_kg.graphs import RELATIONS, Split, open_graph
-from wordcraft_kg.models.scorers.ranking import RankingMetrics
-from wordcraft_kg.runs.progress import ProgressBar
 
 METRICS = ("mrr", "hits@1", "hits@3", "hits@10")
 WEIGHTS = "model.safetensors"
@@ -63,25 +57,6 @@ def test_a_quiet_training_prints_one_object_and_nothing_on_stderr(
     assert (tmp_path / "model" / WEIGHTS).is_file()
 
 
-@pytest.mark.slow
-def test_progress_goes_to_stderr_and_the_result_to_stdout(run, tmp_path):
-    outcome = run(
-        "train-complex",
-        "kitchen",
-        "--epochs",
-        4,
-        "--n3",
-        0.1,
-        "--folds",
-        2,
-        "--out",
-        tmp_path / "model",
-    )
-    assert "epoch 12 of 12, fold 2, folds 2\n" in outcome.err
-    assert "epoch 12 of 24" not in outcome.out
-    assert f"next: wordcraft-kg evaluate-links {tmp_path / 'model'}" in outcome.out
-
-
 def test_models_go_to_a_folder_of_their_own_by_default(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run("train-complex", "kitchen", *QUICK, "--kg", "full")
@@ -108,18 +83,6 @@ def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(
     assert same(WEIGHTS, workshop / "one", trained / "one")
     assert run(*command, "--force").code == 0
     assert not same(WEIGHTS, workshop / "one", trained / "one")
-
-
-@pytest.mark.slow
-def test_settings_may_stand_in_a_toml_file_and_the_command_line_goes_first(printed, tmp_path):
-    (tmp_path / "mine.toml").write_text(
-        "[train-complex]\ndim = 4\nepochs = 3\nlearning_rate = 0.05\nfolds = 0\n"
-    )
-    out = tmp_path / "model"
-    options = ("--config", tmp_path / "mine.toml", "--epochs", "2", "--out", out, "--quiet")
-    assert printed("train-complex", "kitchen", *options)["epochs"] == 2
-    written = tomllib.loads((out / "config.toml").read_text())["train-complex"]
-    assert (written["dim"], written["epochs"], written["learning_rate"]) == (4, 2, 0.05)
 
 
 def test_a_models_own_config_file_trains_the_same_model_again(run, trained, tmp_path):
@@ -153,39 +116,6 @@ def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
     assert warning.endswith(f"try {says}")
 
 
-@pytest.mark.slow
-def test_ctrl_c_ends_with_130_and_the_same_command_goes_on(
-    printed, refused, run, trained, tmp_path, monkeypatch
-):
-    settings = (trained / "graph", "--dim", "8", "--epochs", "6", "--seed", "3", "--folds", 2)
-    command = ("train-complex", *settings, "--out", tmp_path / "model")
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            ProgressBar,
-            "__call__",
-            lambda self, done, *_: done == 2 and signal.raise_signal(signal.SIGINT),
-        )
-        refused(
-            *command,
-            code=130,
-            says=f"epoch 3 is saved in '{tmp_path / 'model'}'. Repeat the command",
-        )
-    refused(
-        "score",
-        tmp_path / "model",
-        "flour",
-        "combinesWith",
-        "water",
-        says="not done",
-        kind="ArtefactError",
-    )
-    refused(*command, "--n3", "0.5", says="--n3", kind="ConfigError")
-    values = printed(*command, "--quiet")
-    assert (values["out"], values["epochs"]) == (str(tmp_path / "model"), 6)
-    run("train-complex", *settings, "--out", tmp_path / "undisturbed")
-    assert same(WEIGHTS, tmp_path / "model", tmp_path / "undisturbed")
-
-
 def test_evaluate_links_prints_one_object_with_baselines(evaluated, trained):
     """Evaluate links prints one object with the headline and its baselines."""
     values = evaluated[2]
@@ -209,66 +139,6 @@ def test_evaluate_links_prints_one_object_with_baselines(evaluated, trained):
     assert written["metrics"]["all"]["mrr"] == values["mrr"]["all"]
     assert written["provenance"]["trained by"]
     assert (folder / "ranks.csv").is_file()
-
-
-NOTHING = RankingMetrics(60, mrr=0.0, hits_at_1=0.0, hits_at_3=0.0, hits_at_10=0.0)
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        pytest.param(
-            {"with_leaked": NOTHING},
-            "no better, though training contains them",
-            marks=pytest.mark.slow,
-        ),
-        ({"leaked_left_out": 0}, "0 leaked ones"),
-    ],
-    ids=["leaked triples lower the figure", "no leaked triples"],
-)
-def test_leaked_triples_are_inflation_only_where_they_inflate(
-    run, trained, tmp_path, monkeypatch, changes, says
-):
-    view_links = links.view_links
-
-    def changed(*arguments, **settings):
-        return msgspec.structs.replace(view_links(*arguments, **settings), **changes)
-
-    monkeypatch.setattr(links, "view_links", changed)
-    text = run("evaluate-links", trained / "one", "--out", tmp_path / "report").out
-    assert says in text
-    assert "inflated" not in text
-
-
-def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(refused, run, tmp_path):
-    (tmp_path / "tiny.csv").write_text(
-        "ingredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n"
-    )
-    assert (
-        run(
-            "train-complex",
-            tmp_path / "tiny.csv",
-            "--kg",
-            "full",
-            *QUICK,
-            "--out",
-            tmp_path / "full",
-        ).code
-        == 0
-    )
-    says = "only 8 triples in the whole graph"
-    assert "--train-ratio" not in refused(
-        "evaluate-links", tmp_path / "full", kind="SplitError", says=says
-    )
-
-
-@pytest.mark.slow
-def test_a_model_of_the_full_graph_is_evaluated_as_memory(run, trained, tmp_path):
-    command = ("evaluate-links", trained / "full", "--out", tmp_path / "report")
-    assert "memory, not prediction" in run(*command).out
-    values = json.loads((tmp_path / "report" / "report.json").read_text())
-    assert values["model"]["has_seen_the_test_recipes"]
-    assert values["queries"] == 2 * len(open_graph(trained / "graph").graph.triples)
 
 
 def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run, trained, tmp_path, monkeypatch):

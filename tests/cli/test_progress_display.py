@@ -121,13 +121,3 @@ def test_commands_name_their_stages_on_stderr_and_are_silent_with_quiet(
     for stage in stages:
         assert f"\n{stage}" in f"\n{outcome.err}"
     assert run(*command, *force, "--quiet").err == ""
-
-
-def test_verbose_logs_how_long_stages_took(run, home, caplog):
-    run("describe", "kitchen", "--verbose")
-    assert any(
-        re.fullmatch(r"auditing the graph: \d+\.\d s", message) for message in caplog.messages
-    )
-    caplog.clear()
-    run("describe", "kitchen")
-    assert caplog.messages == []

@@ -1,13 +1,10 @@
 """Recipe scores on the command line: what a pair makes, why, what is remembered, and why an agent
 picked something."""
 
-import json
-
 import pytest
 import torch
 
 from wordcraft_kg import load_scorer, open_graph
-from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.evaluation.queries import RecipeQuery, parse_query
 
 LABELS = {"flour", "water", "dough", "cocoa bean", "c++", "_x", "a->b"}
@@ -218,54 +215,3 @@ def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
     view = RecipeScoring(model).view_open(RecipeQuery((a, b, None)), 80)
     assert {row.known for row in view.top} == {None}
     assert result in [row.result for row in view.top if row.in_sample]
-
-
-@pytest.mark.parametrize("slots", [("flour", "waater", "dough"), ("flour", "waater", None)])
-def test_an_unknown_label_of_a_recipe_is_an_unknown_entity(scorer, slots):
-    from wordcraft_kg.evaluation.scores import RecipeScoring, ScoringModel
-
-    scoring = RecipeScoring(ScoringModel(scorer, None, None, "no graph"))
-    with pytest.raises(UnknownEntityError, match=r"no entity 'waater' .*'water'"):
-        scoring.rows(RecipeQuery(slots))
-    with pytest.raises(UnknownEntityError, match="no entity 'waater'"):
-        list(scoring.score_queries([RecipeQuery(slots)], 3))
-
-
-@pytest.mark.slow
-def test_explain_and_the_report_name_the_recipes_that_support_a_pair(
-    printed, run, recipes_folder, tmp_path
-):
-    agent = tmp_path / "agent"
-    settings = ("--use", "u,v,w", "--steps", "512", "--features", "random", "--distractors", "3")
-    assert (
-        run("train-agent", "kitchen", "--scorer", recipes_folder, *settings, "--out", agent).code
-        == 0
-    )
-    (trained,) = json.loads((agent / "report" / "report.json").read_text())["agents"]
-    evaluated = printed("evaluate-agent", agent, "--distractor-seeds", 1)
-    compared = trained["success"]["3"]["against_scorer"], evaluated["against_scorer"]["3"]
-    assert [beside["scorer"] for beside in compared] == ["recipe (w)", "recipe (w)"]
-    evidences = 0
-    for episode in printed("explain", agent, "--part", "train", "--episodes", "4")["episodes"]:
-        plans = {recipe for plan in episode["plans"] for recipe in plan}
-        for step in episode["steps"]:
-            labels = (
-                {step["selection"]}
-                if step["selection"]
-                else {slot["entity"] for slot in step["slots"]}
-            )
-            for evidence in (slot["evidence"] for slot in step["slots"] if slot["evidence"]):
-                evidences += 1
-                assert evidence["source"] == "w"
-                assert evidence["partner"] in labels
-                for one in evidence["because"]:
-                    assert (
-                        f"{one['ingredient_a']} + {one['ingredient_b']} -> {one['result']}"
-                        not in plans
-                    )
-    assert evidences
-    text = run("explain", agent, "--episodes", "2").out
-    assert sum(line.startswith("  w: ") for line in text.splitlines()) >= 2
-    page = (agent / "report" / "index.html").read_text()
-    assert "because</abbr>" in page
-    assert page.count('<ul class="note">') == 4  # two episodes of two picks

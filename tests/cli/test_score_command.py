@@ -291,19 +291,6 @@ def test_entities_outside_the_graph_are_scored_by_words(
     assert ("not in the graph" in text) == bool(by_words)
 
 
-def test_the_best_entities_for_a_new_word_are_listed_on_both_sides(printed, recipes_folder):
-    parts = printed("score", recipes_folder, "_", "componentOf", "yogurt", "--top", "81")
-    # All 80 of the book; yogurt itself is none of its parts.
-    assert (parts["by_words"], len(parts["top"])) == (["yogurt"], 80)
-    assert {row["known"] for row in parts["top"]} == {"new"}
-    partners = printed("score", recipes_folder, "yogurt", "combinesWith", "--top", "3")
-    assert (partners["head"], len(partners["top"]), partners["by_words"]) == (
-        "yogurt",
-        3,
-        ["yogurt"],
-    )
-
-
 def test_new_words_in_a_file_are_scored_and_unknown_words_refused(
     printed, refused, run, recipes_folder, tmp_path
 ):

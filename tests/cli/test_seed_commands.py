@@ -8,7 +8,6 @@ import pytest
 from graph_folders import write_graph
 from quick import SMALL, TINY, contents, same, succeed
 
-from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import read_seeds
 
@@ -79,40 +78,6 @@ def test_seeds_that_are_done_are_kept_and_others_are_added(
         assert printed(command, trained / "graph", *options, *forced)["seeds"].keys() == {"0", "3"}
         for seed in ("seed-0", "seed-3"):
             assert not same("model.safetensors", tmp_path / "seeds" / seed, source / seed)
-
-
-@pytest.mark.slow
-def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkeypatch):
-    step = Impala.update
-
-    def interrupted(self):
-        step(self)
-        if any((tmp_path / "plain/seed-1/checkpoints").glob("*.json")):
-            raise KeyboardInterrupt
-
-    command = (
-        "train-agent",
-        world / "graph",
-        *AGENT,
-        "--seeds",
-        "0-2",
-        "--out",
-        tmp_path / "plain",
-    )
-    with monkeypatch.context() as patch:
-        patch.setattr(Impala, "update", interrupted)
-        stopped = run(*command)
-    assert (stopped.code, stopped.out) == (130, "")
-    assert (
-        stopped.err == "interrupted; 1 of 3 seeds are done, repeat the command to train the rest\n"
-    )
-    assert json.loads((tmp_path / "plain/seed-1/run.json").read_text())["status"] == "interrupted"
-    assert not (tmp_path / "plain/seed-2").exists()
-    assert run(*command).code == 0
-    assert len(json.loads((tmp_path / "plain/seed-1/run.json").read_text())["resumed"]) == 1
-    for seed in ("seed-0", "seed-1"):
-        assert same("policy.safetensors", tmp_path / "plain" / seed, world / "plain" / seed)
-    assert (tmp_path / "plain/seed-2/report/index.html").is_file()
 
 
 @pytest.mark.slow

@@ -1,11 +1,6 @@
 """``reproduce``: studies that run, go on and are listed, and results that are shown."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 
 import pytest
 from fabricated import fabricate
@@ -70,19 +65,6 @@ def test_the_list_has_every_study_with_trainings_and_source(printed, refused):
     refused("reproduce", "--list", "--book", "kitchen", kind="ConfigError")
 
 
-@pytest.mark.slow
-def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
-    (tmp_path / "few-words.txt").write_text("nothing 1 2\n")
-    text = STUDY.replace("seeds = 2", "seeds = 1")
-    study.write_text(text + f"[variants.odd]\nfeatures = '{tmp_path / 'few-words.txt'}'\n")
-    found = run("reproduce", study, "--out", tmp_path / "results", "--jobs", 1)
-    assert found.code == 1
-    assert "odd, seed 0: " in found.out
-    assert "few-words.txt" in found.out
-    assert "1 failed" in found.out
-    assert "Traceback" not in found.out + found.err
-
-
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
@@ -110,54 +92,6 @@ def test_a_wrong_study_or_output_is_refused_before_anything_starts(
     study.write_text(STUDY.replace(old, new) if old else STUDY)
     refused("reproduce", study, "--out", tmp_path / "results" if old else study, says=says)
     assert list(tmp_path.iterdir()) == [study]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
-def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study, tmp_path, by):
-    study.write_text(STUDY.replace("steps = 512", "steps = 60000\neval_every = 6000"))
-    command = [
-        sys.executable,
-        "-m",
-        "wordcraft_kg",
-        "reproduce",
-        str(study),
-        "--jobs",
-        "2",
-        "--out",
-    ]
-    subprocess.run([*command, str(tmp_path / "whole")], check=True)
-    process = subprocess.Popen(
-        [*command, str(tmp_path / "parts")], start_new_session=True, stderr=subprocess.PIPE
-    )
-    while not list(tmp_path.glob("parts/runs/*/checkpoints/*.json")):
-        time.sleep(0.05)
-    if by == signal.SIGINT:
-        os.killpg(process.pid, by)  # as a terminal does
-    else:
-        os.kill(process.pid, by)
-    _, said = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert b"repeat the command to perform the rest" in said
-    subprocess.run([*command, str(tmp_path / "parts")], check=True)
-    resumed = [
-        json.loads(path.read_text()).get("resumed")
-        for path in tmp_path.glob("parts/runs/*/run.json")
-    ]
-    assert any(resumed)
-    for name in ("policy.safetensors", "episodes.jsonl"):
-        whole = {
-            path.parent.name: path.read_bytes() for path in tmp_path.glob(f"whole/runs/*/{name}")
-        }
-        assert whole == {
-            path.parent.name: path.read_bytes() for path in tmp_path.glob(f"parts/runs/*/{name}")
-        }
-        assert len(whole) == 4
-    for name in ("table.csv", "figure.svg"):
-        one, other = (
-            tmp_path / folder / "reports" / "study" / name for folder in ("whole", "parts")
-        )
-        assert one.read_bytes() == other.read_bytes()
 
 
 NO_GRAPH = ["00000", "50000", "05000"]

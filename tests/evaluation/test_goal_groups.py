@@ -2,15 +2,12 @@
 does not make."""
 
 import json
-import re
 
 import numpy as np
 import pytest
 
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
 from wordcraft_kg.agents.evaluation import play_all
 from wordcraft_kg.agents.players import BEST_PAIR, NEAREST_WORDS, scorer_players
-from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -18,7 +15,6 @@ from wordcraft_kg.evaluation.agent_metrics import MADE, NOT_MADE
 from wordcraft_kg.graphs import SplitConfig, open_book, open_graph
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 
@@ -110,31 +106,3 @@ def test_the_link_report_shows_both_kinds_of_goals(run, home, model, tmp_path):
     page = (tmp_path / "links" / "index.html").read_text()
     assert page.count(MADE) >= 2
     assert f"componentOf, {MADE}" in outcome.out
-
-
-def test_agents_and_reports_show_success_by_goals_of_other_books(run, home, tmp_path):
-    """An agent with such a scorer shows both kinds of goals and so does its reference."""
-    trainer = ImpalaConfig(steps=640, eval_every=0)
-    graph = str(home / "graph")
-    policy = PolicyConfig(use="u,v,w")
-    train_agent(
-        AgentConfig(graph, str(home / "model"), policy=policy, trainer=trainer), tmp_path / "guided"
-    )
-    train_agent(AgentConfig(graph, trainer=trainer), tmp_path / "plain")
-    outcome = run("evaluate-agent", tmp_path / "guided", "--distractors", "2", "--json")
-    assert outcome.code == 0, outcome.err
-    view = json.loads(outcome.out)
-    rows = {row["slice"]: row for row in view["by_goal"]["2"]}
-    assert list(rows) == [MADE, NOT_MADE]
-    tasks = view["success"]["2"]["tasks"]
-    assert sum(row["tasks"] for row in rows.values()) == tasks
-    mean = sum(row["success"] * row["tasks"] for row in rows.values()) / tasks
-    assert mean == pytest.approx(view["success"]["2"]["mean"])
-    outcome = run("compare", tmp_path / "plain", tmp_path / "guided", "--out", tmp_path / "page")
-    assert outcome.code == 0, outcome.err
-    report = json.loads((tmp_path / "page" / "report.json").read_text())
-    for agent in report["agents"]:
-        assert [row["slice"] for row in agent["slices"]["other_book"]] == [MADE, NOT_MADE]
-    page = (tmp_path / "page" / "index.html").read_text()
-    # A label of the figure may stand on two lines, each an element of its own.
-    assert MADE in " ".join(re.sub("<[^>]*>", " ", page).split())

@@ -204,26 +204,3 @@ def test_a_split_without_unseen_triples_and_no_resamples_are_refused(frequency, 
     for resamples in (0, -5):
         with refuses("resamples"):
             compared(frequency, frequency, resamples=resamples)
-
-
-def test_the_page_holds_every_model_and_needs_no_other_file(frequency, facts, opened_kitchen):
-    from wordcraft_kg.reports.link_report import comparison_page
-
-    odd = noise(opened_kitchen, 1)
-    odd.name = 'a <b> & "c"'
-    values = compared(
-        frequency, facts, model(odd, opened_kitchen), model(odd, opened_kitchen, kg="full")
-    )
-    page = comparison_page(values)
-    for shown in (
-        "a &lt;b&gt; &amp;",
-        "(Bonferroni)",
-        "including these triples",
-        f"{values.best} (best)",
-    ):
-        assert shown in page
-    for found in values.models:
-        assert f"{found.mrr:.3f}" in page
-    assert not any(text in page for text in ("<b> &", "://"))
-    # An interval of each model and of each difference, which the first model lacks.
-    assert (page.count("<svg"), page.count('stroke-width="1.5"')) == (2, 4 + 3)

@@ -67,18 +67,6 @@ def test_lists_of_the_audit_are_cut_but_counts_are_complete():
     assert counts == (0, 0, 0, 0)
 
 
-def test_an_audit_without_the_book_has_no_dropped_rows():
-    """The audit of a graph without its book says nothing of dropped rows."""
-    book = RecipeBook.of(
-        "book", [("a", "b", "c"), ("a", "b", "c"), ("a", "b", "a")], base=["a", "b"]
-    )
-    graph = RecipeGraph.from_book(book)
-    split = make_split(graph, SplitConfig("none"))
-    rows = {"dropped_self_results": 1, "merged_duplicates": 1}
-    assert as_values(audit(graph, split, book)) == rows | as_values(audit(graph, split))
-    assert not rows.keys() & as_values(audit(graph, split)).keys()
-
-
 @pytest.mark.parametrize("kind", HELD_OUT_KINDS)
 @given(graph=splittable_graphs(), config=configs("by-recipe"))
 def test_nearness_to_train_equals_counts_over_labels(kind, graph, config):

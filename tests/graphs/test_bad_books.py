@@ -191,13 +191,6 @@ def test_a_total_and_blank_rows_are_named(put):
     assert "(1 blank)" in book.reading.line()
 
 
-def test_the_reading_is_kept_as_json(put):
-    from wordcraft_kg.base.records import as_values
-
-    values = as_values(read_book(put(table(delimiter=";"))).reading)
-    assert json.loads(json.dumps(values))["delimiter"] == ";"
-
-
 def test_another_encoding_than_that_of_the_mark_is_refused(put):
     path = put(b"\xef\xbb\xbf" + table().encode())
     with pytest.raises(RecipeFileError, match="begins with the byte order mark of utf-8"):

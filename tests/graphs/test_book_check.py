@@ -248,12 +248,6 @@ JSON = json.dumps({"entities": ["a", "b, c"], "base": ["a"], "recipes": [["a", "
 LINE = "# base: a, b\n" + HEADER + "a,b,c\na,b\n"
 
 
-def test_carriage_returns_are_a_note_with_the_lines_of_a_few(check):
-    found = check(HEADER + "a,b,c\r\n" + "d,e,f\ng,h,i\nj,k,l\n")
-    assert ("line-ends", "note", (2,)) in kinds(found)
-    assert ("line-ends", "note", ()) in kinds(check(LINE.replace("\n", "\r\n")))
-
-
 BYTES = {
     "not UTF-8": (
         HEADER.encode() + b"caf\xe9,a,b\na,b\n",
@@ -332,23 +326,6 @@ def test_version_1_of_everyday_stays():
     )
 
 
-def test_everyday_is_lower_case_grouped_and_not_little_alchemy_2(
-    alchemy,
-):
-    """Everyday is written in lower case words grouped by result and differs from little alchemy 2."""
-    book = open_book("everyday")
-    shared = set(book.recipes) & set(alchemy.recipe_labels())
-    assert len(shared) == 410
-    assert all(
-        label == label.lower() and label.replace(" ", "").replace("-", "").isalpha()
-        for label in book.entities
-    )
-    lines = locate_book("everyday").path.read_text(encoding="utf-8").splitlines()
-    results = [line.split(",")[2] for line in lines if not line.startswith("#")][1:]
-    groups = [result for i, result in enumerate(results) if i == 0 or results[i - 1] != result]
-    assert len(groups) == len(set(groups))
-
-
 def test_long_lists_are_cut_and_equal_faults_are_one(check):
     """Long lists are cut short, and faults of one cause are one finding."""
     (duplicate,) = (
@@ -383,16 +360,6 @@ def test_a_book_with_very_many_findings_is_read_to_its_end(check):
 def test_lists_in_findings_quote_labels_with_commas(check):
     found = check(HEADER + 'water,"salt, fine",brine\nbrine,fire,steam\n')
     assert 'Name the base: # base: fire,"salt, fine",water' in message(found, "base")
-
-
-def test_a_set_out_of_reach_is_one_finding(check):
-    text = "plank + rope + coal + iron = lamp\nlamp + gold = box\n"
-    found = check(text, "book.txt", base=["plank", "gold"])
-    says = "5 entities cannot be made from the base (gold, plank): box, coal, iron, lamp, rope"
-    assert message(found, "unreachable") == says
-    circle = "a + b + c = d\nd + x + y = a\n"
-    found = check(circle, "book.txt", base=["b", "c", "x", "y"])
-    assert message(found, "cycle").endswith("made first: a, d")
 
 
 def test_a_book_without_any_entity_to_begin_with_says_that_it_has_no_base(tmp_path):

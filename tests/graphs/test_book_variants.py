@@ -3,7 +3,6 @@
 import bz2
 import gzip
 import random
-import re
 from itertools import islice, product
 
 import pytest
@@ -11,8 +10,6 @@ from book_shapes import zipped
 
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.graphs import RecipeGraph, open_book, read_book
-from wordcraft_kg.graphs.book_check import check_book
-from wordcraft_kg.graphs.book_files.reader import BookOptions, open_rows
 
 DELIMITERS = ",;\t|"
 QUOTES = ("none", "all", "needed", "single")  # the last one is refused
@@ -106,10 +103,6 @@ def test_variants_of_one_book_give_its_graph_or_a_refusal(tmp_path, number):
     assert read > 0.2 * number
 
 
-def rows_in(data):
-    return [line for line in re.split("\r\n|\r|\n", data) if line.strip()]
-
-
 SPOILT = ('"', ";", ",", "\t", "|", "\n", "\r", "\x00", "\ufeff", "+", "=", "{", "}", " ", "#", "é")
 
 
@@ -133,32 +126,3 @@ def spoilt(rows, rng):
             line = line[:place]
         lines[at] = line
     return "\n".join(lines) + "\n"
-
-
-@pytest.mark.parametrize(
-    "number", [120, pytest.param(10_000, marks=pytest.mark.slow)], ids=["few", "all"]
-)
-def test_spoilt_tables_end_in_no_traceback_and_lose_no_row_in_silence(tmp_path, number):
-    recipes = open_book("kitchen").recipes
-    path = tmp_path / "book.csv"
-    for seed in range(number):
-        rng = random.Random(f"spoilt {seed}")
-        text = spoilt(rng.sample(recipes, rng.choice((1, 3, 12))), rng)
-        path.write_bytes(text.encode())
-        check_book(path)
-        try:
-            rows = open_rows(path, BookOptions())
-        except WordCraftKGError:
-            continue
-        faults = sum(isinstance(entry, tuple) and len(entry) != 2 for entry in rows)
-        places = rows_in(text)
-        head = sum(line.startswith("#") for line in places[:1]) + rows.source.reading.header
-        assert len(places) - head <= rows.rows + faults, (seed, text)
-        try:
-            book = read_book(path)
-        except WordCraftKGError:
-            continue
-        reading = book.reading
-        assert faults == 0
-        assert reading.rows == reading.kept + sum(reading.left_out.values()), (seed, text)
-        assert reading.kept == len(book.recipes)

@@ -11,7 +11,6 @@ from wordcraft_kg import graphs
 from wordcraft_kg.base.errors import (
     ArtefactError,
     GraphMismatchError,
-    OutputExistsError,
     RecipeFileError,
 )
 from wordcraft_kg.base.records import as_values
@@ -103,19 +102,6 @@ def test_a_book_opens_with_the_split_asked_for(kitchen):
     opened = open_graph("kitchen", SplitConfig("by-goal", seed=7))
     assert opened.split.hash == make_split(kitchen, SplitConfig("by-goal", seed=7)).hash
     assert open_graph("kitchen").split.config == SplitConfig()
-
-
-def test_an_existing_folder_is_kept_unless_forced(folder, kitchen):
-    before = (folder / "split.json").read_bytes()
-    split = make_split(kitchen, SplitConfig("by-goal"))
-    with pytest.raises(OutputExistsError):
-        write_graph_folder(folder, open_book("kitchen"), split)
-    assert (folder / "split.json").read_bytes() == before
-    (folder / "stray.txt").write_text("of an earlier version", encoding="utf-8")
-    write_graph_folder(folder, open_book("kitchen"), split, force=True)
-    assert open_graph(folder).split.hash == split.hash
-    assert not (folder / "stray.txt").exists()
-    assert list(folder.parent.iterdir()) == [folder]
 
 
 @pytest.mark.parametrize(

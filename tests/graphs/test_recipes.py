@@ -64,18 +64,6 @@ def test_a_row_that_starts_like_a_comment_is_quoted(tmp_path, ending, delimiter,
     assert read_book(path).entities == tuple(sorted((label, "b", "c")))
 
 
-@pytest.mark.parametrize("ending", [".csv", ".tsv", ".json"])
-def test_writing_a_book_twice_gives_the_same_bytes(tmp_path, ending):
-    one = RecipeBook.of("book", [("a", "b", "c"), ("c", "a", "d")], base=["b", "a"])
-    other = RecipeBook.of("book", [("a", "c", "d"), ("b", "a", "c")], base=["a", "b"])
-    for name, book in (("one", one), ("other", other)):
-        (tmp_path / name).mkdir()
-        write_book(book, tmp_path / name / f"book{ending}")
-    assert (tmp_path / "one" / f"book{ending}").read_bytes() == (
-        tmp_path / "other" / f"book{ending}"
-    ).read_bytes()
-
-
 def test_a_book_is_not_written_under_another_ending(tmp_path):
     with pytest.raises(
         RecipeFileError, match=r"unknown ending '\.xml'; a recipe book is written as"

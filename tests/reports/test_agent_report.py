@@ -7,14 +7,11 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
-from report_helpers import Page, text_of
+from report_helpers import Page
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
-from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
-from wordcraft_kg.agents.players import knowledge_player
-from wordcraft_kg.agents.records import MetricsRow
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_values, schema_of
@@ -24,10 +21,8 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
 from wordcraft_kg.evaluation.agents import AgentsView, by_success, group_agents, view_agents
 from wordcraft_kg.graphs import SplitConfig, open_graph
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.reports.agent_report import make_agent_report, slot_rows
+from wordcraft_kg.reports.agent_report import make_agent_report
 from wordcraft_kg.reports.pages import render
 
 TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320)
@@ -143,18 +138,6 @@ def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents, entry, worl
     assert (row.tasks if row else 0) == alone
 
 
-def test_curves_are_means_over_seeds(agents, report):
-    for step, mean, low, high in as_values(report.view)["agents"][0]["curves"]["test"]:
-        seeds = [
-            row.figures["test_success"]
-            for agent in agents[:2]
-            for row in agent.metrics
-            if row.step == step
-        ]
-        assert mean == pytest.approx(np.mean(seeds))
-        assert low <= mean <= high
-
-
 def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report, entry):
     for figure in ("loss", "entropy", "return", "grad_norm", "baseline_loss", "test_success"):
         curves = entry.training[figure]
@@ -168,17 +151,6 @@ def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report,
     assert len(axes.get_lines()) == len(agents)
 
 
-def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents):
-    rows = [
-        MetricsRow(step=step, seconds=1, figures={"loss": step, "test_success": 0.5})
-        for step in (100, 200, 210)
-    ]
-    agent = replace(agents[0], metrics=rows)
-    training = report_of({"one": [agent]}, distractor_seeds=1, episodes=0).view.agents[0].training
-    assert training["loss"][0].points == ((100, 100), (200, 200))
-    assert [step for step, _ in training["test_success"][0].points] == [100, 200, 210]
-
-
 def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, report, entry):
     facts = entry.provenance["plain-1"]
     run = agents[1].run
@@ -190,51 +162,6 @@ def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, 
     assert all(
         value in page for value in (run.outputs["policy.safetensors"], run.versions["torch"])
     )
-
-
-def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents, report):
-    def first_line(report):
-        card = re.search(
-            r"<b>In short.*?</div>\s*<p class=.note.>.*?</p>", render(report), re.DOTALL
-        )
-        return text_of(card[0])
-
-    mlp = report.view.agents[1].success["2"]
-    verdict = (
-        "above"
-        if mlp.difference_ci[0] > 0
-        else "below"
-        if mlp.difference_ci[1] < 0
-        else "no significant difference"
-    )
-    assert re.search(rf"Paired difference +to plain: .*mlp .*, +{verdict}", first_line(report))
-    assert "difference between agents may be due to the seeds" in first_line(report)
-    for of in (report, report_of({"one": [agents[0]]}, distractor_seeds=1, episodes=0)):
-        card = text_of(re.search(r"<b>In short:(.*?)</div>", render(of), re.DOTALL)[1]).strip()
-        sentences = re.split(r"(?<=\.) ", re.sub(r"\d\.\d", "0", card))
-        assert len(sentences) == 2
-        assert not any(sentence.startswith(("plain", "one")) for sentence in sentences)
-    alone = first_line(report_of({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
-    assert "difference" not in alone
-    assert "One seed: another seed may give another result." in alone
-
-
-def test_bars_of_contributions_fill_the_width_at_the_largest_sum():
-    sums = ({"alpha": 1.0, "u": 2.0, "v": -1.0}, {"alpha": -1.0, "u": 0.5, "v": -1.5})
-    step = ExplainedStep(
-        None,
-        0.0,
-        {},
-        "egg",
-        (),
-        tuple(ExplainedSlot("egg", False, of, of, sum(of.values()), 0.5) for of in sums),
-    )
-    widths = [
-        [float(width) for width in re.findall(r'width="([\d.]+)"', str(bar))]
-        for _, bar in slot_rows(step)
-    ]
-    assert sum(widths[0][:2]) == pytest.approx(70, abs=0.2)
-    assert widths[1][0] + widths[1][2] == pytest.approx(70 * 2.5 / 3, abs=0.2)
 
 
 def test_it_follows_its_schema_and_is_the_same_each_time(agents, report):
@@ -266,47 +193,6 @@ def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
     ):
         with pytest.raises(error, match=why):
             report_of({"a": [agents[0]], "b": [other]})
-
-
-@pytest.mark.slow
-def test_an_agent_is_compared_with_the_scores_that_it_saw(tmp_path):
-    """An agent is compared with the scores that it saw and the page says how."""
-    links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
-    model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
-    policies = {"folds": PolicyConfig(), "whole": PolicyConfig(in_sample=True)}
-    agents = trained(
-        tmp_path, {name: (policy, TRAINER) for name, policy in policies.items()}, str(model)
-    )
-    report = report_of(group_agents(agents), part="train", distractor_seeds=1)
-    world = World(agents[0].opened, TASKS.environment("train"))
-    assert [entry.cross_fitted for entry in report.view.agents] == [3, 0]
-    html = render(report)
-    for agent, entry in zip(agents, report.view.agents, strict=True):
-        beside = entry.success["2"].against_scorer
-        mine, alone = (
-            Evaluator(world, distractor_seeds=1)(player)
-            for player in (
-                PolicyPlayer(agent.policy),
-                knowledge_player(list(agent.policy.sources.values())),
-            )
-        )
-        gain = mine.success.mean() - alone.success.mean()
-        assert (beside.scorer, beside.gain) == ("combines (u), component (v)", pytest.approx(gain))
-        assert (
-            beside.differs
-            == (mine.decisions != alone.decisions).mean()
-            > (mine.success != alone.success).mean()
-        )
-        assert f"<td>{beside.scorer}</td><td>{100 * beside.differs:.1f} %</td>" in html
-        assert entry.sources.keys() == {"combines (u)", "component (v)"}
-        for source, found in entry.sources.items():
-            note = f"{entry.name}, 2 distractors: {source} {found.sentence}."
-            assert (note in html) == found.adds_nothing
-    out_of_sample = (
-        r"Scores of train tasks \(folds\):\s+.*out of sample.*, by models trained.*\(3 folds\)"
-    )
-    for note in (out_of_sample, r"Scores of train tasks \(whole\):\s+.*in-sample"):
-        assert re.search(note, html)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_report import contribution_bar
 from wordcraft_kg.reports.charts import colour_of
-from wordcraft_kg.reports.charts.chart import COLOURS, DARK, DARK_SERIES, LIGHT, LIGHT_SERIES
+from wordcraft_kg.reports.charts.chart import COLOURS, DARK_SERIES, LIGHT_SERIES
 
 LABEL = "<b>&\"'$x$</b>\u202e"
 NO_ESTIMATE = (0.0, None, None)
@@ -118,30 +118,6 @@ def test_a_curve_goes_through_its_values_and_its_band_lies_around_it():
     np.testing.assert_allclose(band.get_datalim(axes.transData).intervaly, [0.25, 0.95])
 
 
-def test_bands_end_where_bounds_are_missing():
-    bounds = [(0.1, 0.3), (0.1, 0.3), (None, None), (0.1, 0.3), (0.1, 0.3)]
-    axes = axes_of(drawn({"one": [(i, 0.2, *pair) for i, pair in enumerate(bounds)]}))
-    (band,) = axes.collections
-    assert len(band.get_paths()) == 2
-    assert len(lines_of(axes)[0]) == 5
-    without = [(i, 0.2, None, None) for i in range(3)]
-    assert not axes_of(drawn({"one": without})).collections
-
-
-@pytest.mark.parametrize(
-    ("last", "expected"),
-    [
-        (2e6, "0 500k 1M 1.5M 2M"),
-        (4.9e4, "0 10k 20k 30k 40k"),
-        (900, "0 200 400 600 800"),
-        (7, "0 2 4 6"),
-    ],
-)
-def test_steps_begin_at_0_and_are_written_in_readable_units(last, expected):
-    late = {"one": straight(0.6, last)[1:]}
-    assert texts_of(parse(drawn(late)))[: len(expected.split())] == expected.split()
-
-
 MIXED_ENDS = [[0.51, 0.5, 0.9, 0.52, 0.49], [0.3, 0.36, 0.42, 0.48, 0.54, 0.5]]
 
 
@@ -155,40 +131,6 @@ def test_names_of_curves_do_not_overlap_and_keep_the_order_of_the_ends(ends):
     for a, b in itertools.combinations(range(len(ends)), 2):
         if ends[a] > ends[b]:
             assert heights[a] < heights[b]
-
-
-def test_long_names_have_room_and_very_long_ones_are_cut():
-    long, longer = "random embeddings, dim 50", "random embeddings of 50 dimensions, 8 distractors"
-    series = {"a": straight(0.9), long: straight(0.7), longer: straight(0.5)}
-    root = parse(drawn(series))
-    width = float(root.get("viewBox").split()[2])
-    ends = {text.text: float(text.get("x")) for text in root.iter("text")}
-    for name in ("a", long, "random embeddings of 50 dimensi…"):
-        assert ends[name] + 5.5 * len(name) <= width
-
-
-def test_a_curve_without_points_is_left_out_and_keeps_its_colour():
-    axes = axes_of(drawn({"none": [], "one": straight(0.9)}))
-    assert [line.get_color() for line in axes.get_lines()] == [LIGHT_SERIES[1]]
-    assert [text.get_text() for text in axes.texts] == ["one"]
-
-
-def test_dashes_can_mean_something_and_colours_and_labels_can_be_shared():
-    seeds = {f"agent, seed {seed}": straight(0.5 + seed / 10) for seed in range(3)}
-    shared = drawn(seeds, colours=dict.fromkeys(seeds, 1), labels={"agent, seed 0": "agent"})
-    axes = axes_of(shared)
-    assert [text.get_text() for text in axes.texts] == ["agent"]
-    assert {line.get_color() for line in axes.get_lines()} == {LIGHT_SERIES[1]}
-    curves = {name: straight(0.5) for name in ("a train", "a", "b train", "b")}
-    root = parse(drawn(curves, dashed={"a train", "b train"}, colours={"b train": COLOURS + 3}))
-    paths = [path for path in root.iter("path") if path.get("stroke-width") == "2"]
-    assert [path.get("stroke-dasharray") is not None for path in paths] == [True, False] * 2
-    assert paths[2].get("stroke") == paths[3].get("stroke") == LIGHT_SERIES[3]
-
-
-def test_a_long_curve_makes_no_large_page():
-    points = [(i, (i / 1000) ** 0.5, i / 2000, i / 900) for i in range(1001)]
-    assert len(escape(drawn({f"{i}": points for i in range(8)}))) < 60_000
 
 
 FEW = [
@@ -219,23 +161,6 @@ FEW = [
 )
 def test_charts_of_few_equal_or_negative_values_are_drawn_without_a_warning(chart):
     assert "nan" not in escape(chart)
-
-
-def estimates(*shares):
-    return [(share, share - 0.1, share + 0.05) for share in shares]
-
-
-def test_dots_stand_in_categories_side_by_side_with_whiskers_and_a_legend():
-    series = {"a": estimates(0.2, 0.5, 0.9), "none": [None] * 3, "b": estimates(0.3, 0.3, 0.3)}
-    axes = axes_of(charts.dots(["0", "1–2", "3+"], series, "x", "y", "d"))
-    whiskers = np.array(lines_of(axes)).reshape(2, 3, 2, 2)
-    np.testing.assert_allclose(whiskers[:, :, 0, 0].mean(axis=0), [0, 1, 2], atol=0.01)
-    assert (whiskers[0, :, 0, 0] < whiskers[1, :, 0, 0]).all()
-    np.testing.assert_allclose(whiskers[0, :, :, 1], [[0.1, 0.25], [0.4, 0.55], [0.8, 0.95]])
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["a", "b"]
-    assert axes.get_legend().legend_handles[1].get_facecolor().tolist() == [
-        [*mpl.colors.to_rgb(LIGHT_SERIES[2]), 1]
-    ]
 
 
 def test_intervals_are_drawn_in_rows_from_the_top_with_their_values():
@@ -274,23 +199,6 @@ def test_labels_of_points_cover_no_point():
     assert {"free", "below"} < heights.keys()
     assert "nowhere" not in heights
     assert heights["below"] > heights["free"]
-
-
-def test_a_file_has_its_panels_side_by_side_a_title_and_dark_colours():
-    panel = CHARTS["intervals"]("a")
-    svg = charts.as_file([(LABEL, panel)] * 3, LABEL)
-    space = "{http://www.w3.org/2000/svg}"
-    root = ElementTree.fromstring(svg)
-    shown = LABEL.replace("\u202e", "<U+202E>")
-    assert root.find(f"{space}title").text == shown
-    captions = [text for text in root.iter(f"{space}text") if text.text == shown]
-    title, first, second, third = (
-        numbers_of(text, "x", "y") for text in captions[-1:] + captions[:3]
-    )
-    assert title[1] < first[1] == second[1] < third[1]
-    assert first[0] == third[0] < second[0]
-    assert f'[fill="{LIGHT["s0"]}"] {{ fill: {DARK["s0"]}; }}' in svg
-    assert "var(" not in svg
 
 
 def test_positive_contributions_go_right_and_negative_left():

@@ -4,12 +4,9 @@ stands alone."""
 import base64
 import hashlib
 import itertools
-import json
 import random
 import re
-from contextlib import nullcontext
 from dataclasses import replace
-from unittest.mock import Mock
 
 import jsonschema
 import msgspec
@@ -20,10 +17,10 @@ import torch
 from refusals import refuses
 from report_helpers import Page, link_report, text_of
 
-from wordcraft_kg.base.errors import OutputExistsError, SplitError
+from wordcraft_kg.base.errors import SplitError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import bootstrap
-from wordcraft_kg.evaluation.links import FEW_TEST_RECIPES, LinkView, summarise_links
+from wordcraft_kg.evaluation.links import LinkView, summarise_links
 from wordcraft_kg.graphs import OpenedGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import (
@@ -33,7 +30,6 @@ from wordcraft_kg.graphs.triples import (
     is_in,
     recipe_triples,
 )
-from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,
     NeighbourScorer,
@@ -48,9 +44,8 @@ from wordcraft_kg.models.scorers.ranking import (
     random_metrics,
     rank_triples,
     ranking_metrics,
-    triple_groups,
 )
-from wordcraft_kg.reports.pages import GLOSSARY, render, write_report
+from wordcraft_kg.reports.pages import render, write_report
 
 
 def values_of(report):
@@ -108,12 +103,6 @@ def split(opened):
 def ranks(kitchen_model, graph, split):
     """The ranks of the unseen test triples."""
     return rank_triples(kitchen_model.scorer, split.held_out("test"), graph.triples)
-
-
-@pytest.fixture(scope="module")
-def whole_report(kitchen_model, opened):
-    """Of the model of all train recipes, without its folds."""
-    return link_report(kitchen_model.scorer.whole, opened)
 
 
 def triple_of(graph, row):
@@ -200,91 +189,6 @@ def test_the_baselines_are_of_train_and_expected_chance(values, graph, split):
     )
 
 
-def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, split, ranks):
-    comparisons = values["comparisons"]
-    mrr = {
-        name: values["baselines"][name]["all"]["mrr"]
-        for name in ("neighbours", "votes", "frequency", "random")
-    }
-    assert [row["baseline"] for row in comparisons] == sorted(mrr, key=mrr.get, reverse=True)
-    for row in comparisons:
-        assert row["difference"] == pytest.approx(
-            values["metrics"]["all"]["mrr"] - mrr[row["baseline"]]
-        )
-    # A slow bootstrap of the paired differences over recipes, by a generator of its own.
-    test = split.held_out("test")
-    own = 1 / ranks["rank"].to_numpy()
-    other = (
-        1
-        / rank_triples(FrequencyScorer(graph, split.partial), test, graph.triples)[
-            "rank"
-        ].to_numpy()
-    )
-    clusters = np.tile(triple_groups(split, split.is_in("test"), test), 2)
-    groups = [(own - other)[clusters == name] for name in np.unique(clusters)]
-    distractor_seeds = np.random.default_rng(5).integers(len(groups), size=(2000, len(groups)))
-    means = [
-        np.concatenate([groups[i] for i in distractor_seed]).mean()
-        for distractor_seed in distractor_seeds
-    ]
-    ci = next(row["ci"] for row in comparisons if row["baseline"] == "frequency")
-    assert ci == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.006)
-
-
-@pytest.mark.parametrize(
-    ("make", "verdict", "baseline"),
-    [
-        (lambda graph, split: SymbolicScorer(graph, graph.triples), "above", None),
-        pytest.param(
-            lambda graph, split: NeighbourScorer(graph, split.partial),
-            "no significant difference",
-            "neighbours",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            lambda graph, split: SymbolicScorer(graph, split.partial),
-            "below",
-            None,
-            marks=pytest.mark.slow,
-        ),
-    ],
-)
-def test_the_first_line_compares_with_the_best_baseline(opened, make, verdict, baseline):
-    """The first line says where the model stands against the best baseline."""
-    report = link_report(make(opened.graph, opened.split), opened)
-    best = report.view.comparisons[0]
-    assert (best.verdict, best.baseline) == (verdict, baseline or best.baseline)
-    assert (
-        best.ci[0] > 0
-        if verdict == "above"
-        else best.ci[1] < 0
-        if verdict == "below"
-        else best.ci == (0, 0)
-    )
-    text = text_of(render(report))
-    name = GLOSSARY[best.baseline].name
-    assert f"{best.compared.capitalize()} the best baseline , the {name}" in text
-    assert f"{best.difference:+.3f} [{best.ci[0]:.3f}, {best.ci[1]:.3f}]" in text
-
-
-@pytest.mark.parametrize(
-    ("ratio", "seed", "is_few"),
-    [pytest.param(0.8, 2, False, marks=pytest.mark.slow), (0.85, 0, True)],
-)
-def test_the_head_gives_the_split_and_marks_few_recipes(graph, ratio, seed, is_few):
-    """The head gives the split as it is and a verdict on few recipes says so."""
-    split = make_split(graph, SplitConfig("by-goal", train_ratio=ratio, seed=seed))
-    report = of_frequency(OpenedGraph(graph, split, "kitchen"))
-    text = text_of(render(report))
-    test_recipes = len(split.recipes("test"))
-    share = len(split.recipes("train")) / graph.num_recipes
-    # The ratio is of goals, and goals have different numbers of recipes.
-    assert f"{share:.0%}" != f"{ratio:.0%}"
-    assert f"{share * 100:.0f} % of the recipes train (setting: {ratio * 100:g} %)" in text
-    assert (test_recipes < FEW_TEST_RECIPES) == is_few
-    assert (f"Only {test_recipes} test recipes" in text) == is_few
-
-
 def test_ties_and_unfiltered_ranks_surround_the_headline(values):
     ties, mrr = values["ties"], values["metrics"]["all"]["mrr"]
     assert ties["pessimistic"]["mrr"] <= mrr <= ties["optimistic"]["mrr"]
@@ -315,13 +219,6 @@ def test_the_slices_by_near_synonyms_are_ranked_apart(values, kitchen_report, gr
     ):
         assert without_ci(row) == {"slice": name, **as_values(ranking_metrics(part))}
     assert summary_of(kitchen_report)["mrr_without_near_synonyms"] == without["mrr"]
-
-
-def test_without_near_synonyms_there_is_no_empty_slice(graph):
-    """Without any near synonym there is no slice that looks like a clean bill."""
-    report = of_frequency(OpenedGraph(graph, make_split(graph, SplitConfig("by-goal")), "kitchen"))
-    assert report.view.drill_down.near_synonyms == ()
-    assert summary_of(report)["mrr_without_near_synonyms"] is None
 
 
 @pytest.mark.parametrize(("ends", "choose"), [("best", min), ("worst", max)])
@@ -362,20 +259,6 @@ def test_self_edges_are_never_listed_as_missing(opened, graph):
     values = values_of(link_report(table_scorer(graph, scores), opened))
     assert {row["relation"] for row in values["perhaps_missing"]} == set(RELATIONS)
     assert all(row["head"] != row["tail"] for row in values["perhaps_missing"])
-
-
-def test_the_summary_holds_the_headline_by_relation(values, kitchen_report):
-    summary = summary_of(kitchen_report)
-    for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
-        assert summary[metric] == {
-            name: values["metrics"][name][metric] for name in ("all", *RELATIONS)
-        }
-    assert summary["mrr_with_leaked"] == values["with_leaked"]["mrr"]
-    assert summary["leaked_left_out"] == values["leaked_left_out"]
-    for name in ("frequency", "random"):
-        assert summary["baselines"][name]["all"] == values["baselines"][name]["all"]["mrr"]
-    assert summary["checks_passed"]
-    assert checks(values) == ALL_PASS
 
 
 def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, split, monkeypatch):
@@ -500,52 +383,6 @@ def test_the_page_is_complete_without_its_one_script_and_no_other_may_run(html):
     assert kinds == ["application/json"] * (page.tags.count("script") - 1)
 
 
-def test_each_section_has_an_anchor_that_the_contents_lead_to(html):
-    page = Page(html)
-    ids = [value for _, name, value in page.attributes if name == "id"]
-    assert len(ids) == len({*ids})
-    contents = re.findall(r'href="#([^"]+)"', html[html.index("<nav") : html.index("</nav>")])
-    assert contents == re.findall(r'<h2 id="([^"]+)"', html)
-    assert len(contents) > 10
-    assert page.tags.count("main") == 1
-
-
-def test_a_wide_table_can_be_scrolled_and_has_a_name(html):
-    """A table that may be too wide can be scrolled by keyboard and has a name of its own."""
-    regions = re.findall(r'<div class="scroll"([^>]*)>', html)
-    assert html.count("<table") == html.count("<table", html.index("<main"))
-    assert len(regions) >= html.count("<table")
-    assert all('tabindex="0" role="region"' in region for region in regions)
-    names = [re.search(r'aria-label="([^"]+)"', region)[1] for region in regions]
-    assert len(names) == len(set(names))
-
-
-def test_tooltips_are_explained_at_the_end(html):
-    """Words with a tooltip are explained at the end and pictures have a description."""
-    meanings = set(re.findall(r'<abbr title="([^"]+)"', html))
-    terms = html[html.index('<h2 id="terms"') :]
-    assert len(meanings) > 8
-    assert all(f"<dd>{meaning}</dd>" in terms for meaning in meanings)
-    page = Page(html)
-    described = [
-        value
-        for tag, name, value in page.attributes
-        if (tag, name) == ("svg", "aria-label") and value
-    ]
-    assert len(described) == page.tags.count("svg") > 0
-    assert "img" not in page.tags
-
-
-def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_report):
-    text, values = text_of(render(kitchen_report)), values_of(kitchen_report)
-    own, other = values["metrics"]["all"], values["baselines"]["frequency"]["all"]
-    for number in (own["mrr"], *own["mrr_ci"], other["mrr"], values["with_leaked"]["mrr"]):
-        assert f"{number:.3f}" in text
-    for check in values["checks"]:
-        assert check["name"] in text
-    assert "FAIL" not in text
-
-
 def test_a_failed_check_is_shown(kitchen_report):
     passed = kitchen_report.view.checks
     for check in passed:
@@ -553,18 +390,6 @@ def test_a_failed_check_is_shown(kitchen_report):
         assert f"FAIL {check.name}" in text_of(
             render(with_view(kitchen_report, checks=tuple(failed)))
         )
-
-
-@pytest.mark.slow
-def test_the_page_shows_the_curves_of_the_training(kitchen_model):
-    trace = [
-        TraceRow(epoch=1, loss=3.0, seconds=0.1),
-        TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1),
-    ]
-    report, without = made(kitchen_model, trace=trace), made(kitchen_model, trace=trace[:1])
-    assert {"loss", "valid"} & report.pictures.keys() == {"loss", "valid"}
-    assert {"loss", "valid"} & without.pictures.keys() == {"loss"}
-    assert "validation MRR" in text_of(render(report))
 
 
 def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
@@ -578,27 +403,6 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
     assert Page(render(report)).faults == []
     note = "this report has no neighbour and vote baselines"
     assert [note in text_of(render(one)) for one in (kitchen_report, report)] == [False, True]
-
-
-@pytest.mark.slow
-def test_more_queries_than_asked_for_are_sampled_uniformly(kitchen_model, split):
-    """Of more queries than asked for a uniform sample is ranked and said so."""
-    held_out = split.held_out("test")
-    report = made(kitchen_model, max_queries=80)
-    assert (report.view.queries, report.view.triples, report.view.sampled_from) == (
-        80,
-        40,
-        len(held_out),
-    )
-    assert {table["all"].queries for table in report.view.baselines.values()} == {80}
-    assert len(report.tables["ranks.csv"]) == 80
-    assert f"a uniform sample: 40 of {len(held_out)}" in render(report)
-    low, high = report.view.metrics["all"].mrr_ci
-    assert low < report.view.metrics["all"].mrr < high
-    leaked = len(split.triples_of("test")) - len(held_out)
-    assert report.view.with_leaked.queries == 80 + 2 * round(leaked * 40 / len(held_out))
-    again = made(kitchen_model, max_queries=80)
-    pd.testing.assert_frame_equal(again.tables["ranks.csv"], report.tables["ranks.csv"])
 
 
 @pytest.mark.parametrize("max_queries", [-1, 59])
@@ -627,17 +431,6 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
     ranks = pd.read_csv(tmp_path / "report" / "ranks.csv", keep_default_na=False)
     assert set(ranks["head"]) <= set(graph.entities)
     assert len(ranks) == 2 * len(awkward_graph.split.held_out("test"))
-
-
-def test_a_report_is_three_files(report_folder, kitchen_report):
-    assert sorted(path.name for path in report_folder.iterdir()) == [
-        "index.html",
-        "ranks.csv",
-        "report.json",
-    ]
-    written = json.loads((report_folder / "report.json").read_text(encoding="utf-8"))
-    SCHEMA.validate(written)
-    assert written == values_of(kitchen_report)
 
 
 def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(
@@ -676,15 +469,6 @@ def test_the_same_inputs_give_the_same_bytes(kitchen_model, report_folder, tmp_p
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("whole")
-def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model, values):
-    other, own = values_of(made(kitchen_model, seed=1))["metrics"]["all"], values["metrics"]["all"]
-    assert other["mrr"] == own["mrr"]
-    assert other["mrr_ci"] != own["mrr_ci"]
-    assert other["mrr_ci"] == pytest.approx(own["mrr_ci"], abs=0.03)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("whole")
 def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model):
     def states():
         return random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
@@ -692,44 +476,6 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
     before = states()
     made(kitchen_model)
     assert states() == before
-
-
-@pytest.mark.parametrize("end", [OutputExistsError, KeyboardInterrupt, None])
-def test_a_report_is_replaced_by_a_whole_one_on_force_alone(
-    kitchen_report, full_report, tmp_path, monkeypatch, end
-):
-    write_report(kitchen_report, tmp_path / "report")
-    if end is KeyboardInterrupt:
-        monkeypatch.setattr("wordcraft_kg.reports.pages.render", Mock(side_effect=end))
-    with pytest.raises(end) if end else nullcontext():
-        write_report(full_report, tmp_path / "report", force=end is not OutputExistsError)
-    written = json.loads((tmp_path / "report" / "report.json").read_text())
-    assert written["model"]["name"] == ("kitchen" if end else "kitchen-full")
-    assert [path.name for path in tmp_path.iterdir()] == ["report"]
-
-
-@pytest.mark.slow
-def test_a_cross_fitted_model_shows_left_out_metrics(
-    kitchen_model, kitchen_report, values, whole_report, full_report
-):
-    """A cross fitted model shows in sample and left out figures and probabilities."""
-    memory, record = values["in_sample"], kitchen_model.scorer.record
-    expected = {"folds": 5, "queries": record.queries, "in_sample_mrr": record.in_sample_mrr}
-    assert memory == {
-        **expected,
-        "left_out_mrr": record.mrr,
-        "test_mrr": values["metrics"]["all"]["mrr"],
-    }
-    assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
-    html = " ".join(render(kitchen_report).split())
-    assert all(
-        text in html
-        for text in ("Memory and generalisation", "with the entity itself has the base rate")
-    )
-    for other in (whole_report, full_report):
-        assert (other.view.in_sample, other.view.probabilities) == (None, ())
-        html = render(other)
-        assert not any(text in html for text in ("Memory and generalisation", ">Probabilities<"))
 
 
 def test_probabilities_are_compared_with_recipes_outside_train(kitchen_model, values, graph, split):

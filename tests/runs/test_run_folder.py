@@ -163,18 +163,6 @@ def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-@agent_slow
-def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, whole):
-    handler = signal.getsignal(signal.SIGINT)
-    with pytest.raises(
-        KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*Repeat the command"
-    ):
-        trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], lambda: ctrl_c(2)))
-    assert signal.getsignal(signal.SIGINT) is handler
-    assert read_run(tmp_path / "run").status == "interrupted"
-    assert learned(trainer.train(tmp_path / "run").folder) == whole
-
-
 def test_a_run_interrupted_twice_ends_with_the_same_bits(trainer, tmp_path, whole):
     """A run interrupted more than once keeps two checkpoints and ends with the bits of an undisturbed one."""
     for number in trainer.numbers[:4:2]:
@@ -183,20 +171,6 @@ def test_a_run_interrupted_twice_ends_with_the_same_bits(trainer, tmp_path, whol
     assert len(trainer.kind.checkpoints(tmp_path / "run").records()) == 2
     assert learned(trainer.train(tmp_path / "run").folder) == whole
     assert len(read_run(tmp_path / "run").resumed) == 2
-
-
-@agent_slow
-@pytest.mark.parametrize("is_finished", [pytest.param(True, marks=pytest.mark.slow), False])
-def test_forced_training_starts_anew_and_goes_on_as_the_new_run(
-    trainer, tmp_path, whole, is_finished
-):
-    out = (
-        trainer.train(tmp_path / "run", seed=1).folder
-        if is_finished
-        else interrupted(trainer, tmp_path / "run")
-    )
-    assert learned(trainer.train(interrupted(trainer, out, force=True)).folder) == whole
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 @agent_slow
@@ -220,17 +194,6 @@ def test_an_error_is_on_record_and_the_run_can_go_on(trainer, tmp_path, whole):
         trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], fail))
     assert read_run(tmp_path / "run").status == "failed"
     assert learned(trainer.train(tmp_path / "run").folder) == whole
-
-
-@agent_slow
-def test_an_existing_run_is_replaced_on_demand_only(trainer, tmp_path, whole):
-    trainer.train(tmp_path / "run")
-    with pytest.raises(OutputExistsError):
-        trainer.train(tmp_path / "run", seed=1)
-    assert learned(tmp_path / "run") == whole
-    trainer.train(tmp_path / "run", seed=1, force=True)
-    assert learned(tmp_path / "run") != whole
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def disk_full(monkeypatch, number):
@@ -304,17 +267,6 @@ def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(train
     with pytest.raises(ArtefactError, match=r"all checkpoints .* are damaged"):
         trainer.train(folder)
     assert read_run(folder).status == "interrupted"
-
-
-@agent_slow
-def test_a_run_that_goes_on_with_another_torch_says_so(trainer, tmp_path, caplog):
-    folder = interrupted(trainer, tmp_path / "run")
-    run = json.loads((folder / "run.json").read_text())
-    (folder / "run.json").write_text(
-        json.dumps({**run, "versions": {**run["versions"], "torch": "0.1"}})
-    )
-    trainer.train(folder)
-    assert "began with torch 0.1" in caplog.text
 
 
 def test_settings_that_were_changed_by_hand_are_refused(trainer, tmp_path):

@@ -48,17 +48,6 @@ def lines(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def stop_at(number):
-    """A progress callback that presses Ctrl-C."""
-    import signal
-
-    def progress(done, total, figures):
-        if done == number:
-            signal.raise_signal(signal.SIGINT)
-
-    return progress
-
-
 def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path):
     notes = Notes()
     train_agent(AGENT, tmp_path / "run", trackers=[notes])
@@ -70,38 +59,6 @@ def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path):
         }
     assert notes.ended == ["done"]
     assert {"success", "test_success", "train_success"} <= notes.rows[-1][1].keys()
-
-
-@pytest.mark.slow
-def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path, parted_folder):
-    notes = Notes()
-    settings = ComplExConfig(dim=4, epochs=3, n3=0.1, eval_every=2)
-    train_links(LinksConfig(str(parted_folder), settings), tmp_path / "model", trackers=[notes])
-    rows = [{"epoch": step, **values} for step, values in notes.rows]
-    assert rows == lines(tmp_path / "model/trace.jsonl")
-    assert ["valid_mrr" in row for row in rows] == [False, True, True]
-    assert notes.ended == ["done"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("train", "config", "stop"), [(train_links, LINKS, 1), (train_agent, AGENT, 800)]
-)
-def test_a_resumed_run_continues_where_the_interrupted_one_ended(train, config, stop, tmp_path):
-    one, other, whole = Notes(), Notes(), Notes()
-    assert train(config, tmp_path / "run", trackers=[one], progress=stop_at(stop)).interrupted
-    resume(tmp_path / "run", trackers=[other])
-    train(config, tmp_path / "whole", trackers=[whole])
-    assert (one.ended, other.ended) == (["interrupted"], ["done"])
-    timed = ("seconds", "steps_per_second")
-    both, once = (
-        [
-            (step, {name: value for name, value in values.items() if name not in timed})
-            for step, values in rows
-        ]
-        for rows in (one.rows + other.rows, whole.rows)
-    )
-    assert both == once
 
 
 def test_a_tracker_learns_that_a_run_has_failed(tmp_path):
@@ -167,16 +124,3 @@ def test_wandb_gets_settings_and_metrics_offline(tmp_path, monkeypatch):
     settings = options["settings"]
     assert (settings["mode"], settings["root_dir"]) == ("offline", str(tmp_path / "model"))
     assert (settings["host"], settings["username"], settings["x_disable_meta"]) == ("", "", True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("wish", "is_shown"), [(True, True), (False, False), (None, False)])
-def test_a_bar_is_shown_on_stderr_only_if_it_is_wished_for(wish, is_shown, tmp_path, capsys):
-    train_links(LINKS, tmp_path / "model", progress=wish)
-    train_agent(AGENT, tmp_path / "run", progress=wish)
-    shown = capsys.readouterr()
-    assert shown.out == ""
-    assert (
-        "links" in shown.err and "epoch 3 of 3" in shown.err and "step 1,600 of 1,600" in shown.err
-    ) == is_shown
-    assert bool(shown.err) == is_shown

@@ -29,7 +29,6 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
-from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.runs.run_folder import locked
 from wordcraft_kg.studies.engine import FullDiskError, Pool, missing_tasks, run_plan
 from wordcraft_kg.studies.perform import make_graph, perform
@@ -199,19 +198,6 @@ def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
     assert graph.read_bytes() == before
 
 
-@pytest.mark.slow
-def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
-    task = the("scorers", small_plan(text=TRAINED))
-    shutil.copytree(done / "graphs", tmp_path / "graphs")
-    folder = task.folder(tmp_path)
-    folder.mkdir(parents=True)
-    end_run(folder, start_run(folder, "train-complex"), "interrupted")
-    (folder / "checkpoints").mkdir()
-    (folder / "checkpoints" / "fold.json").write_text("{")
-    outcome = perform(task, tmp_path)
-    assert outcome.termination == "done", outcome.error
-
-
 def test_a_training_that_another_process_still_works_on_is_left_alone(tmp_path):
     plan = small_plan(text=TRAINED)
     task = the("scorers", plan)
@@ -294,16 +280,6 @@ def test_a_second_ctrl_c_ends_the_study_at_once(tmp_path):
 
     with pytest.raises(KeyboardInterrupt, match="1 of 10 tasks are done"):
         run_plan(small_plan(), tmp_path, Pool(1), work=work)
-
-
-def test_two_engines_do_not_work_in_one_folder(tmp_path):
-    # The lock belongs to an open file, so that this process stands for any other.
-    with (
-        own_results(tmp_path),
-        pytest.raises(ArtefactError, match="is being used for a study by another process"),
-    ):
-        run_small(tmp_path, work=pretend)
-    assert run_small(tmp_path, work=pretend)
 
 
 def test_a_study_whose_first_file_cannot_be_written_leaves_no_folder(tmp_path):

@@ -59,13 +59,6 @@ def test_p_values_are_corrected_over_all_points_of_the_grid():
     assert [point.title for point in view.points] == ["8 distractors", "1 distractor"]
 
 
-def test_a_single_seed_has_an_interval_over_tasks_only():
-    view = view_study(fabricate({"no graph": NO_GRAPH[4:], "guided": GUIDED[:1]}))
-    found = of(view, "guided")
-    assert (found.seed_interval, found.reached_interval) == (None, None)
-    assert found.interval[0] < 0.6 < found.interval[1]
-
-
 @pytest.mark.parametrize("pairs", [1, 2, 3])
 def test_below_three_seeds_there_is_no_p_value(pairs):
     view = view_study(fabricate({"no graph": NO_GRAPH[:pairs], "guided": GUIDED[:pairs]}))

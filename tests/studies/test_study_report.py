@@ -5,7 +5,6 @@ import csv
 import io
 import json
 import re
-import xml.etree.ElementTree as ET
 from itertools import product
 
 import jsonschema
@@ -22,7 +21,6 @@ from wordcraft_kg.studies.report import (
     make_study_report,
     panels_of,
     signed,
-    study_figure,
     tables_of,
     write_study_report,
 )
@@ -94,28 +92,6 @@ def test_equal_results_have_equal_files(view, tmp_path):
     one, other = make_study_report(view).files, make_study_report(again).files
     for name in ("table.csv", "figure.svg"):
         assert one[name] == other[name]
-
-
-def test_a_figure_has_a_panel_for_each_point(view):
-    root = ET.fromstring(study_figure(view))
-    texts = ["".join(text.itertext()) for text in root.iter() if text.tag.endswith("text")]
-    assert "Graphs & <agents>" in texts
-    assert {"8 distractors", "1 distractor"} <= set(texts)
-    assert texts.count("guided") == 2
-
-
-def test_a_variant_keeps_its_colour_where_others_are_missing():
-    points = [
-        ({"distractors": 8}, {"a": NO_GRAPH, "b": GUIDED}),
-        ({"distractors": 1}, {"b": GUIDED}),
-    ]
-    both, one = panels_of(view_study(fabricate(points))).values()
-    colours = []
-    for chart in (both, one):
-        (axes,) = chart.figure().get_axes()
-        colours.append({line.get_color() for line in axes.get_lines()})
-    assert colours[1] < colours[0]
-    assert len(colours[0]) == 2
 
 
 def test_a_study_of_doses_is_drawn_by_mrr():

@@ -14,7 +14,6 @@ import torch
 from wordcraft_kg.base.errors import ArtefactError
 
 ITEMS = ["flour", "hot water", "egg", "milk", "sugar"]
-RULES = "rules: look up. " + 5 * "flour is a part of bread. "
 
 
 @cache
@@ -169,32 +168,3 @@ def test_a_model_that_asks_for_far_more_than_its_weights_is_refused(model_folder
     (folder / "config.json").write_text(json.dumps(config))
     with pytest.raises(ArtefactError, match="num_hidden_layers is 1,000,000,000"):
         player()["Reader"](str(folder))
-
-
-@pytest.mark.parametrize(
-    "by",
-    [
-        pytest.param("generation", marks=pytest.mark.slow),
-        "constrained",
-        pytest.param("probabilities", marks=pytest.mark.slow),
-    ],
-)
-def test_equal_games_get_equal_answers_and_a_full_context_begins_anew(
-    reader, by, monkeypatch, capsys
-):
-    state = {"goal": "bread", "table": ITEMS, "attempts_left": 9}
-    game = [
-        {**state, "text": f"{RULES}\n\nbread", "new": True},
-        *[{**state, "text": "egg", "new": False}] * 9,
-    ]
-    monkeypatch.setattr(
-        "sys.stdin", io.StringIO("".join(json.dumps(line) + "\n" for line in game + game))
-    )
-    player()["play"](reader, by, 80, 4)
-    answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert len(answers) == 20
-    assert answers[:10] == answers[10:]
-    assert len(reader.ids) <= 80
-    if by != "generation":
-        assert answers[0] == "look up bread"
-        assert len(set(answers)) == 10

@@ -13,7 +13,7 @@ from tests.apps.explorer.conftest import LEARNED, SHORT
 from tests.apps.explorer.shown import HOSTILE, look, page_of, state_of, view_of
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, TaskConfig
-from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
+from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
@@ -30,8 +30,6 @@ from wordcraft_kg.graphs import (
     open_book,
     write_graph_folder,
 )
-
-LARGEST = 300 * 1024
 
 
 def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agents):
@@ -109,45 +107,6 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents):
     assert small.terminations == ()  # it was evaluated with eight
     with pytest.raises(ConfigError, match="this mlp was made for"):
         view_of(agents, EpisodeState(run="mlp", distractors=8))
-
-
-def test_the_form_asks_at_the_table_that_is_seen(agents):
-    episode = PAGES["episode"]
-    state = EpisodeState(part="train", task=9, distractor_seed=1, other=("plain",))
-    shown, sent = view_of(agents, state), look(agents, state).form("selection")
-    edited = view_of(agents, episode.read("", sent))
-    assert (edited.is_edited, edited.table) == (True, shown.table)
-    for again, agent in zip(edited.agents, shown.agents, strict=True):
-        assert again.explained.episode.steps == agent.explained.episode.steps
-    # An emptied line is taken off, a filled one is put on the table, and what is held is the first
-    # pick.
-    lines = [value for name, value in sent if name == "table"]
-    assert lines == [*shown.table, "", "", ""]
-    added = next(
-        label for label in agents.opened.graph.entities if label not in (*shown.table, shown.goal)
-    )
-    changed = [("table", line) for line in ("", *lines[1:-2], f"  {added} ", "")]
-    rest = [(name, value) for name, value in sent if name not in ("table", "selection")]
-    state = episode.read("", [*rest, *changed, ("selection", shown.table[1])])
-    edited = view_of(agents, state)
-    assert (edited.table, edited.selection) == ((*shown.table[1:], added), shown.table[1])
-    assert len(edited.first.episode.steps) == 1
-    text = look(agents, state).text
-    assert "edited table" in text
-    assert "Back to the original table" in text
-
-
-@pytest.mark.slow
-def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents):
-    state = EpisodeState(
-        goal="bread", table=agents.opened.graph.entities[:MOST_ON_TABLE], other=("plain", "mlp")
-    )
-    assert len(look(agents, state).page.encode()) < LARGEST
-    state = EpisodeState(goal=state.goal, table=state.table, other=("plain",))
-    view = view_of(agents, state)
-    assert len(view.first.episode.steps[0].slots) == MOST_ON_TABLE
-    shown = f"The {view.most_slots} slots with the highest logits; the table has {MOST_ON_TABLE}."
-    assert shown in look(agents, state).text
 
 
 def test_in_sample_scores_are_marked(agents, recipes_folder):
@@ -339,49 +298,6 @@ def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents, unfinishe
         assert not page_of(state).is_live(agents, state)
 
 
-def test_a_run_that_ends_while_it_is_looked_at_is_shown_as_done(agents, unfinished):
-    done, (explored, folder) = agents.runs["plain"], unfinished("running", 3)
-    seen = [view_of(explored, RunState()).row.steps]
-    shutil.copy(done / "metrics.jsonl", folder / "metrics.jsonl")
-    seen.append(view_of(explored, RunState()).row.steps)
-    shutil.copytree(done, folder, dirs_exist_ok=True)
-    view = view_of(explored, RunState())
-    assert seen == [256, 1_024]
-    assert (view.row.status, view.checkpoint, view.waits_for) == ("done", "final", "")
-    assert view_of(explored, TasksState()).table.counts
-    assert view_of(explored, EpisodeState()).first.episode.steps
-    assert not PAGES["run"].is_live(explored, RunState())
-
-
-def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(
-    kitchen_folder, tmp_path, monkeypatch
-):
-    from wordcraft_kg.agents.impala import Impala
-
-    update, seen = Impala.update, []
-    trainer = replace(SHORT, checkpoint_every=320, log_every=160)
-
-    def look(self):
-        update(self)
-        if self.update_number == 15:
-            explored = Explored.open(kitchen_folder, [], [tmp_path / "run"])
-            seen.append(view_of(explored, EpisodeState()).agents[0])
-            seen.append(view_of(explored, RunState()))
-
-    monkeypatch.setattr(Impala, "update", look)
-    train_agent(
-        AgentConfig(str(kitchen_folder), None, TaskConfig(distractors=2), LEARNED, trainer),
-        tmp_path / "run",
-    )
-    agent, run = seen
-    assert agent.checkpoint == run.checkpoint == "step 320"
-    assert len(agent.explained.episode.steps) == 2
-    assert (
-        run.waits_for == "Episodes use the weights of step 320; new weights follow every 320 steps."
-    )
-    assert [point.step for point in run.curves["test"]] == [0]
-
-
 BREAK: dict[str, Callable[[Path], object]] = {
     "run.json": lambda folder: (folder / "run.json").write_text("{"),
     "config.toml": lambda folder: (folder / "config.toml").write_text("[train-agent]\n"),
@@ -401,14 +317,6 @@ def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, un
         page = look(explored, state)
         assert page.text.count(rows[0].problem.split(". ")[0][:60]) == 1
         assert "data-live" not in page.page
-
-
-def test_a_run_that_begins_again_is_waited_for(unfinished):
-    explored, folder = unfinished("running", 3)
-    (folder / "run.json").unlink()
-    page = look(explored, RunState())
-    assert "The run has not started" in page.text
-    assert [attributes for _, attributes in page.tags if "data-live" in attributes]
 
 
 def test_a_site_of_files_has_no_episode_of_an_agent_that_cannot_be_asked(agents, tmp_path):

@@ -7,7 +7,6 @@ import pytest
 from refusals import refuses
 
 from tests.apps.explorer.shown import (
-    explored_by,
     explored_graph,
     look,
     view_by,
@@ -188,31 +187,6 @@ def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):
     cosines = [row.cosine for row in found]
     assert cosines == sorted(cosines, reverse=True)
     assert cosines[0] > 0.3
-
-
-def test_an_entity_whose_words_have_no_vector_is_like_none_by_words():
-    explored = explored_graph([("bread", "water", "qqxzzq"), ("qqxzzq", "water", "cake")])
-    assert view_of(explored, EntityState("qqxzzq")).by_words is None
-    assert [row.entity for row in view_of(explored, EntityState("bread")).by_words] == [
-        "cake",
-        "water",
-    ]
-
-
-def test_many_recipes_come_page_by_page(of_recipes):
-    rows = [("hub", f"part {i:03}", f"thing {i:03}") for i in range(250)]
-    explored = explored_by(of_recipes(rows, kind="by-recipe-plain"))
-    pages = [view_of(explored, RecipesState("hub", page=page)) for page in (1, 2, 3)]
-    assert [len(page.recipes) for page in pages] == [100, 100, 50]
-    assert len({row.recipe.result for page in pages for row in page.recipes}) == 250
-    assert pages[0].paging.pages == 3
-    assert len(view_of(explored, EntityState("hub")).used_in.recipes) == 12
-    with refuses("page"):
-        view_of(explored, RecipesState("hub", page=4))
-    assert view_of(explored, RecipesState("hub", "makes")).recipes == ()
-    of_test = view_of(explored, RecipesState("hub", part="test"))
-    assert {row.part for row in of_test.recipes} == {"test"}
-    assert of_test.paging.total == pages[0].parts["test"] < 250
 
 
 def test_the_partner_of_an_entity_may_be_itself():

@@ -1,6 +1,5 @@
 """The pages of links, pairs, ranks and two models: scores, in-sample marks, evidence, and texts."""
 
-import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
@@ -158,14 +157,6 @@ def test_a_book_without_a_split_has_pages_too(of_recipes):
     assert pair.has_seen_the_test_recipes
 
 
-def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(explored, of_recipes):
-    assert "%" in look(explored, EntityState("bread")).text
-    assert view_of(explored, EntityState("bread")).has_probabilities
-    plain = of_recipes(MANY, kind="by-recipe-plain")
-    assert not view_by(plain, EntityState("part 1")).has_probabilities
-    assert view_by(plain, held_out(plain)[1]).probability is None
-
-
 def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder):
     explored = Explored.open(kitchen_folder)
     view = view_of(explored, EntityState("bread"))
@@ -185,29 +176,3 @@ def test_a_graph_without_recipes_has_no_pair_in_the_menu():
     for state in (EntityState(), PairState()):
         with pytest.raises(ConfigError, match="The graph has no"):
             view_of(explored, state)
-
-
-def test_what_speaks_for_a_prediction_is_named_beside_it(explored):
-    state = EntityState("bread", model="kitchen-recipes")
-    text, named = look(explored, state).text, 0
-    for slot, row in [(one, row) for one in view_of(explored, state).slots for row in one.best]:
-        head, tail = slot.head or row.entity, slot.tail or row.entity
-        for witness in row.reason.witnesses:
-            like = (head, witness.head) if witness.tail == tail else (tail, witness.tail)
-            recipe = witness.recipes[0]
-            shown = (
-                f"{like[0]} is like {like[1]}: {' + '.join(recipe.ingredients)} → {recipe.result}"
-            )
-            assert shown in text
-            named += 1
-    assert named > 10
-
-
-def test_a_link_shows_how_far_each_train_recipe_speaks_for_it(explored):
-    a, b = explored.opened.graph.labels(np.array(explored.opened.split.held_out("test")[0])[[0, 2]])
-    state = LinkState(a, "combinesWith", b, "kitchen-recipes")
-    witnesses, text = view_of(explored, state).reason.witnesses, look(explored, state).text
-    assert witnesses
-    for witness in witnesses:
-        assert f"{witness.head} combinesWith {witness.tail}" in text
-        assert f"{witness.weight:.3f} {100 * witness.share:.0f} %" in text

@@ -1,11 +1,9 @@
 """Paths: the cheapest derivation, its layers, and goals that cannot be made."""
 
 import pytest
-from refusals import refuses
 
 from tests.apps.explorer.shown import client_of, explored_graph, look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages import path as paths
 from wordcraft_kg.apps.explorer.pages.entity import EntityState
 from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.apps.explorer.rendering import Site
@@ -95,15 +93,6 @@ def test_the_view_says_what_unmakeable_entities_lack():
         ("one", ("one",)),
     ]
     assert (view.sources, view.num_sources, view.recipes) == (("gone", "lost"), 2, 2)
-
-
-def test_a_long_path_is_listed_page_by_page(monkeypatch):
-    monkeypatch.setattr(paths, "STEPS_A_PAGE", 4)
-    view = path_to("00009", *chain(9), page=3)
-    assert [step.number for step in view.listed] == [9]
-    assert (view.paging.pages, view.steps) == (3, 9)
-    with refuses("page"):
-        path_to("00009", *chain(9), page=4)
 
 
 CHAIN = [

@@ -1,6 +1,5 @@
 """A site as files: complete, with links that lead somewhere, and of safe names."""
 
-import json
 import re
 import shutil
 from dataclasses import replace
@@ -8,13 +7,11 @@ from urllib.parse import unquote
 
 import pytest
 
-from tests.apps.explorer.shown import HOSTILE, Shown, explored_graph
+from tests.apps.explorer.shown import HOSTILE, Shown
 from wordcraft_kg.apps.explorer import export
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.base.errors import OutputExistsError
-from wordcraft_kg.base.progress import listening
 
 LOADING = ("link", "script", "img")
 
@@ -63,33 +60,6 @@ def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages):
         assert "Content-Security-Policy" in page.page
 
 
-@pytest.mark.slow
-def test_the_record_says_what_was_written(static_site, explored):
-    record = json.loads((static_site / "site.json").read_text())
-    sizes = [page.stat().st_size for page in static_site.rglob("*.html")]
-    assert (record["pages"], record["bytes"], record["largest"]) == (
-        len(sizes),
-        sum(sizes),
-        max(sizes),
-    )
-    assert (record["graph_hash"], record["skipped"]) == (explored.opened.graph.hash, {})
-    assert (set(record["models"]), set(record["runs"])) == (
-        set(explored.models),
-        set(explored.runs),
-    )
-
-
-@pytest.mark.slow
-def test_the_search_file_has_every_entity_the_most_used_first(static_site, explored):
-    text = (static_site / "search.js").read_text()
-    found = json.loads(text.removeprefix("window.entities = ").removesuffix(";\n"))
-    graph = explored.opened.graph
-    assert sorted(label for label, _ in found) == sorted(graph.entities)
-    used = [int(graph.use_counts[graph.id_of(label)]) for label, _ in found]
-    assert used == sorted(used, reverse=True)
-    assert all((static_site / file).is_file() for _, file in found)
-
-
 def test_labels_make_safe_file_names_and_none_is_lost(hostile, hostile_site):
     pages = list((hostile_site / "entity").iterdir())
     assert len(pages) == hostile.opened.graph.num_entities == len(HOSTILE) + 3
@@ -97,14 +67,6 @@ def test_labels_make_safe_file_names_and_none_is_lost(hostile, hostile_site):
     assert not [
         page for page in hostile_site.rglob("*.html") if "<script>alert" in page.read_text()
     ]
-
-
-def test_an_export_reports_each_page(tmp_path):
-    small, reported = explored_graph([("a", "b", "c")]), []
-    with listening(lambda stage, done, total: reported.append((stage, done < total))):
-        export_site(small, tmp_path / "site")
-    assert reported[0] == ("writing pages", True)
-    assert reported[-1] == ("writing pages", False)
 
 
 def test_the_same_site_has_the_same_bytes(hostile, hostile_site, tmp_path):
@@ -115,18 +77,6 @@ def test_the_same_site_has_the_same_bytes(hostile, hostile_site, tmp_path):
 
     export_site(Explored(hostile.opened), tmp_path / "again")
     assert content(tmp_path / "again") == content(hostile_site)
-
-
-def test_a_site_is_replaced_only_on_request(tmp_path):
-    small, site, other = explored_graph([("a", "b", "c")]), tmp_path / "site", tmp_path / "other"
-    for is_forced in (False, True):
-        export_site(small, site, force=is_forced)
-    other.mkdir()
-    (other / "notes.txt").write_text("mine")
-    for out, is_forced in ((site, False), (other, True)):
-        with pytest.raises(OutputExistsError):
-            export_site(small, out, force=is_forced)
-    assert (other / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.slow

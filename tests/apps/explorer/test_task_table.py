@@ -4,12 +4,9 @@ tasks get labels."""
 import numpy as np
 import pytest
 
-from wordcraft_kg.agents.agent_folder import read_agent_run
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_entity
-from wordcraft_kg.agents.records import PlayedTask, read_episodes
-from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.agents.records import PlayedTask
 from wordcraft_kg.apps.explorer.pages.tasks import (
     TASKS_A_PAGE,
     ListedTask,
@@ -19,7 +16,6 @@ from wordcraft_kg.apps.explorer.pages.tasks import (
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.task_search import make_tasks
-from wordcraft_kg.graphs.tasks import TaskSet
 
 
 def played_at_random(opened, depth):
@@ -71,33 +67,3 @@ def test_drawn_tasks_are_said_to_be_drawn(opened):
     found = view_task_table(tasks)
     assert (found.tasks, found.is_complete, found.paging.pages) == (70, False, 2)
     assert view_task_table(make_tasks(opened.graph, 1)).is_complete
-
-
-def test_only_what_is_shown_gets_labels(opened, monkeypatch):
-    """A large book has hundreds of thousands of tasks."""
-    tasks, lines = played_at_random(opened, 2)
-    results, asked = TaskResults.of(tasks, lines), []
-    labels = TaskSet.__getitem__
-    monkeypatch.setattr(
-        TaskSet, "__getitem__", lambda self, index: asked.append(index) or labels(self, index)
-    )
-    found = view_task_table(tasks, results, page=2)
-    assert (
-        asked == [row.number for row in found.rows] == list(range(TASKS_A_PAGE, 2 * TASKS_A_PAGE))
-    )
-    assert len(tasks) > 5 * TASKS_A_PAGE
-
-
-def test_the_results_of_a_run_are_those_of_its_evaluation(opened, tmp_path):
-    trainer = ImpalaConfig(steps=64, batch_size=16, eval_every=0)
-    config = AgentConfig("kitchen", None, TaskConfig(distractors=1), trainer=trainer)
-    folder = train_agent(config, tmp_path / "run").folder
-    summary = read_agent_run(folder).evaluation
-    for part in ("train", "test"):
-        results = TaskResults.of(
-            make_tasks(opened.graph, 1, opened.split, part), read_episodes(folder)
-        )  # type: ignore[arg-type]
-        assert (results.distractor_seeds == 5).all()
-        assert results.won.sum() / results.distractor_seeds.sum() == pytest.approx(
-            summary.success[part].mean
-        )  # type: ignore[index]

@@ -3,10 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from refusals import refuses
-from scipy.stats import binomtest
 
 from wordcraft_kg.apps.people.config import TASKS_PER_PART
 from wordcraft_kg.apps.people.protocol import HumanProtocol, episode_seed, schedule
@@ -131,15 +128,6 @@ def test_the_header_and_an_answer_have_nothing_about_people(protocol, kitchen):
         "success",
         "seconds",
     ]
-
-
-@given(st.integers(1, 10_000), st.data())
-def test_the_wilson_interval_is_scipys(n, data):
-    successes = data.draw(st.integers(0, n))
-    expected = tuple(binomtest(successes, n).proportion_ci(0.95, method="wilson"))
-    low, high = wilson_interval(successes, n)
-    assert (low, high) == pytest.approx(expected, abs=1e-12)
-    assert 0 <= low <= successes / n <= high <= 1
 
 
 @pytest.mark.parametrize(("successes", "n"), [(0, 0), (-1, 3), (4, 3)])

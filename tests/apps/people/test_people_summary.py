@@ -14,7 +14,7 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.apps.people.comparison import agent_successes
 from wordcraft_kg.apps.people.protocol import AgentGame, HumanProtocol, Session
 from wordcraft_kg.apps.people.summary import view_people
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.models.policies.states import States
@@ -86,25 +86,6 @@ def test_one_person_alone_has_no_interval_over_people(protocol):
     parts = summed(session(protocol, "111")).conditions[0].parts
     assert parts["train"].people_interval is None
     assert (parts["test"].interval, parts["test"].rate, parts["test"].people) == (None, None, 0)
-
-
-def test_numbers_of_distractors_are_conditions_of_their_own(protocol):
-    few = HumanProtocol(protocol.world, 1, tasks=3)
-    view = summed(session(protocol, "110"), session(few, "100100"), session(few, "000", 2.0))
-    shown = [
-        (one.distractors, one.parts["train"].successes, one.sessions, one.finished)
-        for one in view.conditions
-    ]
-    assert shown == [(1, 1, 2, 1), (8, 2, 1, 0)]
-
-
-def test_sessions_with_other_seeds_belong_together(protocol):
-    """Sessions with other seeds belong together and other settings do not."""
-    other = HumanProtocol(protocol.world, seed=1, tasks=3)
-    assert summed(session(protocol, "1"), session(other, "1")).sessions == 2
-    longer = HumanProtocol(protocol.world, tasks=4)
-    with pytest.raises(ConfigError, match=r"'1' has tasks_per_part 4, but '0' has 3"):
-        summed(session(protocol, "1"), session(longer, "1"))
 
 
 @pytest.mark.parametrize("what", ["graph", "split"])

@@ -111,14 +111,6 @@ def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed, lines):
 
 
 @pytest.mark.slow
-def test_the_game_fits_80_columns(typed):
-    outcome = typed(
-        ["?", "zzz", "1 2"], "play", "everyday", "--distractors", "40", "--episodes", "1"
-    )
-    assert max(map(len, outcome.out.splitlines())) <= 80
-
-
-@pytest.mark.slow
 def test_input_that_is_not_text_is_bad_input():
     command, environment = (
         [sys.executable, "-m", "wordcraft_kg"],
@@ -151,28 +143,6 @@ def test_options_that_cannot_be_are_one_line(typed, tmp_path, monkeypatch, optio
     monkeypatch.chdir(tmp_path)
     assert message in refused(typed([], *PLAY, *options.split()))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_tally_goes_along_with_the_game(typed):
-    words = [word for number in (1, 2) for word in solution(number, part="all")[0]]
-    shown = typed([*words, "1 1", "1 1", "q"], *PLAY, "--seed", "0").out
-    headings = [line.partition("   ")[2] for line in shown.splitlines() if "Goal: " in line]
-    assert headings[:4] == [
-        "",
-        "(goals made: 1 of 1)",
-        "(goals made: 2 of 2)",
-        "(goals made: 2 of 3)",
-    ]
-    assert "3 of 7. Goal: " in typed(["1 1"] * 2, *PLAY, "--seed", "0", "--episodes", "7").out
-
-
-def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed):
-    command = (*PLAY, "--episodes", "3")
-    first, second = (typed(["1 1"] * 3, *command).out for _ in range(2))
-    seed = first.split("--seed ")[1].strip()
-    assert seed != second.split("--seed ")[1].strip()
-    assert typed(["1 1"] * 3, *command, "--seed", seed).out == first
-    assert 0 <= json.loads(typed([], *PLAY, "--json").out)["seed"] < 1_000_000
 
 
 @pytest.mark.parametrize(
@@ -229,11 +199,3 @@ def test_the_game_is_that_of_the_environment(typed):
         2,
         2,
     )
-
-
-def test_the_game_ends_when_everything_is_known(typed, tmp_path):
-    book = tmp_path / "book.csv"
-    book.write_text("ingredient_a,ingredient_b,result\na,b,c\nc,c,d\n")
-    command = ("play", book, "--open-ended", "--base", "a,b", "--json")
-    values = json.loads(typed(["a + b", "c + c", "this is not read any more"], *command).out)
-    assert (values["base"], values["known"], values["attempted"]) == (["a", "b"], 4, 2)

@@ -22,7 +22,6 @@ from wordcraft_kg.apps.people.answers_database import (
     ANSWERS_FILE,
     AnswersDatabase,
     Cell,
-    read_answers,
 )
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
@@ -163,16 +162,6 @@ def test_people_are_assigned_to_the_cell_that_fewest_have_begun(study, answers):
         Cell(1, 1),
         Cell(1, 8),
     ] * 2
-
-
-def test_of_equally_begun_cells_the_least_finished_comes_first(study, answers):
-    people = [begin(answers, study) for _ in range(4)]
-    for person, count in zip(people, (6, 6, 5), strict=False):
-        go_on(answers, study, person, count)
-    assert [begin(answers, study).cell for _ in range(3)] == [
-        people[place].cell for place in (2, 3, 0)
-    ]
-    assert answers.stored().finished == 2
 
 
 def test_people_who_begin_at_once_are_spread_evenly(study, answers):
@@ -501,9 +490,3 @@ def test_a_database_that_was_not_finished_is_made_again(study, folder):
     (folder / f".{ANSWERS_FILE}.new").write_bytes(b"half")
     take_part(folder, study, 1)
     assert sorted(contents(folder)) == FILES
-
-
-def test_reading_needs_the_file(folder):
-    (folder / ANSWERS_FILE).unlink()
-    with pytest.raises(ArtefactError, match=r"answers\.sqlite is missing"):
-        read_answers(folder / ANSWERS_FILE, "0" * 64)

@@ -285,17 +285,6 @@ def test_a_double_click_and_a_form_sent_again_are_one_answer(browser, code):
     assert browser.lines() == first
 
 
-def test_a_copy_of_a_test_answer_leads_on(browser, code):
-    for _ in range(4):
-        browser.take(code, 1, 2)
-    kept = browser.lines()
-    for place, leads in ((2, "end"), (3, "end"), (0, "feedback/1")):
-        browser.answer(code, 4, 4, place=place)
-        assert browser.place == f"/s/{code}/{leads}"
-    assert browser.lines() == kept
-    assert len(kept) == 4
-
-
 NO_ANSWERS = (
     ("", "", ""),
     ("0", "", ""),
@@ -316,17 +305,6 @@ def test_a_form_that_is_no_answer_to_this_task_leads_back_to_it(browser, code):
         browser.post(f"/s/{code}/answer", {name: value for name, value in form.items() if value})
         shown = (browser.status, browser.place, browser.lines())
         assert shown == (200, f"/s/{code}/task", []), answer
-
-
-def test_people_do_not_see_each_others_tasks_as_answered(browser):
-    one, other = browser.begin(), browser.begin()
-    for code in (one, one, other):
-        browser.take(code, 1, 2)
-    assert [(line.session, line.number, line.form) for line in browser.lines()] == [
-        (1, 1, 0),
-        (1, 2, 0),
-        (2, 1, 1),
-    ]
 
 
 def test_nothing_of_a_request_is_stored_and_no_cookie_is_set(browser):
@@ -405,18 +383,6 @@ def test_what_is_too_long_or_of_another_method_is_refused(browser, code):
         assert (
             browser.client.post(f"/s/{code}/answer", content=content).url.path == f"/s/{code}/task"
         )
-
-
-def test_the_files_of_the_pages_are_there_and_no_others(browser):
-    for name, kind in (
-        ("explorer.css", "text/css"),
-        ("study.css", "text/css"),
-        ("study.js", "text/javascript"),
-    ):
-        answer = browser.client.get(f"/files/{name}")
-        assert (answer.status_code, answer.headers["content-type"].partition(";")[0]) == (200, kind)
-    for name in ("app.py", "..%2fapp.py", "layout.html.j2", "%00"):
-        assert browser.client.get(f"/files/{name}").status_code == 404
 
 
 def test_an_error_within_shows_nothing_of_itself(browser, code, monkeypatch):

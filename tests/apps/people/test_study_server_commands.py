@@ -170,17 +170,6 @@ def test_options_that_cannot_be_write_nothing(run, tmp_path, monkeypatch, option
     assert not Path("study").exists()
 
 
-@pytest.mark.slow
-def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path):
-    text = tmp_path / "consent.txt"
-    text.write_bytes(
-        b"\xef\xbb\xbfWhat it is about. \r\n  It takes long.\r\n\r\n\r\n \r\nDo you agree?\r\n"
-    )
-    with served(tmp_path / "study", "--consent", str(text)) as (_, address):
-        shown = re.findall(r"<p>(.*?)</p>", page(address), re.DOTALL)
-    assert shown[:2] == ["What it is about.\nIt takes long.", "Do you agree?"]
-
-
 def test_the_export_has_a_line_for_each_answer_and_the_study_stays(summary, begun, tmp_path):
     out = tmp_path / "answers.jsonl"
     with unchanged(begun):
@@ -215,17 +204,6 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(summary, begun):
     assert text[2] == "  over 2 people       [0.500, 0.500]"
     assert text[-3].startswith("95 % intervals: Wilson")
     assert max(map(len, text)) <= 80
-
-
-def test_several_studies_are_summed_up_together(summary, begun, tmp_path):
-    study = HumanStudy("kitchen", StudyConfig(tasks=2, distractors=(8,), seed=3))
-    with kept_answers(tmp_path / "other", study) as answers:
-        answers.begin("nobody", study.cells)
-        assert summary(tmp_path / "other").out.count("no answers") == 2
-        go_on(answers, study, answers.begin("somebody", study.cells), 1)
-    values = json.loads(summary(begun, tmp_path / "other", "--json").out)
-    assert values["sessions"] == 6
-    assert values["conditions"][1]["parts"]["train"]["answered"] == 4
 
 
 def test_a_summary_refuses_what_it_cannot_sum_up(summary, begun, tmp_path):

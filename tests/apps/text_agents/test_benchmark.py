@@ -36,14 +36,12 @@ from wordcraft_kg.apps.text_agents.benchmark import (
     read_manifest,
 )
 from wordcraft_kg.apps.text_agents.benchmark_players import (
-    Entrant,
     RunSettings,
     enter,
     reproduce,
 )
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run, bench_verify
 from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
-from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import (
     SCHEMA,
@@ -54,7 +52,6 @@ from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
-    EpisodeError,
     GraphMismatchError,
     OutputExistsError,
     PlayerError,
@@ -275,13 +272,6 @@ def test_other_facts_are_replayed_but_not_reproduced(copied, values):
     edit(folder, **values)
     with pytest.raises(ArtefactError, match="but the given player has"):
         reproduce(folder, verify(folder), "votes")
-
-
-def test_a_record_of_games_cannot_reproduce_them(copied):
-    folder = copied()
-    edit(folder, kind="mcp")
-    with pytest.raises(ConfigError, match="expected a player that plays here"):
-        reproduce(folder, verify(folder), "mcp:games.jsonl")
 
 
 def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
@@ -558,21 +548,6 @@ def test_a_forced_run_keeps_the_earlier_until_it_is_complete(submitted, tmp_path
     assert verify(out) == verify(submitted(player=PROGRAM))
 
 
-def test_a_forced_run_that_is_refused_at_the_end_changes_nothing(submitted, copied, monkeypatch):
-    folder = copied()
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-
-    def enter(*_):
-        return "random", Entrant(
-            "me", [GameRecord(pairs=(("no such item", "no such item"),))] * 100
-        )
-
-    monkeypatch.setattr(benchmark_players, "enter", enter)
-    with pytest.raises(EpisodeError, match="which is not on the table"):
-        bench_run("craft-8-lite", player="random", out=folder, force=True)
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
 @pytest.fixture
 def kitchen_track(opened_kitchen, monkeypatch):
     """The kitchen's test tasks, in place of any track."""
@@ -647,13 +622,6 @@ def test_a_model_declares_the_knowledge_from_outside_its_recipes(kitchen_track, 
     )
 
 
-def test_verification_names_each_folder_and_fails_if_one_is_refused(submitted, tmp_path, capsys):
-    assert bench_verify(submitted(), tmp_path) == 1
-    first, second = capsys.readouterr().out.splitlines()[-2:]
-    assert first.startswith("replayed  craft-8-lite  partial KG, votes  0.")
-    assert second.startswith(f"refused  {tmp_path}/submission.json is missing")
-
-
 def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_path):
     """The leaderboard has a table for each track and refuses edited submissions."""
     page = tmp_path / "page.md"
@@ -688,18 +656,6 @@ def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_pat
         write_leaderboard(tmp_path / "nothing", page)
 
 
-def test_the_leaderboard_shows_hashes_of_weights_and_prompts_tokens_and_seconds(copied, tmp_path):
-    folder = copied("craft-8-lite", PROGRAM)
-    edit(folder, weights={"model": OTHER}, tokens={"input": 1_000, "output": 9}, seconds=12.3)
-    write_leaderboard(tmp_path / "copy", tmp_path / "page.md")
-    prompts = verify(folder).prompt_hash[:8]
-    lines = (tmp_path / "page.md").read_text().splitlines()
-    assert f"    - weights: model {OTHER[:8]}" in lines
-    assert f"    - prompts: standard {prompts}" in lines
-    assert "    - cost: 1,009 tokens, 12 s" in lines
-    assert not [line for line in lines if "look-ups:" in line], "a fact that the player lacks"
-
-
 HOSTILE = {
     "player": "![x](//example.org/x.png) **bold** example.org",
     "training_data": "[x](https://example.org) _data_ www.example.org",
@@ -722,6 +678,7 @@ def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
     assert shown["player"] in details
     assert f"<li>training data: {shown['training_data']}</li>" in details
     assert f"<li>licence: {shown['licence']}</li>" in details
+    assert "<li>cost: 1,009 tokens, 12 s</li>" in details
     assert table.count("<td>") == table.count("<th>") == 5
     for part in (table, details):
         assert not [mark for mark in ("<a", "<img", "<strong", "<em", "<s>") if mark in part]
@@ -772,16 +729,6 @@ def test_a_name_that_stands_twice_in_a_track_is_marked(submitted, tmp_path):
     assert marked("votes", "random", **other) == 0
 
 
-def test_a_folder_name_begins_no_line_of_its_own_on_the_screen(submitted, tmp_path, capsys):
-    folder = tmp_path / "x\x1b[2J\nreplayed  craft-8  me  1.000"
-    folder.mkdir()
-    for file in submitted().glob("*.json*"):
-        (folder / file.name).write_bytes(file.read_bytes())
-    bench_verify(folder)
-    (line,) = capsys.readouterr().out.splitlines()[-1:]
-    assert line.endswith("x<U+001B>[2J<U+000A>replayed  craft-8  me  1.000")
-
-
 @pytest.mark.parametrize(
     ("name", "shown"),
     [("my model", "my model"), ("a|b`c", "a-b-c"), ("a\nb", "a-b"), ("", "not declared")],
@@ -817,17 +764,6 @@ def test_a_run_prints_the_share_of_answers_that_are_read(submitted, tmp_path, ca
     write_leaderboard(tmp_path, tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
     assert re.search(rf"\| answers read \| mark \|\n.*\n.* \| {share:.1%} \| replayed \|", page)
-
-
-@pytest.mark.parametrize("name", ["everyday-v2/craft-8-lite", "everyday-v1/craft-8"])
-def test_a_track_of_another_edition_says_what_changed_and_how_to_play_again(name):
-    edition = name.partition("/")[0]
-    with pytest.raises(
-        ConfigError, match=f"{edition} is another edition than everyday-v3, which"
-    ) as error:
-        open_track(name)
-    assert "bench run" in str(error.value)
-    assert open_track("everyday-v3/craft-8-lite").name == "craft-8-lite"
 
 
 def archived(folder, path, names=("submission.json", "games.jsonl")):

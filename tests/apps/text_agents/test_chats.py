@@ -11,7 +11,6 @@ from wordcraft_kg.agents.players import random_distinct, recipe_oracle
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.chats import (
     CLOSING,
-    COMBINE,
     ChatCounts,
     ChatSettings,
     chat_rows,
@@ -61,12 +60,6 @@ def test_a_conversation_is_what_a_rollout_of_the_same_game_reads_and_says():
         assert environment.get_reward() == 1
         assert len(turns) == 2 * row["attempts"] == 2 * row["depth"]
         assert row["goal"] == environment.talk.game.goal
-
-
-@pytest.mark.slow
-def test_the_tool_is_described_as_trl_describes_it():
-    get_json_schema = pytest.importorskip("transformers.utils").get_json_schema
-    assert get_json_schema(CraftingEnvironment().combine) == COMBINE
 
 
 def test_text_conversations_are_those_of_players_by_text():
@@ -177,25 +170,6 @@ def test_the_same_command_writes_the_same_bytes_and_another_seed_others(run, tmp
         files.append(out.read_bytes())
     assert files[0] == files[1]
     assert files[0] != files[2]
-
-
-@pytest.mark.slow
-def test_a_file_that_exists_is_kept_and_a_failure_leaves_nothing(run, tmp_path):
-    out = tmp_path / "sft.jsonl"
-    out.write_text("mine")
-    refused = run("chats", "kitchen", "--tasks", "3", "--out", out)
-    assert (refused.code, refused.kind, out.read_text()) == (1, "OutputExistsError", "mine")
-    assert [*tmp_path.iterdir()] == [out]
-    assert run("chats", "kitchen", "--tasks", "3", "--out", out, "--force").code == 0
-    assert len(out.read_text().splitlines()) == 3
-    # A random player that solves nothing: the file stays as it was.
-    before = out.read_bytes()
-    nothing = run(
-        *("chats", "kitchen", "--player", "random", "--depth", "2", "--tasks", "2"),
-        *("--distractors", "20", "--out", out, "--force"),
-    )
-    assert (nothing.code, "no conversation is left" in nothing.err) == (1, True)
-    assert out.read_bytes() == before
 
 
 def test_bad_options_are_refused(run, tmp_path):

@@ -99,12 +99,6 @@ def test_a_leaked_test_recipe_is_refused_by_name(splits, kind):
         SCRIPT["trees"](splits, recipes, tokens, np.random.default_rng(0))
 
 
-def test_splits_of_two_books_are_refused(splits):
-    other = open_graph("paper-examples").split
-    with pytest.raises(ValueError, match="another book"):
-        SCRIPT["learned"]([splits[0], other], 0)
-
-
 @pytest.mark.parametrize(
     "track",
     [
@@ -128,25 +122,6 @@ def test_no_recipe_that_solves_a_task_of_a_track_is_learned(track):
     }
     assert len(asked) >= 100
     assert not asked & learned
-
-
-@pytest.mark.slow
-@torch.no_grad()
-def test_a_tree_has_the_loss_of_its_texts_one_by_one():
-    model = tiny()
-    batch = [
-        Tree([1, 2, 3], [[4, 5, 6], [4, 7], [8]]),
-        Tree([9, 2], [[10, 11, 12, 13]]),
-    ]
-    losses = []
-    for tree in batch:
-        for branch in tree.branches:
-            text = [*tree.stem, *branch]
-            rows = model(torch.tensor([text])).logits[0].log_softmax(-1)
-            places = range(len(tree.stem), len(text))
-            losses += [-float(rows[place - 1, text[place]]) for place in places]
-    assert len(losses) == 10
-    assert float(SCRIPT["loss_of"](model, batch)) == pytest.approx(np.mean(losses), abs=1e-5)
 
 
 @torch.no_grad()
@@ -259,31 +234,6 @@ def test_a_file_that_chats_by_text_did_not_write_is_refused(
         SCRIPT["read_chats"](other, splits, 5)
 
 
-def test_batches_hold_each_tree_once_and_few_tokens(splits):
-    of = grown(splits)(np.random.default_rng(0))
-    made = SCRIPT["batches"](of, 200, np.random.default_rng(0))
-    assert sorted(id(tree) for batch in made for tree in batch) == sorted(map(id, of))
-    padded = [len(batch) * max(tree.size for tree in batch) for batch in made if len(batch) > 1]
-    assert max(padded) <= 200
-    assert sum(tree.size for tree in of) > 0.7 * sum(padded)
-
-
-def test_training_lowers_the_loss_and_leaves_embeddings_and_lower_layers(splits, tmp_path):
-    model = tiny()
-    before = {name: value.clone() for name, value in model.state_dict().items()}
-    settings = Settings(folds=5, layers=1, epochs=6, lr=3e-2, batch=200)
-    rows = list(SCRIPT["train"](model, grown(splits), settings, tmp_path))
-    assert [row["step"] for row in rows] == list(range(1, rows[0]["of"] + 1))
-    few = len(rows) // 4
-    first, last = ([row["loss"] for row in part] for part in (rows[:few], rows[-few:]))
-    assert np.mean(last) < np.mean(first) - 0.3
-    changed = {
-        name for name, value in model.state_dict().items() if not torch.equal(value, before[name])
-    }
-    assert any(name.startswith("model.layers.1.") for name in changed)
-    assert not any("layers.0" in name or "embed" in name or "lm_head" in name for name in changed)
-
-
 def test_training_in_two_parts_gives_the_same_bits(splits, tmp_path):
     whole, parts = tiny(), tiny()
     of = grown(splits)
@@ -297,28 +247,6 @@ def test_training_in_two_parts_gives_the_same_bits(splits, tmp_path):
     assert [row["loss"] for row in begun + rest] == [row["loss"] for row in rows]
     for name, value in whole.state_dict().items():
         assert torch.equal(value, parts.state_dict()[name]), name
-
-
-def test_a_state_of_other_settings_or_texts_is_refused(splits, tmp_path):
-    list(SCRIPT["train"](tiny(), grown(splits), SMALL, tmp_path, stop_after=1))
-    other = Settings(folds=5, layers=1, epochs=1, lr=2e-2, batch=200)
-    with pytest.raises(ValueError, match="other settings or texts"):
-        list(SCRIPT["train"](tiny(), grown(splits), other, tmp_path))
-    with pytest.raises(ValueError, match="other settings or texts"):
-        list(SCRIPT["train"](tiny(), grown(splits[:1]), SMALL, tmp_path))
-
-
-def test_tables_hold_a_right_pair_and_eight_distractors(splits):
-    split = splits[1]
-    left_out = make_folds(split, 5).recipes_of(0)
-    asked = list(SCRIPT["tables"](split, left_out, 10, np.random.default_rng(0)))
-    assert len(asked) == 10
-    train = {split.graph.entities[goal] for goal in SCRIPT["learned"]([split], 5)[:, 2]}
-    for goal, items, right in asked:
-        assert len(items) in (9, 10)
-        assert any(pair <= set(items) for pair in right)
-        assert goal not in items
-        assert goal not in train
 
 
 @pytest.fixture(scope="module")
@@ -377,37 +305,6 @@ def test_answers_are_drawn_from_the_models_probabilities(reinforcing):
     assert reader.ids == []
 
 
-class LowTokens:
-    """Rewards answers whose first token is below 50."""
-
-    def reward(self, row, answer):
-        return float(int(answer.split()[0]) < 50)
-
-
-def reinforced(reinforcing, written, state, **parts):
-    rows = [json.loads(line) for line in written.read_text().splitlines()][:30]
-    settings = reinforcing["Settings"](layers=1, steps=24, groups=3, new_tokens=2, lr=2e-2)
-    reader = TinyReader()
-    figures = list(
-        reinforcing["reinforce"](reader, rows, LowTokens(), settings, state, save_every=5, **parts)
-    )
-    return reader.model, figures
-
-
-@pytest.mark.slow
-def test_reinforcement_raises_the_reward_and_goes_on_with_the_same_bits(
-    reinforcing, written, tmp_path
-):
-    whole, figures = reinforced(reinforcing, written, tmp_path / "whole")
-    rewards = [row["reward"] for row in figures]
-    assert np.mean(rewards[-6:]) > np.mean(rewards[:6]) + 0.2
-    _, begun = reinforced(reinforcing, written, tmp_path / "parts", stop_after=12)
-    parts, rest = reinforced(reinforcing, written, tmp_path / "parts")
-    assert [row["reward"] for row in begun + rest] == rewards
-    for name, value in whole.state_dict().items():
-        assert torch.equal(value, parts.state_dict()[name]), name
-
-
 @pytest.mark.slow
 def test_a_first_answer_is_rewarded_as_in_the_game(reinforcing, written):
     games = reinforcing["Games"]("kitchen")
@@ -423,18 +320,3 @@ def test_a_first_answer_is_rewarded_as_in_the_game(reinforcing, written):
     other = row | {"id": f"kitchen-train-{depth}-{distractors}-{int(task) + 1}-{table}"}
     with pytest.raises(ValueError, match="is another game of 'kitchen' than in its file"):
         games.reward(other, right)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [({"groups": 31}, "30 games to learn, and 31 groups"), ({"answers": 1}, "found 1 answers")],
-)
-def test_settings_that_teach_nothing_are_refused(reinforcing, written, tmp_path, wrong, message):
-    rows = [json.loads(line) for line in written.read_text().splitlines()][:30]
-    settings = reinforcing["Settings"](**wrong)
-    with pytest.raises(ValueError, match=message):
-        reinforcing["check"](settings, len(rows))
-    steps = reinforcing["reinforce"](TinyReader(), rows, LowTokens(), settings, tmp_path)
-    with pytest.raises(ValueError, match=message):
-        next(steps)

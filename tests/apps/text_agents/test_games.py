@@ -23,7 +23,6 @@ from wordcraft_kg.apps.text_agents.results import (
 )
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.base.errors import (
-    ActionError,
     EpisodeError,
     LeakError,
 )
@@ -108,16 +107,6 @@ def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen):
     for message, left in (("nonsense", 4), ("1 1", 3), ("nonsense", 3), ("nonsense", 2)):
         talk.hear(message)
         assert talk.game.attempts_left == left
-
-
-def test_many_games_at_once_do_not_touch_each_other(games):
-    def begin(task):
-        return Conversation(games.begin(task, distractor_seed=1))
-
-    alone = [(talk.opening, talk.hear("1 2")) for talk in map(begin, range(6))]
-    talks = [begin(task) for task in range(6)]
-    assert [talk.opening for talk in talks] == [opening for opening, _ in alone]
-    assert [talk.hear("1 2") for talk in reversed(talks)] == [reply for _, reply in reversed(alone)]
 
 
 def test_a_game_that_is_given_up_takes_no_attempt_more(games):
@@ -260,14 +249,6 @@ def test_answers_with_names_make_all_goals_of_numbers():
         made.append(talk.game.is_made)
     assert len(made) > 20
     assert all(made)
-
-
-def test_without_knowledge_nothing_can_be_looked_up(games):
-    talk = Conversation(games.begin(0))
-    assert "look up" not in talk.opening
-    assert talk.hear("look up bread").startswith("Invalid answer")
-    with pytest.raises(ActionError, match="You have no look-ups left"):
-        talk.consult("bread")
 
 
 def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, kitchen):

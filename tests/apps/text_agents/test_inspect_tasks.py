@@ -3,41 +3,25 @@ logs read back."""
 
 import importlib
 import logging
-import re
 import subprocess
 import sys
 import tomllib
-from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import wordcraft_kg
-from tests.apps.text_agents.scripted import PLAYERS, picks_of
-from wordcraft_kg import WordCraftConfig, World, save_scorer
-from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
+from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
-from wordcraft_kg.apps.text_agents.records import PlayedSettings
-from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
-from wordcraft_kg.envs.words import prompt_hash
-from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:The 'initial' parameter is deprecated:DeprecationWarning"
 )
-
-KEYS = {
-    "by_plan": "by_plan",
-    "actions_per_game": "actions",
-    "ci_low": "ci_low",
-    "ci_high": "ci_high",
-}
 
 
 def inspect_ai():
@@ -124,76 +108,6 @@ def total(log, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "settings", "log_format"),
-    [
-        ("random", {"distractors": 1, "distractor_seeds": 2, "tasks": 16}, "eval"),
-        pytest.param(
-            "full graph",
-            {"distractors": 3, "distractor_seeds": 1, "tasks": 16, "depth": 2, "attempts": 3},
-            "json",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            "oracle", {"distractors": 8, "distractor_seeds": 1}, "eval", marks=pytest.mark.slow
-        ),
-        pytest.param(
-            "random",
-            {"distractors": 1, "distractor_seeds": 3, "depth": 2, "tasks": 60},
-            "eval",
-            marks=pytest.mark.slow,
-        ),
-    ],
-    ids=["depth 1", "depth 2", "oracle", "many"],
-)
-def test_a_model_like_a_scripted_player_has_its_evaluation(
-    kitchen, play, name, settings, log_format
-):
-    """A model that plays like a scripted player has its evaluation to the last digit."""
-    amounts = {"depth": settings.get("depth", 1), "max_attempts": settings.get("attempts")}
-    config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
-    world, distractor_seeds, tasks = (
-        World(kitchen, config),
-        settings["distractor_seeds"],
-        settings.get("tasks"),
-    )
-    player = PLAYERS[name](kitchen)
-    everything = Evaluator(world, distractor_seeds=distractor_seeds)(
-        player
-    )  # a task's table does not depend on the other tasks
-    chosen = chosen_tasks(world, tasks)
-    expected = Evaluation(
-        *(getattr(everything, field.name)[chosen] for field in fields(Evaluation))
-    )
-    assert 0 < expected.success.mean() < 1 or name == "oracle"
-    task = crafting("kitchen", **settings)
-    log = play(
-        task, scripted(task, picks_of(player, world, distractor_seeds)), log_format=log_format
-    )
-
-    metrics, figures = metrics_of(log), expected.metrics()
-    assert metrics["success"] == figures.mean
-    assert {name: metrics[name] for name in KEYS} == {
-        name: getattr(figures, key) for name, key in KEYS.items()
-    }
-    # The games of one task are not independent, nor are tasks that the split holds out together.
-    rates = expected.success.mean(axis=1)
-    groups, number = np.unique(expected.groups, return_inverse=True)
-    sums = np.bincount(number, weights=rates - rates.mean())
-    variance = len(groups) / (len(groups) - 1) * (sums**2).sum() / len(rates) ** 2
-    assert metrics["stderr"] == pytest.approx(variance**0.5)
-
-    result = read_inspect_log(log.location)
-    evaluation = result.evaluation(kitchen)
-    assert (evaluation.metrics(), evaluation.shares()) == (figures, expected.shares())
-    assert (result.model, total(result, "invalid_actions")) == ("mockllm/model", 0)
-    assert result.settings == PlayedSettings.of(
-        world, kitchen.split, distractor_seeds=distractor_seeds, tasks=tasks
-    )
-    assert log.eval.task_version == prompt_hash()[:12]
-
-
-@pytest.mark.slow
 def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
     kitchen,
 ):
@@ -236,36 +150,6 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     assert [total(result, name) for name in ("invalid_actions", "lost_attempts")] == [9, 3]
     prompts = [message.text for message in log.samples[0].messages if message.role == "user"]
     assert prompts[1].startswith("Invalid answer: no answer")
-
-
-@pytest.mark.slow
-def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play):
-    def answer(messages):
-        return "look up bread" if turn(messages) < 2 else "1 + 2"
-
-    log = play(crafting("kitchen", tasks=2, knowledge="partial", look_ups=1), answer)
-    messages = [message.text for message in log.samples[0].messages]
-    assert "You have 1 look-up." in messages[0]
-    assert messages[3].startswith("Known recipes with bread:\n")
-    assert "You have no look-ups left" in messages[5]
-    result = read_inspect_log(log.location)
-    counts = [total(result, name) for name in ("look_ups", "invalid_actions")]
-    assert (counts, result.settings.look_ups) == ([2, 2], 1)
-
-    without = read_inspect_log(play(crafting("kitchen", tasks=2), answer).location)
-    counts = [total(without, name) for name in ("look_ups", "invalid_actions")]
-    assert (counts, without.settings.knowledge) == ([0, 4], "none")
-
-
-@pytest.mark.slow
-def test_a_scorer_that_remembers_the_tasks_is_refused(tmp_path, kitchen):
-    """A scorer that remembers the tasks is refused before the first game."""
-    scorer = SymbolicScorer(kitchen.graph, kitchen.split.partial)
-    save_scorer(tmp_path / "model", scorer, kitchen, kg="partial")
-    with pytest.raises(our_tasks().InspectTaskError, match="has no folds"):
-        crafting("kitchen", part="train", knowledge="scorer", scorer=str(tmp_path / "model"))
-    task = crafting("kitchen", tasks=1, knowledge="scorer", scorer=str(tmp_path / "model"))
-    assert len(task.metadata["wordcraft_kg"]["settings"]["scorer"]) == 64
 
 
 @pytest.mark.slow
@@ -430,13 +314,6 @@ def test_inspect_finds_both_tasks_by_the_package_s_name():
         "wordcraft_kg/crafting",
         "wordcraft_kg/discovery",
     ]
-
-
-def test_nothing_else_of_the_package_imports_inspect():
-    importing = re.compile(r"^\s*(?:import|from) inspect_ai\b", re.MULTILINE)
-    files = Path(wordcraft_kg.__file__).parent.rglob("*.py")
-    found = {path.name for path in files if importing.search(path.read_text())}
-    assert found == {"inspect_tasks.py", "inspect_log.py"}
 
 
 @pytest.mark.slow

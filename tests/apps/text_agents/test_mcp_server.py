@@ -273,29 +273,6 @@ def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen):
     connect(make_server(hosted(open_ended=True, attempts=4)), play)
 
 
-def test_look_ups_are_counted_and_cost_no_attempt():
-    """Look ups cost no attempt are counted and only offered with knowledge."""
-
-    async def names(client):
-        return [tool.name for tool in (await client.list_tools()).tools]
-
-    async def play(call):
-        game = (await call("begin", task=0))[1]["game"]
-        text, facts = await call("look_up", game=game, item="the Bread")
-        assert text == "Known recipes with bread:\n" + "\n".join(facts["facts"])
-        assert (facts["item"], facts["look_ups_left"]) == ("bread", 1)
-        assert "expected an item name" in (await call("look_up", game=game, item="unicorn"))[0]
-        assert (await call("look_up", game=game, item="water"))[1]["look_ups_left"] == 0
-        assert (await call("look_up", game=game, item="water"))[1] is None
-        assert (await call("state", game=game))[1]["attempts_left"] == 1
-
-    without, with_knowledge = hosted(), hosted(knowledge="partial", look_ups=2)
-    assert {*connect(make_server(with_knowledge), names)} - {
-        *connect(make_server(without), names)
-    } == {"look_up"}
-    play_by_tools(with_knowledge, play)
-
-
 def test_finished_games_are_forgotten_first_then_the_oldest(tmp_path):
     """Finished games are forgotten first then the oldest which are recorded."""
     host = HostedGames(hosted().play, most=3)
@@ -404,19 +381,6 @@ def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path):
     with pytest.raises(ArtefactError, match="is damaged"), games_writer(path, header_of(host)):
         pass
     assert path.stat().st_mtime_ns == before
-
-
-def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path):
-    path, host = tmp_path / "games.jsonl", hosted(open_ended=True, attempts=2)
-    for _ in range(2):
-        with games_writer(path, header_of(host)) as host.keep:
-            game = host.begin()
-            game.attempt("1", "1")
-            game.attempt("1", "2")
-    assert [(one.distractor_seed, len(one.known_after)) for one in games_of(path)] == [
-        (0, 2),
-        (1, 2),
-    ]
 
 
 async def transcript(call, task):

@@ -19,15 +19,12 @@ from starlette import testclient
 from starlette.websockets import WebSocketDisconnect
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
-from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
 from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
 from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import read_games
-from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
 from wordcraft_kg.apps.text_agents.submission import replay
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
-from wordcraft_kg.base.errors import ConfigError
 
 ROOT = Path(__file__).parents[3]
 HAS_WEB_SOCKETS = importlib.util.find_spec("websockets") is not None
@@ -87,17 +84,6 @@ def test_a_plan_by_each_kind_of_action_earns_the_reward():
                     rewards.append(last["reward"])
                 assert sum(rewards) == 1
                 assert (last["done"], last["metadata"]["success"]) == (True, True)
-
-
-def test_shaped_rewards_come_with_each_step():
-    games = kitchen_games(depths=(2,), reward="official")
-    with session(client_of(games)) as ask:
-        seen(ask("reset", {"index": 0}))
-        pairs = solution(games.plays["train"][0], 0)
-        rewards = [
-            seen(ask("step", {"first": one, "second": other}))["reward"] for one, other in pairs
-        ]
-    assert rewards == [1, 1]
 
 
 def test_a_row_of_the_data_set_a_name_and_an_index_are_the_same_game():
@@ -212,15 +198,6 @@ def test_invalid_answers_of_any_length_count_and_end_the_game():
         assert ask("state")["data"] == {"episode_id": "mine", "step_count": 4}
 
 
-def test_items_that_are_not_on_the_table_are_invalid_and_cost_nothing():
-    with session(client_of()) as ask:
-        begun = seen(ask("reset", {"index": 0}))["observation"]
-        for action in ({"first": "unicorn", "second": "1"}, {"answer": "unicorn + dragon"}):
-            after = seen(ask("step", action))
-            assert after["observation"]["text"].startswith("Invalid answer:")
-            assert after["observation"]["attempts_left"] == begun["attempts_left"]
-
-
 def test_look_ups_need_knowledge():
     games = kitchen_games("test", (1,), knowledge="partial", look_ups=1)
     with session(client_of(games)) as ask:
@@ -313,31 +290,6 @@ def test_malformed_requests_are_refused_in_json(name, body, status):
     assert (answer.status_code, "detail" in answer.json()) == (status, True)
 
 
-def test_recorded_games_replay_to_the_byte(tmp_path):
-    settings = EvaluationSettings(part="all", distractors=2, depth=2)
-    play = Play.open("kitchen", settings)
-    path = tmp_path / "games.jsonl"
-    header = GamesHeader(player="clients", settings=play.settings)
-    with (
-        games_writer(path, header) as keep,
-        session(client_of(GameList({"all": [play]}), keep=keep)) as ask,
-    ):
-        for index in range(5):
-            done = seen(ask("reset", {"index": index, "seed": index}))["done"]
-            while not done:
-                done = seen(ask("step", {"answer": f"1 + {index % 3 + 1}"}))["done"]
-        ask("reset", {"index": 9})  # left unfinished, and not recorded
-    games = read_games(path)[1]
-    assert [(game.task, game.distractor_seed) for game in games] == [(n, n) for n in range(5)]
-    for game in games:
-        again = play.begin(game.task, game.distractor_seed)
-        for pair in game.pairs:
-            again.combine(*pair)
-        assert (again.game.is_made, tuple(again.game.pairs)) == (game.success, game.pairs)
-        assert again.game.start == game.table
-        assert game.messages[-1].endswith(again.game.state)
-
-
 def test_games_of_a_track_become_a_submission_that_verifies(tmp_path, run):
     track = open_track("craft-1-lite")
     play = track.play()
@@ -411,13 +363,6 @@ def test_a_lost_game_cannot_be_played_again_because_the_disk_was_full(tmp_path, 
     assert [(one.task, len({*one.last})) for one in read_games(path)[1]] == [(0, 1), (0, 2)]
 
 
-def test_parts_are_told_apart_by_name():
-    games = GameList({"test": [open_play("kitchen", "test", 1, 2, None)]})
-    with pytest.raises(ConfigError, match="the part 'train' is not offered"):
-        games.named("kitchen-train-1-2-0-0")
-    assert games.named("kitchen-test-1-2-0-3").distractor_seed == 3
-
-
 @contextmanager
 def running(*options, files=None):
     """Run the command in another process, with a limit of open files; yield it with its address."""
@@ -441,38 +386,6 @@ def running(*options, files=None):
     finally:
         process.kill()
         process.communicate()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
-def test_two_hundred_sessions_play_at_once_and_killed_clients_disturb_none():
-    from websockets.asyncio.client import connect
-
-    async def play(address, index):
-        """Play two games and return all answers."""
-        answers = []
-        async with connect(f"ws{address[4:]}/ws", proxy=None) as socket:
-            for kind, data in (
-                *(("reset", {"index": index}), ("step", {"answer": "1 + 2"})),
-                *(("reset", {"index": index + 1}), ("step", {"answer": "x" * 100_000})),
-            ):
-                await socket.send(json.dumps({"type": kind, "data": data}))
-                answers.append(json.loads(await socket.recv()))
-        return answers
-
-    async def together(address):
-        killed = [await connect(f"ws{address[4:]}/ws", proxy=None) for _ in range(20)]
-        tasks = [asyncio.create_task(play(address, index)) for index in range(200)]
-        for socket in killed:
-            socket.transport.abort()  # what the system does to the sockets of a killed process
-        return await asyncio.gather(*tasks), [await play(address, index) for index in (0, 99, 199)]
-
-    with running("--sessions", "230") as (process, address):
-        answers, alone = asyncio.run(together(address))
-        assert [answers[0], answers[99], answers[199]] == alone
-        assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 0
 
 
 @pytest.mark.slow

@@ -169,13 +169,6 @@ def test_repeated_unknown_and_impossible_games_are_refused_and_kept(play, games,
     assert lines_of(games) == edited
 
 
-def test_games_in_another_order_have_the_same_result(play, games):
-    before = row_of(play("--json"))
-    header, *lines = lines_of(games)
-    games.write_text("".join([header, *reversed(lines)]), encoding="utf-8")
-    assert row_of(play("--json")) == before
-
-
 def test_a_folder_in_which_another_process_plays_is_left_alone(play, games):
     play(limit=2)
     before = lines_of(games)

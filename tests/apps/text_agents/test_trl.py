@@ -1,6 +1,5 @@
 """The environment and data set for TRL, by what TRL 1.16 asks of them."""
 
-import inspect
 import json
 
 import pytest
@@ -9,7 +8,6 @@ from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
 from wordcraft_kg.apps.text_agents.trl import (
     CraftingEnvironment,
-    LookUpEnvironment,
     crafting_rows,
 )
 from wordcraft_kg.base.errors import ConfigError, EpisodeError
@@ -47,22 +45,6 @@ def test_the_pairs_of_a_plan_earn_the_reward(depth):
         assert environment.get_reward() == 1
         assert "You made" in last
         assert environment.record.success
-
-
-def test_shaped_rewards_are_those_of_the_paper():
-    row = next(iter(rows_of(depth=2, reward="official")))
-    environment = begun(row)
-    plan = plan_of(environment)
-    play(environment, row, plan)
-    assert environment.get_reward() == pytest.approx(2)  # 1 for the intermediate, 1 for the goal
-    table = environment.record.table
-    useless = next(
-        (one, one) for one in table if not len(environment.talk.game.graph.results(one, one))
-    )
-    play(environment, row, [useless])
-    assert environment.get_reward() == pytest.approx(-0.1)
-    play(environment, {**row, "reward": "sparse"}, [useless])
-    assert environment.get_reward() == 0
 
 
 def test_all_rollouts_of_a_row_play_the_same_game():
@@ -107,24 +89,6 @@ def test_invalid_calls_are_counted_and_end_the_game_at_last():
     assert environment.get_reward() == 0
 
 
-def test_numbers_from_a_model_are_read():
-    environment = begun(rows_of(depth=1)[0])
-    first = environment.talk.game.labels[0]
-    environment.combine(1, 1)
-    assert environment.record.pairs == ((first, first),)
-
-
-def test_look_ups_are_offered_by_the_other_class_alone():
-    row = rows_of(part="test", depth=1, knowledge="partial", look_ups=1)[0]
-    assert "look_up" in row["prompt"][0]["content"]
-    environment = begun(row, LookUpEnvironment())
-    entity = environment.talk.game.graph.entities[0]
-    assert "Goal:" in environment.look_up(entity)
-    assert "no look-ups left" in environment.look_up(entity)
-    assert environment.record.look_ups == 1
-    assert not hasattr(CraftingEnvironment, "look_up")
-
-
 def test_a_row_of_another_split_or_a_changed_row_is_refused_by_name():
     row = rows_of(part="train", depth=1)[0]
     for changes, says in (
@@ -150,20 +114,6 @@ def test_the_prompt_is_complete_and_reset_adds_nothing_to_it():
     prompt = row.pop("prompt")[0]["content"]
     assert environment.reset(**row) == prompt
     assert environment.talk.game.state in prompt
-
-
-def test_trl_finds_the_tools_and_no_other_method():
-    """TRL takes all public functions of the class except `reset` and `get_reward` as tools."""
-    for kind, tools in (
-        (CraftingEnvironment, {"combine"}),
-        (LookUpEnvironment, {"combine", "look_up"}),
-    ):
-        public = {
-            name
-            for name, _ in inspect.getmembers(kind, predicate=inspect.isfunction)
-            if not name.startswith("_")
-        }
-        assert public - {"reset", "get_reward"} == tools
 
 
 def test_rows_are_plain_json():

@@ -11,13 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import safetensors.torch
 import torch
 from link_helpers import interrupt_after, rewritten, same_files, train
 from refusals import refuses
 from resumption import resume
 
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, LeakError, TrainingError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
@@ -104,17 +103,6 @@ def test_the_record_has_each_models_rank_of_its_own_fold(folded, opened_kitchen)
     assert set(FILES) < set(run["outputs"])
 
 
-@pytest.mark.slow
-def test_a_model_whose_scorer_is_a_table_has_folds_without_its_parameters(opened_kitchen, tmp_path):
-    config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=2)
-    folder = train(opened_kitchen, config, tmp_path / "model").folder
-    names = set(safetensors.torch.load_file(folder / FILES[1]))
-    assert names == {"fold0.scores", "fold1.scores", "of_recipe"}
-    scorer = load_scorer(folder)
-    assert not isinstance(scorer, FactoredScorer)
-    assert not torch.equal(scorer.left_out(0).table(1), scorer.left_out(1).table(1))
-
-
 def test_a_fold_is_trained_as_a_model_of_its_triples_alone(parted_kitchen, tmp_path):
     folder = train(parted_kitchen, replace(SHORT, eval_every=1), tmp_path / "model").folder
     triples = make_folds(parted_kitchen.split, 3).triples([1])
@@ -193,18 +181,6 @@ def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, mon
 # --- interruptions --------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_progress_counts_the_epochs_of_the_folds(opened_kitchen, tmp_path):
-    calls = []
-    train(
-        opened_kitchen,
-        SHORT,
-        tmp_path / "model",
-        progress=lambda done, total, figures: calls.append((done, total)),
-    )
-    assert calls == [(done, 16) for done in range(1, 17)]
-
-
 @pytest.mark.parametrize(
     "epoch", [pytest.param(5, marks=pytest.mark.slow), pytest.param(9, marks=pytest.mark.slow), 14]
 )
@@ -244,20 +220,6 @@ def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(
         resume(folder)
     assert ("Training fold 1 again" in caplog.text) == is_damaged
     assert same_files(folder, folded)
-
-
-@pytest.mark.slow
-def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(opened_kitchen, tmp_path, monkeypatch):
-    def fail(*arguments):
-        raise TrainingError("the loss is no longer a finite number.")
-
-    monkeypatch.setattr(cross_fitting, "fit", fail)
-    with pytest.raises(
-        TrainingError, match=r"no longer a finite number\. The checkpoint of epoch 4 is safe"
-    ):
-        train(opened_kitchen, SHORT, tmp_path / "model")
-    monkeypatch.undo()
-    assert not resume(tmp_path / "model").interrupted
 
 
 # --- side by side ---------------------------------------------------------------------------------

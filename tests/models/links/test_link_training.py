@@ -4,9 +4,6 @@ and bad settings."""
 import json
 import re
 import shutil
-import sys
-import threading
-import tomllib
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
@@ -115,19 +112,6 @@ def test_the_same_seed_gives_the_same_bytes_and_settings(parted_kitchen, tmp_pat
     assert open_graph(recorded.graph).split.hash == parted_kitchen.split.hash
 
 
-@pytest.mark.parametrize(
-    "config",
-    [SHORT, pytest.param(RESUMED["distmult by softmax"], marks=pytest.mark.slow)],
-    ids=["complex", "distmult"],
-)
-def test_another_seed_gives_another_model(opened_kitchen, tmp_path, config):
-    models = [
-        train(opened_kitchen, replace(config, seed=seed), tmp_path / str(seed))
-        for seed in (0, 1, 2**31)
-    ]
-    assert len({weights(model) for model in models}) == 3
-
-
 def test_the_global_generators_do_not_influence_a_training(opened_kitchen, tmp_path):
     models = []
     for seed in (1, 2):
@@ -189,21 +173,6 @@ def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder)
     assert [path for path in complex_folder.iterdir() if path.is_dir()] == []
 
 
-def test_no_environment_variable_and_no_home_folder_goes_into_the_records(
-    opened_kitchen, tmp_path, monkeypatch
-):
-    monkeypatch.setenv("SOME_TOKEN", "s3cr3t-value")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(
-        sys, "argv", [str(tmp_path / "bin" / "wordcraft-kg"), "--out", str(tmp_path / "m")]
-    )
-    folder = train(opened_kitchen, SHORT, tmp_path / "m").folder
-    text = "".join(path.read_text() for path in folder.glob("*") if path.suffix != ".safetensors")
-    assert json.loads((folder / "run.json").read_text())["argv"] == ["wordcraft-kg", "--out", "~/m"]
-    assert "s3cr3t-value" not in text
-    assert str(tmp_path) not in text
-
-
 def test_a_model_and_its_graph_can_be_moved_together(tmp_path, parted_folder):
     shutil.copytree(parted_folder, tmp_path / "here" / "graphs" / "kitchen")
     opened = open_graph(tmp_path / "here" / "graphs" / "kitchen")
@@ -212,34 +181,6 @@ def test_a_model_and_its_graph_can_be_moved_together(tmp_path, parted_folder):
     assert (
         open_model(tmp_path / "there" / "models" / "kitchen").opened.split.hash == opened.split.hash
     )
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        'a "quoted" name',
-        "バン",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("brot & käse", "bread 🍞")),
-    ],
-)
-def test_a_graph_folder_may_have_any_name(tmp_path, parted_folder, name):
-    shutil.copytree(parted_folder, tmp_path / name)
-    opened = open_graph(tmp_path / name)
-    folder = train(opened, SHORT, tmp_path / "model").folder
-    assert (
-        tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))["train-complex"]["dim"]
-        == 8
-    )
-    assert open_model(folder).opened.graph == opened.graph
-
-
-def test_the_metrics_say_what_was_trained(complex_folder, opened_kitchen):
-    metrics = json.loads((complex_folder / "metrics.json").read_text())
-    entities, triples = opened_kitchen.graph.num_entities, opened_kitchen.split.partial
-    assert metrics["parameters"] == 2 * 8 * (entities + 2)
-    assert (metrics["kg"], metrics["triples"], metrics["epochs"]) == ("partial", len(triples), 4)
-    ranks = rank_triples(load_scorer(complex_folder), triples, triples)
-    assert metrics["train_mrr"] == pytest.approx(ranking_metrics(ranks).mrr)
 
 
 def test_validation_runs_every_so_many_epochs_and_at_the_end(parted_kitchen, tmp_path):
@@ -285,17 +226,6 @@ def test_the_full_graph_trains_on_all_triples_and_remembers_them(opened_kitchen,
     assert "test recipes" in (trained.folder / "README.md").read_text()
 
 
-def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, complex_folder):
-    found = []
-    config = ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0)
-    thread = threading.Thread(
-        target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model"))
-    )
-    thread.start()
-    thread.join()
-    assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
-
-
 # --- interruption and resumption ------------------------------------------------------------------
 
 
@@ -321,15 +251,6 @@ def test_a_run_whose_graph_has_moved_goes_on(tmp_path, parted_folder):
     graph.rename(moved)
     assert same(resume(folder, graph=str(moved)), whole)
     assert Path(open_model(folder).opened.source).resolve() == moved.resolve()
-
-
-def test_an_interruption_in_the_last_epoch_finishes_the_run(opened_kitchen, tmp_path):
-    trained = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(5))
-    assert (trained.interrupted, trained.folder, trained.metrics.epochs) == (
-        False,
-        tmp_path / "model",
-        5,
-    )
 
 
 def test_resuming_on_another_split_is_an_error(tmp_path, opened_kitchen, parted_folder):

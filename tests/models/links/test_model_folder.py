@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 import torch
 from graph_folders import write_graph
-from link_helpers import contents, flip_bit, random_graph, train
+from link_helpers import flip_bit, random_graph, train
 from refusals import refuses
 from small_scorers import embeddings
 
@@ -29,12 +29,9 @@ from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
     GraphMismatchError,
-    OutputExistsError,
 )
-from wordcraft_kg.evaluation.links import view_links
-from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs import write_graph_folder
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 
@@ -61,22 +58,6 @@ def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder, 
     assert (
         opened.provenance["weights"]
         == json.loads((complex_folder / "run.json").read_text())["outputs"]["model.safetensors"]
-    )
-
-
-@pytest.mark.parametrize(
-    ("folder", "model"),
-    [
-        ("elsewhere", "../model"),
-        pytest.param("graph", "{}", marks=pytest.mark.slow),
-        pytest.param(".", "model", marks=pytest.mark.slow),
-    ],
-)
-def test_a_model_finds_its_graph_from_anywhere(on_disk, tmp_path, monkeypatch, folder, model):
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / folder)
-    assert (
-        open_model(model.format(on_disk[0])).opened.split.hash == open_graph(on_disk[1]).split.hash
     )
 
 
@@ -201,17 +182,6 @@ def test_an_opened_folder_says_what_the_scorer_has_seen(kg, mine, opened_kitchen
     assert card.startswith("---\nlibrary_name: wordcraft-kg\n")
 
 
-@pytest.mark.slow
-def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_kitchen, tmp_path):
-    mine = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
-    model = open_model(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))
-    links = rank_links(model.scorer, model.opened, model.kg)
-    saved = view_links(links, provenance=model.provenance)
-    direct = view_links(rank_links(mine, opened_kitchen))
-    assert saved.metrics == direct.metrics
-    assert saved.metrics["all"].mrr == saved.baselines["frequency"]["all"].mrr
-
-
 def test_all_that_a_folder_holds_is_hashed(mine, opened_kitchen, tmp_path):
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
     for name in ("model.safetensors", "vocabulary.json", "config.toml"):
@@ -258,17 +228,6 @@ def test_scores_that_are_not_finite_are_refused(bad, opened_kitchen, tmp_path):
 def test_what_it_has_seen_has_to_be_one_of_two(mine, opened_kitchen, tmp_path):
     with refuses("kg"):
         save_scorer(tmp_path / "x", mine, opened_kitchen, kg="some")
-
-
-def test_a_folder_that_exists_is_replaced_only_by_force(mine, opened_kitchen, tmp_path):
-    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
-    before = contents(folder)
-    with pytest.raises(OutputExistsError):
-        save_scorer(folder, mine, opened_kitchen, kg="full")
-    assert contents(folder) == before
-    save_scorer(folder, mine, opened_kitchen, kg="full", force=True)
-    assert open_model(folder).kg == "full"
-    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_table_that_is_too_large_is_refused_before_it_is_computed(

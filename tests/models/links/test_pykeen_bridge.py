@@ -1,7 +1,6 @@
 """The guard around PyKEEN's global seeding, and what of PyKEEN's logging it lets through."""
 
 import gc
-import logging
 import math
 import random
 import subprocess
@@ -24,7 +23,6 @@ from wordcraft_kg.graphs import RELATIONS
 from wordcraft_kg.models.links.builders import ComplExN3
 from wordcraft_kg.models.links.pykeen_bridge import (
     pykeen_guard,
-    quiet_pykeen,
     seed_everything,
     triples_factory,
 )
@@ -33,11 +31,6 @@ from wordcraft_kg.models.scorers import config
 
 def draws():
     return random.random(), float(np.random.rand()), float(torch.rand(()))  # noqa: NPY002
-
-
-def draws_and_fails():
-    draws()
-    raise ZeroDivisionError
 
 
 @pytest.fixture(autouse=True)
@@ -88,17 +81,6 @@ def test_the_guard_freezes_objects_only_while_it_is_open(is_frozen):
     finally:
         if is_frozen:
             gc.unfreeze()
-
-
-def test_pykeen_is_quiet_only_inside_the_block_and_on_errors_too():
-    loggers = [logging.getLogger(name) for name in ("pykeen", "pykeen.training.training_loop")]
-    before = [logger.getEffectiveLevel() for logger in loggers]
-    with quiet_pykeen():
-        assert [logger.isEnabledFor(logging.WARNING) for logger in loggers] == [False, False]
-    assert [logger.getEffectiveLevel() for logger in loggers] == before
-    with pytest.raises(ZeroDivisionError), quiet_pykeen():
-        draws_and_fails()
-    assert [logger.getEffectiveLevel() for logger in loggers] == before
 
 
 def test_a_triples_factory_has_the_graphs_triples_and_ids():

@@ -110,15 +110,6 @@ def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen, settings)
     assert choose(opened_kitchen, settings, silent) is None
 
 
-@pytest.mark.slow
-def test_a_book_neither_small_nor_large_keeps_the_fixed_default(opened_kitchen, monkeypatch):
-    train_recipes = len(opened_kitchen.split.recipes("train"))
-    monkeypatch.setattr(regularisation, "SMALL", train_recipes - 1)
-    assert choose(opened_kitchen, OPEN, silent) is None
-    monkeypatch.setattr(regularisation, "SMALL", train_recipes)
-    assert choose(opened_kitchen, replace(OPEN, epochs=1), silent) is not None
-
-
 def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
     opened_kitchen, monkeypatch
 ):
@@ -189,22 +180,6 @@ def test_a_resumed_run_does_not_choose_again(opened_kitchen, tmp_path, monkeypat
         for folder in (resumed.folder, undisturbed.folder)
     ]
     assert weights[0] == weights[1]
-
-
-@pytest.mark.slow
-def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(
-    opened_kitchen, tmp_path, choice
-):
-    chosen = train(opened_kitchen, OPEN, tmp_path / "chosen")
-    given = train(
-        opened_kitchen,
-        replace(OPEN, n3=choice.n3, popularity=choice.popularity),
-        tmp_path / "given",
-    )
-    weights = [(trained.folder / "model.safetensors").read_bytes() for trained in (chosen, given)]
-    assert weights[0] == weights[1]
-    assert given.metrics.choice is None
-    assert not (given.folder / "choice.json").exists()
 
 
 def test_ctrl_c_while_choosing_leaves_nothing(opened_kitchen, tmp_path):

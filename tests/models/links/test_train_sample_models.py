@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import safetensors.torch
 import torch
-from link_helpers import interrupt_after, rewritten, same_files, train
+from link_helpers import rewritten, train
 from refusals import refuses
-from resumption import resume
 
 from wordcraft_kg.agents import training as agents
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
@@ -24,7 +22,6 @@ from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
-from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.saving import save_scorer
@@ -104,18 +101,6 @@ def test_an_opened_model_tells_what_it_was_trained_on(with_train_sample, plain, 
         )
         ranks = rank_triples(model.scorer, train_sample.triples, train_sample.triples)
         assert model.metrics.train_mrr == pytest.approx(mean_reciprocal_rank(ranks))
-
-
-@pytest.mark.slow
-def test_without_a_train_sample_nothing_is_said_of_one(complex_folder, opened_kitchen, tmp_path):
-    settings = replace(SHORT, train_fraction=1.0, label_noise=0.0)
-    folder = train(opened_kitchen, settings, tmp_path / "whole").folder
-    assert "train_results" not in safetensors.torch.load_file(folder / "folds.safetensors")
-    model = open_model(folder)
-    assert "train_sample" not in model.run.inputs
-    assert "learned from" not in model.provenance
-    np.testing.assert_array_equal(model.triples, opened_kitchen.split.partial)
-    np.testing.assert_array_equal(open_model(complex_folder).triples, opened_kitchen.split.partial)
 
 
 def test_a_train_sample_that_is_not_the_one_of_the_training_is_a_leak(
@@ -228,29 +213,6 @@ def test_an_agent_takes_the_self_edges_of_the_train_sample(
     np.testing.assert_array_equal(seen["observed"], open_model(with_train_sample).triples)
 
 
-@pytest.mark.slow
-def test_weights_are_chosen_on_the_train_sample(opened_kitchen, tmp_path):
-    settings = replace(
-        SHORT, n3=None, popularity=None, folds=0, train_fraction=0.9, label_noise=0.5
-    )
-    model = open_model(train(opened_kitchen, settings, tmp_path / "chosen").folder)
-    settings = replace(settings, negatives=0)
-    found = choose(
-        opened_kitchen, settings, lambda done, total: None, recipes=model.train_sample.recipes
-    )
-    assert model.metrics.choice == found
-    assert found != choose(opened_kitchen, settings, lambda done, total: None)
-
-
-@pytest.mark.slow
-def test_an_interrupted_run_continues_with_the_same_train_sample(
-    with_train_sample, opened_kitchen, tmp_path
-):
-    run = train(opened_kitchen, SHORT, tmp_path / "run", progress=interrupt_after(2))
-    assert run.interrupted
-    assert same_files(resume(run.folder).folder, with_train_sample)
-
-
 def test_other_link_predictors_learn_from_a_train_sample(opened_kitchen, tmp_path):
     settings = LinkModelConfig(model="distmult", dim=4, epochs=1, folds=0, train_fraction=0.1)
     model = open_model(train(opened_kitchen, settings, tmp_path / "distmult").folder)
@@ -283,16 +245,6 @@ def test_a_recipe_scorer_knows_its_train_sample_and_no_more(opened_kitchen, tmp_
         "50 % of the train recipes, 20 % of them with a wrong result"
         in (trained.folder / "README.md").read_text()
     )
-
-
-@pytest.mark.slow
-def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen, tmp_path):
-    settings = RecipeScorerConfig(folds=3, features="one-hot", train_fraction=0.02)
-    trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "few")
-    scorer = open_model(trained.folder).scorer
-    assert trained.metrics.recipes == 5
-    for one in (scorer, scorer.left_out(1)):
-        assert all(torch.isfinite(one.table(relation)).all() for relation in (0, 1))
 
 
 @pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipeScorerConfig])

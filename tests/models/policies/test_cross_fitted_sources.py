@@ -1,8 +1,6 @@
 """Sources of a cross-fitted scorer: each train task is scored by a model that has not seen its
 recipes."""
 
-import copy
-import importlib
 import json
 import signal
 from dataclasses import replace
@@ -25,7 +23,7 @@ from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.agents.training import train_agent
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -381,17 +379,6 @@ def test_a_wrapper_refuses_sources_that_cannot_be_honest_about_its_tasks(opened,
         )
 
 
-def test_a_wrapper_asks_about_its_own_tasks(opened, scorer):
-    """A wrapper asks about its own tasks whatever else the sources were asked."""
-    world, deep = world_of(opened), world_of(opened, depth=2, num_tasks=30)
-    sources = make_sources(["v"], scorer, tasks=world.tasks)
-    env = KGScoreObservation(gym.make("WordCraft-v0", graph=world), sources)
-    expected, _ = env.reset(seed=3)
-    sources[0].bind(deep.tasks)
-    found, _ = env.reset(seed=3)
-    np.testing.assert_array_equal(found["v"], expected["v"])
-
-
 @pytest.mark.parametrize("part", ["train", "test"])
 def test_observations_can_have_the_number_of_the_task(opened, part):
     world = world_of(opened, part)
@@ -402,29 +389,3 @@ def test_observations_can_have_the_number_of_the_task(opened, part):
     assert env.observation_space["task"].n == number + 1
     assert seen["task"] == (env.unwrapped.state.task if part == "train" else number)
     assert env.action_masks().sum() == seen["action_mask"].sum()
-
-
-@pytest.mark.slow
-def test_stable_baselines_learns_on_out_of_sample_scores(opened, scorer):
-    """Stable baselines learns on scores of models that have not seen the task."""
-    pytest.importorskip("sb3_contrib")
-    ours = importlib.import_module("wordcraft_kg.agents.sb3")
-    library = importlib.import_module("stable_baselines3")
-    world = world_of(opened)
-    network = guided(opened, scorer, world)
-    options = {"policy_kwargs": {"network": network}, "device": "cpu"}
-    plain = gym.make("WordCraft-v0", graph=world)
-    with pytest.raises(ConfigError, match=r"TaskObservation\(env\)"):
-        library.PPO(ours.SB3Policy, plain, **options)
-    env = TaskObservation(plain)
-    model = library.PPO(ours.SB3Policy, env, n_steps=32, batch_size=16, **options)
-    seen, _ = env.reset(seed=0)
-    rows = {key: torch.as_tensor(np.asarray(value))[None] for key, value in seen.items()}
-    state = States(rows["goal"], rows["selection"], rows["table"])
-    asked = model.policy.get_distribution(rows).distribution.probs
-    expected = torch.softmax(network(state._replace(task=rows["task"])).logits, dim=1)
-    torch.testing.assert_close(asked, expected)
-    assert not torch.allclose(asked, torch.softmax(network(state).logits, dim=1))
-    model.learn(64)
-    copied = copy.deepcopy(model.policy.network)
-    Evaluator(world, distractor_seeds=1)(PolicyPlayer(copied))

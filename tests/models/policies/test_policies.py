@@ -325,25 +325,6 @@ def test_the_mlp_has_one_hidden_layer_on_all_slots_in_order(features):
 
 
 @any_policy
-def test_outputs_have_their_shapes_and_mask_empty_slots(kind):
-    """Outputs have their shapes and are minus infinity exactly where a slot is empty."""
-    policy, (goal, selection, table) = KINDS[kind](), states()
-    output = policy(States(goal, selection, table))
-    count = len(policy.labels)
-    shapes = {"logits": (9, SLOTS), "value": (9,)}
-    if count:
-        shapes |= {"sources": (9, count, SLOTS), "lambdas": (9, count)}
-    found = channels(output)
-    assert {name: tuple(tensor.shape) for name, tensor in found.items()} == shapes
-    assert {tensor.dtype for tensor in found.values()} == {torch.float32}
-    assert torch.equal(output.logits.isneginf(), table == NOTHING)
-    assert not any(tensor.isnan().any() for tensor in found.values())
-    probabilities = torch.softmax(output.logits, dim=1)
-    assert (probabilities[table == NOTHING] == 0).all()
-    torch.testing.assert_close(probabilities.sum(1), torch.ones(9))
-
-
-@any_policy
 def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind):
     policy, state = KINDS[kind](), states()
     batch = channels(policy(States(*state)))
@@ -357,16 +338,6 @@ def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind):
             for i in range(9)
         ]
         assert torch.equal(batch["sources"][:, scores], torch.cat(singles))
-
-
-@any_policy
-def test_weights_that_are_passed_in_are_the_ones_in_use(kind):
-    policy, other = KINDS[kind](), KINDS[kind]()
-    for parameter in other.parameters():
-        parameter.data = parameter.data.flip(0) * 0.9 + 0.05
-    found = policy(States(*states()), other.weights())
-    same(found, other(States(*states())), exactly=True)
-    assert not torch.allclose(found.value, policy(States(*states())).value, atol=1e-3)
 
 
 @any_policy
@@ -529,25 +500,6 @@ def masked_logits(draw):
     filled = st.lists(st.booleans(), min_size=num_slots, max_size=num_slots).filter(any)
     logits = torch.tensor(draw(st.lists(row, min_size=size, max_size=size)))
     return logits, torch.tensor(draw(st.lists(filled, min_size=size, max_size=size)))
-
-
-@given(masked_logits())
-@example((torch.tensor([[1e38, -1e38, 0.0]]), torch.tensor([[False, True, True]])))
-@example((torch.tensor([[float("inf"), float("nan"), 1.0]]), torch.tensor([[False, False, True]])))
-def test_a_masked_slot_has_probability_exactly_zero(drawn):
-    """A masked slot has probability exactly zero and the others share one."""
-    logits, mask = drawn
-    found = masked_softmax(logits, mask)
-    assert found.shape == logits.shape
-    for probabilities, row, is_real in zip(
-        found.tolist(), logits.tolist(), mask.tolist(), strict=True
-    ):
-        top = max(x for x, real in zip(row, is_real, strict=True) if real)
-        total = sum(math.exp(x - top) for x, real in zip(row, is_real, strict=True) if real)
-        for probability, x, real in zip(probabilities, row, is_real, strict=True):
-            assert probability == (
-                pytest.approx(math.exp(x - top) / total, abs=1e-5) if real else 0.0
-            )
 
 
 @given(masked_logits())

@@ -302,20 +302,6 @@ def test_training_changes_the_parameters_and_not_the_constants(make, kind, tmp_p
     assert constants == set(policy.state_dict()) - parameters
 
 
-def test_reading_needs_no_vector_file(make, vector_file, tmp_path):
-    policy = make("a file")
-    folder = written(tmp_path / "run", policy)
-    vector_file.unlink()
-    assert_equal_bits(read(folder), policy)
-
-
-def test_reading_draws_nothing_from_the_global_generators(tmp_path):
-    folder = written(tmp_path, plain("learned", scorer=SCORER))
-    before = global_states()
-    read(folder)
-    assert global_states() == before
-
-
 @pytest.fixture
 def folder(tmp_path):
     """A finished run with nothing in it but a policy."""

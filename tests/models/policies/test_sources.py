@@ -27,16 +27,13 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.policies.sources import (
     ALPHA,
-    BUILT_IN,
     LABELS,
-    SPELLED,
     Label,
     installed_sources,
     label_of,
     registry,
     shown_setting,
     source_names,
-    with_letters,
 )
 from wordcraft_kg.models.policies.sources.registry import (
     make_sources,
@@ -135,15 +132,6 @@ def test_scores_are_constants_even_if_the_scorer_is_being_trained():
         assert list(source.parameters()) == []
         assert list(source.state_dict()) == ["scores"]
         assert not source(States(*states())).requires_grad
-
-
-def test_later_changes_of_the_scorer_do_not_change_the_scores():
-    scorer = BareScorer(SIZE, seed=1)
-    knowledge = knowledge_of(["u", "v"], scorer)
-    before = knowledge(*states())
-    scorer.scores.data.zero_()
-    assert torch.equal(knowledge(*states()), before)
-    assert before.any()
 
 
 @any_sources
@@ -274,17 +262,6 @@ def test_an_agent_learns_with_factors_and_its_policy_comes_back(
     loaded = load_policy(trained.folder)
     buffers = {"left", "right", "shift", "dropped", "itself", "fold_of_recipe"}
     assert set(loaded.sources["u"].state_dict()) == buffers
-
-
-def test_names_for_people_and_letters_name_the_same_sources():
-    assert set(SPELLED.values()) == {*BUILT_IN, "p"}
-    for spelled, letter in SPELLED.items():
-        assert source_class(spelled) is source_class(letter)
-        assert label_of(spelled) is label_of(letter)
-        assert PolicyConfig(use=spelled) == PolicyConfig(use=letter)
-    spelled, short = make_sources(["component"], SCORER), make_sources(["v"], SCORER)
-    assert [source.name for source in spelled] == [source.name for source in short] == ["v"]
-    assert with_letters(["v", "component", "mine"]) == "component (v), component (v), mine"
 
 
 def test_spelled_settings_are_stored_by_letter():

@@ -31,7 +31,7 @@ PAPER_DIM = 128
 MAX_SEED = 2**32 - 1
 """PyKEEN's largest seed."""
 N3_PARTIAL = 0.1
-"""For all but small books; tuned on validation parts, see docs/evidence/complex.md."""
+"""For all but small books; tuned on validation parts, see docs/evidence/links.md#complex."""
 FULL_SOFTMAX = 10_000
 """Largest number of entities with a full softmax for ComplEx by default."""
 NEGATIVES = 512
@@ -120,7 +120,7 @@ class ComplExConfig(TrainingConfig):
     Attributes:
         dim: complex dimensions; 128 as in the paper.
         learning_rate: Adagrad learning rate; 0.2 was tuned on validation parts, see
-            docs/evidence/complex.md.
+            docs/evidence/links.md#complex.
         n3: weight of the N3 regulariser. Default: 0 on the full graph; on the partial graph, chosen
             together with `popularity` for a small book (2,000 train recipes at most), otherwise
             0.1.
@@ -135,7 +135,7 @@ class ComplExConfig(TrainingConfig):
         with_: knowledge folders with triples (import-knowledge), for joint training on the graph's
             triples and these.
         outside_weight: weight of an outside triple in the loss, relative to a triple of the graph;
-            chosen on validation parts; docs/evidence/joint-training.md has the gain.
+            chosen on validation parts; docs/evidence/outside.md#joint-training has the gain.
 
     Raises:
         ConfigError: for a value out of range, or settings that contradict each other.

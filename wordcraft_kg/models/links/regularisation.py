@@ -5,7 +5,7 @@ epochs learn less than the frequency rule. So short trainings hold out and rank 
 the split holds out test recipes. Each training covers all popularity weights, which change scores
 only. Validation and test recipes are not read.
 
-The page docs/evidence/complex.md has the measurements.
+The page docs/evidence/links.md#complex has the measurements.
 """
 
 from collections.abc import Callable, Iterator

@@ -11,7 +11,7 @@ PyKEEN's minor version is pinned because private parts are used: two methods ove
 
 Shapes: B triples in a batch, E entities, S sampled entities, d complex dimensions.
 
-The page docs/evidence/complex.md measures the objective.
+The page docs/evidence/links.md#complex measures the objective.
 """
 
 from collections.abc import Iterator

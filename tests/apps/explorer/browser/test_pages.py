@@ -61,29 +61,6 @@ def test_no_page_is_wider_than_a_phone_or_a_sheet_of_paper(open_page, visits, me
         assert page.evaluate(TOO_WIDE) == [], address
 
 
-CUT = """() => [...document.querySelectorAll('.scroll')]
-  .filter(e => e.scrollWidth > e.clientWidth + 1)
-  .map(e => e.getAttribute('aria-label'))"""
-
-
-def test_on_a_usual_screen_no_table_is_cut(open_page, visits):
-    """On a usual screen no table is cut and all headings begin at one place."""
-    page, edges = open_page(viewport={"width": 1400, "height": 900}), set()
-    for address in visits(page):
-        assert page.evaluate(CUT) == [], address
-        edges.add(page.locator("h1").bounding_box()["x"])
-    assert len(edges) == 1
-
-
-def test_letters_of_charts_can_be_read_on_a_phone(open_page, site):
-    page = open_page(viewport=PHONE)
-    visit(page, f"{site}/run/guided")
-    heights = page.locator("figure svg text").evaluate_all(
-        "texts => texts.map(e => e.getBoundingClientRect().height)"
-    )
-    assert min(heights) > 9
-
-
 FOCUSABLE = """() => [...document.querySelectorAll(
   'a[href], button, input, select, textarea, summary, [tabindex]'
 )].filter(e => e.tabIndex >= 0 && !e.disabled && e.checkVisibility())
@@ -209,24 +186,6 @@ def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page, sit
     page.keyboard.press("Enter")
     page.wait_for_url("**/entity/bread")
     assert page.locator("h1").inner_text() == "bread"
-
-
-def test_escape_closes_the_list_and_enter_then_lists_all_that_fit(open_page, site):
-    page = open_page()
-    page.goto(f"{site}/entities")
-    page.keyboard.press("/")
-    page.keyboard.insert_text("bre")
-    page.locator("#found li").first.wait_for()
-    page.keyboard.press("Escape")
-    assert page.locator("#found").is_hidden()
-    page.route("**/search?q=brea", lambda route: (page.keyboard.press("Tab"), route.continue_()))
-    with page.expect_response("**/search?q=brea"):
-        page.locator("#q").fill("brea")
-    page.wait_for_timeout(200)
-    assert page.locator("#found").is_hidden()  # a late answer opens no list
-    page.locator("#q").press("Enter")
-    page.wait_for_url("**/entities?q=brea")
-    assert "bread" in page.locator("main").inner_text()
 
 
 def test_a_slash_in_a_text_is_a_slash(open_page, site):

@@ -1,0 +1,106 @@
+"""A recipe book as a game in the browser: discover items in the open, or make goals from a table.
+
+The page plays alone: the server gives it out and learns nothing, and an exported page opens from
+disk. Found items stay in the player's browser, under the graph's hash.
+"""
+
+import base64
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route, Router
+from starlette.types import ASGIApp
+
+from wordcraft_kg.apps.web.files import file_endpoint, static_texts
+from wordcraft_kg.apps.web.guard import Guard
+from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.reports.pages import make_environment
+
+PACKAGE = "wordcraft_kg.apps.people"
+FILES = ("game.css", "game.js")
+MOST_EXPORTED = 10_000
+"""Recipes of an exported page: about 300 KB, which mail and a slow phone still take."""
+SERVED = "Nothing is sent or stored but in your browser. Made with wordcraft-kg."
+EXPORTED = "This file plays alone, and stores items only in your browser. Made with wordcraft-kg."
+
+
+def export_game(graph: RecipeGraph, path: Path) -> None:
+    """Write a book's game as one file that opens from disk.
+
+    Raises:
+        ConfigError: if the book has more than :data:`MOST_EXPORTED` recipes.
+    """
+    if graph.num_recipes > MOST_EXPORTED:
+        raise ConfigError(
+            f"--export {path}: found {graph.num_recipes:,} recipes; a page holds at most "
+            f"{MOST_EXPORTED:,}. Use --browser instead."
+        )
+    write_atomically(path, _exported_page(graph))
+
+
+def make_game_app(graph: RecipeGraph, host: str) -> ASGIApp:
+    """Return the web application that gives out a book's game.
+
+    Args:
+        graph: recipes of the game.
+        host: host that the server listens on.
+    """
+    page = _page(graph, footer=SERVED, policy="")
+
+    def missing(message: str) -> Response:
+        return PlainTextResponse(message, 404)
+
+    async def game(_: Request) -> Response:
+        return HTMLResponse(page, headers={"Cache-Control": "no-cache"})
+
+    async def elsewhere(_: Request) -> Response:
+        return missing("There is no such page. The game is on the first page.")
+
+    files = file_endpoint(PACKAGE, FILES, missing)
+    routes = [Route("/", game), Route("/files/{name}", files), Route("/{path:path}", elsewhere)]
+    router = Router(routes, redirect_slashes=False)
+    return Guard(router, host, (), lambda _, message: message, media_type="text/plain")
+
+
+def _exported_page(graph: RecipeGraph) -> str:
+    texts = static_texts(PACKAGE, FILES)
+    style, script = texts["game.css"], texts["game.js"]
+    # Nothing but this style and this script works on the page, whatever the labels are.
+    policy = (
+        f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+    # Markup: the texts are the package's own; escaping would change the script.
+    return _page(graph, footer=EXPORTED, policy=policy, style=Markup(style), script=Markup(script))
+
+
+def _page(graph: RecipeGraph, **values: Any) -> str:
+    book = {
+        "key": graph.hash,
+        "labels": list(graph.entities),
+        "base": [int(entity) for entity in graph.ids_of(graph.base)],
+        "recipes": _rows(graph),
+    }
+    # Without "<", no label can end the element that holds the book.
+    text = json.dumps(book, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    template = make_environment(PACKAGE).get_template("game.html.j2")
+    return template.render(name=graph.name, book=Markup(text), **values)
+
+
+def _rows(graph: RecipeGraph) -> list[list[int]]:
+    """Return the ids of each recipe's ingredients and result, as the page reads them."""
+    rows = graph.sets.tolist()
+    return [[entity for entity in row if entity != graph.num_entities] for row in rows]
+
+
+def _hash(text: str) -> str:
+    """Return a text's hash as a content security policy names it."""
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest())
+    return f"sha256-{digest.decode()}"

@@ -10,7 +10,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from wordcraft_kg.apps.people import game
-from wordcraft_kg.apps.people.game import export_game, make_game_app
+from wordcraft_kg.apps.people.game import export_game, icons_of, make_game_app
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -93,3 +93,11 @@ def test_options_of_tasks_are_refused_for_the_page(run, tmp_path):
     assert outcome.code == 1
     assert "--browser and --export have their own tasks" in outcome.err
     assert not any(tmp_path.iterdir())
+
+
+def test_icons_come_from_a_column_named_emoji(tmp_path):
+    path = tmp_path / "book.csv"
+    path.write_text("first,second,result,emoji\nwater,earth,mud,🟤\nmud,fire,brick,\n", "utf-8")
+    graph = open_graph(path).graph
+    assert icons_of(str(path), graph) == {graph.id_of("mud"): "🟤"}
+    assert icons_of("kitchen", graph) == {}

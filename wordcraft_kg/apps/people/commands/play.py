@@ -187,12 +187,13 @@ def _play_in_browser(
     from wordcraft_kg.graphs.folder import open_graph
 
     check_extra("explore")
-    from wordcraft_kg.apps.people.game import export_game, make_game_app
+    from wordcraft_kg.apps.people.game import export_game, icons_of, make_game_app
     from wordcraft_kg.apps.web.serving import listen, serve
 
     graph = open_graph(source).graph
+    icons = icons_of(source, graph)
     if export:
-        export_game(graph, export)
+        export_game(graph, export, icons)
         output.result({"game": str(export)}, [f"wrote {export}: open it in a browser"])
     if not is_served:
         return
@@ -202,7 +203,7 @@ def _play_in_browser(
 
     listening = listen(host, port)
     try:
-        serve(make_game_app(graph, host), listening, started, in_browser=True)
+        serve(make_game_app(graph, host, icons), listening, started, in_browser=True)
     finally:
         listening.close()
 

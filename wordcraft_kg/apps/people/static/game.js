@@ -8,6 +8,7 @@
   const KEYS = "1234567890";
   const DISTRACTORS = { easy: 1, medium: 6, hard: 6 };
   const label = (item) => BOOK.labels[item];
+  const named = (item) => (item in BOOK.icons ? `${BOOK.icons[item]} ${label(item)}` : label(item));
   const byId = (id) => document.getElementById(id);
   const make = (tag, text = "", attributes = {}) => {
     const element = document.createElement(tag);
@@ -122,7 +123,7 @@
   const showItems = () => {
     const items = listed();
     byId("items").replaceChildren(...items.slice(0, SHOWN).map((item) => {
-      const button = make("button", label(item), { type: "button" });
+      const button = make("button", named(item), { type: "button" });
       button.classList.toggle("fresh", newest.has(item));
       button.classList.toggle("hinted", hint.includes(item));
       button.addEventListener("click", () => discover.pick(item));
@@ -247,7 +248,7 @@
     byId("goal-counts").textContent = `Goals made: ${tally.made} of ${tally.played}.${left}`;
     byId("table").replaceChildren(...task.table.map((item, slot) => {
       const key = slot < KEYS.length ? `${KEYS[slot]} ` : "";
-      const button = make("button", `${key}${label(item)}`, { type: "button" });
+      const button = make("button", `${key}${named(item)}`, { type: "button" });
       button.disabled = task.over;
       button.addEventListener("click", () => game.pick(item));
       const entry = make("li");

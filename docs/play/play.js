@@ -1,10 +1,11 @@
-// A game on the tables of the test tasks: a person picks two items; then the agent's pick and the scorer's pairs appear.
+// A game on the tables of the test tasks: a person picks two items, then sees the answer, the agent's pair and its reason.
 "use strict";
 (() => {
   const root = document.getElementById("play");
   if (!root || typeof TASKS === "undefined") return;
   const KEYS = "1234567890";
-  const wins = { you: 0, agent: 0, scorer: 0 };
+  const ROUND = 10; // goals of a round
+  const wins = { you: 0, agent: 0 };
   let number = 0;
   let picked = [];
   let done = false;
@@ -21,19 +22,27 @@
     const made = results(task, pair).join(", ") || "nothing";
     return `${pair.map((slot) => task.table[slot]).join(" + ")} → ${made}`;
   };
+  const answer = (task) => {
+    const pair = Object.keys(task.made).find((key) => task.made[key].includes(task.goal));
+    return words(task, pair.split(",").map(Number));
+  };
+  const goals = (count) => `${count} goal${count === 1 ? "" : "s"}`;
 
   const heading = make("h2", "", { id: "goal", tabindex: "-1" });
   const score = make("p");
   const table = make("div", "", { class: "play-table", role: "group", "aria-label": "Items on the table" });
-  const answer = make("div", "", { "aria-live": "polite" });
-  root.replaceChildren(heading, score, table, answer);
+  const outcome = make("div", "", { "aria-live": "polite" });
+  root.replaceChildren(heading, score, table, outcome);
+
+  const inRound = () => number % ROUND;
+  const isLast = () => inRound() === ROUND - 1 || number === TASKS.length - 1;
 
   const show = () => {
     const task = TASKS[number];
     heading.textContent = `Make: ${task.goal}`;
-    const played = number + (done ? 1 : 0);
-    score.textContent =
-      `Task ${number + 1} of ${TASKS.length}. Goals made in ${played}: you ${wins.you}, agent ${wins.agent}, scorer ${wins.scorer}.`;
+    const played = inRound() + (done ? 1 : 0);
+    const tally = played ? ` So far you made ${goals(wins.you)}, the agent ${wins.agent}.` : "";
+    score.textContent = `Goal ${inRound() + 1} of ${ROUND}.${tally}`;
     table.replaceChildren(
       ...task.table.map((item, slot) => {
         const label = `${KEYS[slot] || ""} ${item}${picked.includes(slot) ? " ✓" : ""}`.trim();
@@ -56,41 +65,27 @@
   const finish = () => {
     const task = TASKS[number];
     done = true;
-    const scorer = task.scorer[0].pair;
     wins.you += wonBy(task, picked);
     wins.agent += wonBy(task, task.agent);
-    wins.scorer += wonBy(task, scorer);
-    const mark = (pair) => (wonBy(task, pair) ? "goal made" : "not made");
-    const rows = [["You", picked, ""], ["Agent", task.agent, `${(100 * task.probability[task.agent[0]]).toFixed(0)} % for the first pick`]];
-    task.scorer.forEach((one, rank) => {
-      const because = one.because.length ? `, because of ${one.because.join("; ")}` : "";
-      rows.push([`Scorer, ${["best", "second", "third"][rank]} pair`, one.pair, `w ${one.w}${because}`]);
-    });
-    const list = make("table", "", { class: "play-picks" });
-    const head = make("tr");
-    head.append(...["who", "pair", "outcome", "why"].map((text) => make("th", text, { scope: "col" })));
-    list.append(head);
-    for (const [who, pair, why] of rows) {
-      const row = make("tr");
-      row.append(make("th", who, { scope: "row" }), make("td", words(task, pair)), make("td", mark(pair)), make("td", why));
-      list.append(row);
+    const said = (who, pair) => `${who}: ${words(task, pair)}. ${wonBy(task, pair) ? "Goal made." : "Not the goal."}`;
+    const because = task.because.length ? ` It knows ${task.because.slice(0, 2).join(" and ")}.` : "";
+    const lines = [said("You", picked), said("Agent", task.agent) + because];
+    if (!wonBy(task, picked)) lines.push(`The answer: ${answer(task)}.`);
+    if (isLast()) {
+      const lead = wins.you === wins.agent ? "A draw" : wins.you > wins.agent ? "You win" : "The agent wins";
+      lines.push(`${lead}: you made ${goals(wins.you)} of ${inRound() + 1}, the agent ${wins.agent}.`);
     }
-    const wrap = make("div", "", { class: "play-scroll", tabindex: "0", role: "region", "aria-label": "Picks" });
-    wrap.append(list);
-    const next = make("button", number + 1 < TASKS.length ? "Next task (Enter)" : "Play again (Enter)", { type: "button" });
+    const next = make("button", isLast() ? "Play another round (Enter)" : "Next goal (Enter)", { type: "button" });
     next.addEventListener("click", begin);
-    answer.replaceChildren(wrap, next);
+    outcome.replaceChildren(...lines.map((line) => make("p", line)), next);
     setTimeout(() => next.focus());
   };
 
   const begin = () => {
-    number += 1;
-    if (number >= TASKS.length) {
-      number = 0;
-      Object.keys(wins).forEach((who) => (wins[who] = 0));
-    }
+    if (isLast()) Object.keys(wins).forEach((who) => (wins[who] = 0));
+    number = (number + 1) % TASKS.length;
     [picked, done] = [[], false];
-    answer.replaceChildren();
+    outcome.replaceChildren();
     show();
     heading.focus();
   };

@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 from cyclopts import Parameter
@@ -29,6 +30,8 @@ EXAMPLES = (
     "wordcraft-kg play",
     "wordcraft-kg play kitchen --depth 2 --attempts 4 --seed 3",
     "wordcraft-kg play everyday --open-ended",
+    "wordcraft-kg play kitchen --browser",
+    "wordcraft-kg play kitchen --export game.html",
 )
 
 HELP = """Name two items to combine them, such as water + earth or 1 2; new items are
@@ -41,6 +44,13 @@ up. An item is its number, its name, or the start of its name. ? shows this
 help, q quits."""
 ATTEMPTS = 100
 """Default number of attempts in open-ended mode."""
+TASK_DEFAULTS = (
+    *(WordCraftConfig.depth, WordCraftConfig.num_distractors, "all", None, None, 0, False, None),
+)
+"""Options of tasks if none is set: depth, distractors, part, attempts, seed, episodes, open-ended
+and base."""
+HOST = "127.0.0.1"
+PORT = 8767
 WIDTH = 80
 """Columns of the terminal."""
 
@@ -126,9 +136,13 @@ def play(  # noqa: PLR0913 - parameters are the command's options
     episodes: int = 0,
     open_ended: Flag = False,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    browser: Flag = False,
+    export: Path | None = None,
+    host: str = HOST,
+    port: int = PORT,
     output: Output = Output(),
 ) -> None:
-    """Play crafting tasks by hand, or play in open-ended mode.
+    """Play crafting tasks by hand, in open-ended mode, or as a game in the browser.
 
     Args:
         graph: graph folder, recipe book file, or built-in book name.
@@ -142,12 +156,24 @@ def play(  # noqa: PLR0913 - parameters are the command's options
             as you can.
         base: comma-separated entities known at the start in open-ended mode. Default: the base
             entities of the graph.
+        browser: serve the book as a game in the browser: discover items, or make goals. No
+            accounts; nothing is stored but in the player's browser. Ctrl-C stops the server.
+        export: write the game to this file, which opens from disk; at most 10,000 recipes.
+        host: address to listen on with --browser; this machine's address in a network lets a
+            classroom play.
+        port: port to listen on with --browser; 0 selects a free port.
     """
+    if browser or export:
+        tasks = (depth, distractors, part, attempts, seed, episodes, open_ended, base)
+        if tasks != TASK_DEFAULTS:
+            raise ConfigError("--browser and --export have their own tasks: leave out the options.")
+        _play_in_browser(graph, export, host, port, browser, output)
+        return
     # With --json, stdout is for the result alone.
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
     if open_ended:
-        defaults = (WordCraftConfig.depth, WordCraftConfig.num_distractors, "all", None, 0)
-        if (depth, distractors, part, seed, episodes) != defaults:
+        tasks = (depth, distractors, part, None, seed, episodes, False, None)
+        if tasks != TASK_DEFAULTS:
             raise ConfigError("--open-ended has no tasks; the only options are attempts and base.")
         _play_open_world(terminal, graph, split_labels(base) if base else None, attempts, output)
     elif base:
@@ -160,6 +186,34 @@ def play(  # noqa: PLR0913 - parameters are the command's options
             "max_attempts": attempts,
         }
         _play_tasks(terminal, graph, settings, seed, episodes, output)
+
+
+def _play_in_browser(
+    source: str, export: Path | None, host: str, port: int, is_served: bool, output: Output
+) -> None:
+    from wordcraft_kg.base.extras import check_extra
+    from wordcraft_kg.graphs.folder import open_graph
+
+    check_extra("explore")
+    from wordcraft_kg.apps.people.game import export_game, icons_of, make_game_app
+    from wordcraft_kg.apps.web.serving import listen, serve
+
+    graph = open_graph(source).graph
+    icons = icons_of(source, graph)
+    if export:
+        export_game(graph, export, icons)
+        output.result({"game": str(export)}, [f"wrote {export}: open it in a browser"])
+    if not is_served:
+        return
+
+    def started(address: str) -> None:
+        output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
+
+    listening = listen(host, port)
+    try:
+        serve(make_game_app(graph, host, icons), listening, started, in_browser=True)
+    finally:
+        listening.close()
 
 
 def _play_tasks(

@@ -1,0 +1,106 @@
+"""Write the README's moving picture: an agent's two picks for a goal, with the recipes that speak for
+them.
+
+    wordcraft-kg explain RUN --goal GOAL --json > explained.json
+    python docs/make_moving_picture.py explained.json docs/images/decision.svg
+
+RUN is a run of train-agent with w among its scores. The picture is the explanation's first episode.
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.base.artefacts import write_atomically
+
+WIDTH = 900
+LINE = 30
+"""Pixels of an item's line."""
+TOP = 74
+BAR = 190
+"""Pixels of a bar of probability 1."""
+SECONDS = 12
+"""Of one round: four for each pick, four for the outcome."""
+STYLE = f"""
+svg {{ font: 16px system-ui, sans-serif; }}
+text {{ fill: #1d2733; }} .soft {{ fill: #52606d; }} .page {{ fill: #fffdf8; }} .bar {{ fill: #b06a1c; }}
+.goal {{ font-size: 22px; font-weight: bold; }} .chosen {{ font-weight: bold; fill: #7a3e00; }}
+@media (prefers-color-scheme: dark) {{
+text {{ fill: #ece7dc; }} .soft {{ fill: #b3ab9b; }} .page {{ fill: #17140f; }} .bar {{ fill: #d98a33; }}
+.chosen {{ fill: #f0b35c; }} }}
+g {{ opacity: 0; animation: show {SECONDS}s infinite; }}
+g.always {{ opacity: 1; animation: none; }}
+g.second {{ animation-delay: {SECONDS // 3}s; }} g.third {{ animation-delay: {2 * SECONDS // 3}s; }}
+@keyframes show {{ 0%, 31% {{ opacity: 1; }} 33.4%, 98% {{ opacity: 0; }} 100% {{ opacity: 1; }} }}
+@media (prefers-reduced-motion: reduce) {{ g {{ animation: none; }} g.third {{ opacity: 1; }} }}
+"""
+
+
+def text(x: float, y: float, words: str, kind: str = "") -> str:
+    """Return a line of text; labels stay text."""
+    return f'<text x="{x}" y="{y}" class="{kind}">{escape(words)}</text>'
+
+
+def pick(step: dict[str, Any], number: str) -> Iterator[str]:
+    """Yield a pick: the items with their probabilities, and what speaks for the most likely one."""
+    yield f'<g class="{number}">'
+    for line, slot in enumerate(step["slots"]):
+        y = TOP + LINE * line
+        kind = "chosen" if slot["entity"] == step["action"] else ""
+        yield text(24, y, slot["entity"], kind)
+        width = max(2, round(BAR * slot["probability"]))
+        yield f'<rect class="bar" x="190" y="{y - 12}" width="{width}" height="12" rx="3"/>'
+        yield text(198 + width, y, f"{100 * slot['probability']:.0f} %", "soft")
+    chosen = next(slot for slot in step["slots"] if slot["entity"] == step["action"])
+    yield text(480, TOP, f"The agent's {number} pick: {step['action']}", "chosen")
+    evidence = chosen["evidence"]
+    if evidence and evidence["because"]:
+        yield text(480, TOP + LINE, f"with {evidence['partner']}, because it knows", "soft")
+        for line, recipe in enumerate(evidence["because"][:3], start=2):
+            words = f"{recipe['ingredient_a']} + {recipe['ingredient_b']} → {recipe['result']}"
+            yield text(480, TOP + LINE * line, words)
+    yield "</g>"
+
+
+def outcome_of(step: dict[str, Any], pair: str, outcome: str) -> Iterator[str]:
+    """Yield the last scene: the items, and what the pair makes."""
+    picks = pair.split(" + ")
+    for line, slot in enumerate(step["slots"]):
+        kind = "chosen" if slot["entity"] in picks else "soft"
+        yield text(24, TOP + LINE * line, slot["entity"], kind)
+    yield text(480, TOP, f"{pair} → {outcome}", "goal")
+    yield text(480, TOP + LINE, "A recipe of the test: the agent has", "soft")
+    yield text(480, TOP + 2 * LINE, "never seen it made.", "soft")
+
+
+def picture(episode: dict[str, Any]) -> str:
+    """Return an episode of one attempt as an SVG that needs no script."""
+    first, second = episode["steps"][:2]
+    height = TOP + LINE * len(first["slots"]) + 10
+    pair = f"{first['action']} + {second['action']}"
+    outcome = ", ".join(second["made"]) or "nothing"
+    goal = episode["goal"]
+    title = escape(f"An agent makes {goal}: {pair} makes {outcome}")
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img" '
+        f'aria-label="{title}">',
+        f"<style>{STYLE}</style>",
+        f'<rect class="page" width="{WIDTH}" height="{height}" rx="12"/>',
+        f'<g class="always">{text(24, 36, f"Make: {goal}", "goal")}</g>',
+        *pick(first, "first"),
+        *pick(second, "second"),
+        '<g class="third">',
+        *outcome_of(first, pair, outcome),
+        "</g>",
+        "</svg>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    explained, out = sys.argv[1:]
+    episodes = json.loads(Path(explained).read_text(encoding="utf-8"))["episodes"]
+    write_atomically(Path(out), picture(episodes[0]))

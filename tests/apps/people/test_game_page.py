@@ -1,0 +1,103 @@
+"""A book's game as a page: the whole book, hostile labels as text, nothing run but the page's own
+script."""
+
+import base64
+import hashlib
+import json
+import re
+
+import pytest
+from starlette.testclient import TestClient
+
+from wordcraft_kg.apps.people import game
+from wordcraft_kg.apps.people.game import export_game, icons_of, make_game_app
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+
+SETS = "examples/kitchen-sets.csv"
+
+
+def book_on(page):
+    """The book that a page holds."""
+    held = re.findall(r'<script type="application/json" id="book">(.*?)</script>', page, re.DOTALL)
+    (text,) = held
+    return json.loads(text)
+
+
+@pytest.mark.parametrize("source", ["kitchen", SETS])
+def test_a_page_holds_the_whole_book(source, tmp_path):
+    graph = open_graph(source).graph
+    export_game(graph, tmp_path / "game.html")
+    book = book_on((tmp_path / "game.html").read_text(encoding="utf-8"))
+    labels = book["labels"]
+    recipes = {tuple(labels[entity] for entity in row) for row in book["recipes"]}
+    assert recipes == {(*recipe.ingredients, recipe.result) for recipe in graph.recipe_labels()}
+    assert {labels[entity] for entity in book["base"]} == set(graph.base)
+    assert book["key"] == graph.hash
+
+
+def test_labels_are_text_on_the_page_whatever_they_say(tmp_path):
+    hostile = '</script><script>alert(1)</script><img src=x onerror="alert(2)">'
+    graph = RecipeGraph.from_recipes([("a", hostile, "b<!--")], name=hostile)
+    export_game(graph, tmp_path / "game.html")
+    page = (tmp_path / "game.html").read_text(encoding="utf-8")
+    assert hostile in book_on(page)["labels"]
+    assert page.count("<script") == 2
+    assert "<img" not in page
+
+
+def test_only_the_own_style_and_script_of_an_exported_page_are_permitted(tmp_path):
+    export_game(open_graph("kitchen").graph, tmp_path / "game.html")
+    page = (tmp_path / "game.html").read_text(encoding="utf-8")
+    (policy,) = re.findall(r'Content-Security-Policy" content="(.*?)"', page)
+    assert "default-src &#39;none&#39;" in policy
+    for tag in ("style", "script"):
+        (text,) = re.findall(rf"<{tag}>(.*?)</{tag}>", page, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert re.search(rf"{tag}-src &#39;sha256-([^&]*)&#39;", policy)[1] == digest
+
+
+def test_a_book_too_large_for_a_file_is_refused_and_nothing_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(game, "MOST_EXPORTED", 325)
+    with pytest.raises(
+        ConfigError, match=r"found 326 recipes; a page holds at most 325.*--browser"
+    ):
+        export_game(open_graph("kitchen").graph, tmp_path / "game.html")
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_server_gives_out_the_page_and_its_files_alone():
+    client = TestClient(
+        make_game_app(open_graph("kitchen").graph, "127.0.0.1"), base_url="http://localhost:8767"
+    )
+    page = client.get("/")
+    assert page.status_code == 200
+    assert len(book_on(page.text)["recipes"]) == 326
+    for name in ("game.css", "game.js"):
+        assert f'"/files/{name}"' in page.text
+        assert client.get(f"/files/{name}").status_code == 200
+    for address in ("/files/study.js", "/files/..%2fgame.py", "/elsewhere"):
+        assert client.get(address).status_code == 404
+
+
+def test_the_command_writes_the_file_and_names_it(run, tmp_path):
+    path = tmp_path / "game.html"
+    outcome = run("play", "kitchen", "--export", path, "--json")
+    assert (outcome.code, json.loads(outcome.out)) == (0, {"game": str(path)})
+    assert path.is_file()
+
+
+def test_options_of_tasks_are_refused_for_the_page(run, tmp_path):
+    outcome = run("play", "kitchen", "--export", tmp_path / "game.html", "--depth", "2")
+    assert outcome.code == 1
+    assert "--browser and --export have their own tasks" in outcome.err
+    assert not any(tmp_path.iterdir())
+
+
+def test_icons_come_from_a_column_named_emoji(tmp_path):
+    path = tmp_path / "book.csv"
+    path.write_text("first,second,result,emoji\nwater,earth,mud,🟤\nmud,fire,brick,\n", "utf-8")
+    graph = open_graph(path).graph
+    assert icons_of(str(path), graph) == {graph.id_of("mud"): "🟤"}
+    assert icons_of("kitchen", graph) == {}

@@ -1,0 +1,148 @@
+"""A recipe book as a game in the browser: discover items in the open, or make goals from a table.
+
+The page plays alone: the server gives it out and learns nothing, and an exported page opens from
+disk. Found items stay in the player's browser, under the graph's hash.
+"""
+
+import base64
+import csv
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route, Router
+from starlette.types import ASGIApp
+
+from wordcraft_kg.apps.web.files import file_endpoint, static_texts
+from wordcraft_kg.apps.web.guard import Guard
+from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs.book_files.words import RESULT, words_of
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.reports.pages import make_environment
+
+PACKAGE = "wordcraft_kg.apps.people"
+FILES = ("game.css", "game.js")
+MOST_EXPORTED = 10_000
+"""Recipes of an exported page: about 300 KB, which mail and a slow phone still take."""
+LONGEST_ICON = 16
+"""Characters of an icon: an emoji of a family has 7, a word is no icon."""
+NO_ICONS: Mapping[int, str] = {}
+SERVED = "Nothing is sent or stored but in your browser. Made with wordcraft-kg."
+EXPORTED = "This file plays alone, and stores items only in your browser. Made with wordcraft-kg."
+
+
+def icons_of(source: str, graph: RecipeGraph) -> dict[int, str]:
+    """Return icons of results by entity, from a column ``emoji`` of a book's CSV file.
+
+    A book without such a column, or in another form, has none.
+
+    Args:
+        source: what the user named as the book.
+        graph: the graph of this book: its file was read before, so it is not too large.
+    """
+    path = Path(source)
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return {}
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
+        table = csv.DictReader(lines)
+        names = table.fieldnames or ()
+        results = [name for name in names if words_of(name) & RESULT]
+        emoji = [name for name in names if name.strip().lower() == "emoji"]
+        if not results or not emoji:
+            return {}
+        icons = {row[results[0]]: row[emoji[0]] for row in table}
+    return {
+        graph.id_of(label): icon.strip()[:LONGEST_ICON]
+        for label, icon in icons.items()
+        if label in graph and icon and icon.strip()
+    }
+
+
+def export_game(graph: RecipeGraph, path: Path, icons: Mapping[int, str] = NO_ICONS) -> None:
+    """Write a book's game as one file that opens from disk.
+
+    Args:
+        graph: recipes of the game.
+        path: HTML file to write.
+        icons: icons by entity, as :func:`icons_of` reads them.
+
+    Raises:
+        ConfigError: if the book has more than :data:`MOST_EXPORTED` recipes.
+    """
+    if graph.num_recipes > MOST_EXPORTED:
+        raise ConfigError(
+            f"--export {path}: found {graph.num_recipes:,} recipes; a page holds at most "
+            f"{MOST_EXPORTED:,}. Use --browser instead."
+        )
+    write_atomically(path, _exported_page(graph, icons))
+
+
+def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_ICONS) -> ASGIApp:
+    """Return the web application that gives out a book's game.
+
+    Args:
+        graph: recipes of the game.
+        host: host that the server listens on.
+        icons: icons by entity, as :func:`icons_of` reads them.
+    """
+    page = _page(graph, icons, footer=SERVED, policy="")
+
+    def missing(message: str) -> Response:
+        return PlainTextResponse(message, 404)
+
+    async def game(_: Request) -> Response:
+        return HTMLResponse(page, headers={"Cache-Control": "no-cache"})
+
+    async def elsewhere(_: Request) -> Response:
+        return missing("There is no such page. The game is on the first page.")
+
+    files = file_endpoint(PACKAGE, FILES, missing)
+    routes = [Route("/", game), Route("/files/{name}", files), Route("/{path:path}", elsewhere)]
+    router = Router(routes, redirect_slashes=False)
+    return Guard(router, host, (), lambda _, message: message, media_type="text/plain")
+
+
+def _exported_page(graph: RecipeGraph, icons: Mapping[int, str]) -> str:
+    texts = static_texts(PACKAGE, FILES)
+    style, script = texts["game.css"], texts["game.js"]
+    # Nothing but this style and this script works on the page, whatever the labels are.
+    policy = (
+        f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+    # Markup: the texts are the package's own; escaping would change the script.
+    return _page(
+        graph, icons, footer=EXPORTED, policy=policy, style=Markup(style), script=Markup(script)
+    )
+
+
+def _page(graph: RecipeGraph, icons: Mapping[int, str], **values: Any) -> str:
+    book = {
+        "key": graph.hash,
+        "labels": list(graph.entities),
+        "base": [int(entity) for entity in graph.ids_of(graph.base)],
+        "recipes": _rows(graph),
+        "icons": dict(icons),
+    }
+    # Without "<", no label can end the element that holds the book.
+    text = json.dumps(book, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    template = make_environment(PACKAGE).get_template("game.html.j2")
+    return template.render(name=graph.name, book=Markup(text), **values)
+
+
+def _rows(graph: RecipeGraph) -> list[list[int]]:
+    """Return the ids of each recipe's ingredients and result, as the page reads them."""
+    rows = graph.sets.tolist()
+    return [[entity for entity in row if entity != graph.num_entities] for row in rows]
+
+
+def _hash(text: str) -> str:
+    """Return a text's hash as a content security policy names it."""
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest())
+    return f"sha256-{digest.decode()}"

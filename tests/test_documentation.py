@@ -35,6 +35,7 @@ ELSEWHERE = {
     "line_player",
     "impala_single_file",
     "reinforce_language_model",
+    "chat_template",
     "transformers_player",
 }
 """Examples with tests of their own."""

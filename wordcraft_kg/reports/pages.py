@@ -56,7 +56,7 @@ def _term(label: Label) -> Term:
     return Term("Agents", label.words, meaning, label.symbol)
 
 
-_FILE = Path(__file__).with_suffix(".toml")
+_FILE = Path(__file__).with_name("glossary.toml")
 _TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(_FILE.read_text("utf-8"))
 # Score sources define their own words, so that a term and a column never differ.
 GLOSSARY = {label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())}

@@ -96,7 +96,7 @@ def _check_graph(agent: OpenedAgent, session: Session) -> None:
 
 
 def _greedy_successes(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> list[bool]:
-    """Return whether a policy makes the goal at each table, with two greedy actions (depth 1).
+    """Return whether a policy makes the goal at each table, with greedy actions (depth 1).
 
     Ties are decided for the first slot.
     """
@@ -108,7 +108,8 @@ def _greedy_successes(policy: Policy, world: World, tasks: Sequence[PosedTask]) 
     state = engine.pose(indices, tables=padded(tables, world.nothing))
     player = PolicyPlayer(policy)
     rng = np.random.default_rng(0)  # required by players in general; greedy actions use no chance
-    # The first action selects an item, the second combines it with another.
-    state, _ = engine.step_once(state, player(state, rng))
-    _, step = engine.step_once(state, player(state, rng))
-    return (step.outcome == GOAL).tolist()
+    success = np.zeros(len(tasks), dtype=bool)
+    while (state.attempts_left > 0).any():
+        state, step = engine.step_once(state, player(state, rng))
+        success |= step.outcome == GOAL
+    return success.tolist()

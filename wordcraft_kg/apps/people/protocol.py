@@ -1,7 +1,7 @@
 """The paper's protocol for people: tasks in order, answers, and comparable sessions."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -77,17 +77,17 @@ class Answer(Record):
         number: number of the task in its part, from 1.
         goal: entity to make.
         table: entities on the table, in the order of the slots.
-        actions: the two entities that the person selected.
-        made: results of the two entities; empty if they have no recipe.
+        actions: the entities that the person combined, two or a set.
+        made: results of these entities; empty if they have no recipe.
         success: whether the goal is among the results.
-        seconds: time from the first page load to the second action, by the server's clock.
+        seconds: time from the first page load to the last action, by the server's clock.
     """
 
     part: str
     number: int
     goal: str
     table: tuple[str, ...]
-    actions: tuple[str, str]
+    actions: tuple[str, ...]
     made: tuple[str, ...]
     success: bool
     seconds: float
@@ -95,7 +95,7 @@ class Answer(Record):
     @property
     def is_sound(self) -> bool:
         """Whether the actions are on the table, and ``success`` and ``seconds`` are possible."""
-        is_on_table = set(self.actions) <= set(self.table)
+        is_on_table = bool(self.actions) and set(self.actions) <= set(self.table)
         is_right = self.success == (self.goal in self.made)
         return is_on_table and is_right and 0 <= self.seconds < float("inf")
 
@@ -209,18 +209,23 @@ class HumanProtocol:
             part, number, env.task.goal, table_labels(env, observation), plans, env.state.task
         )
 
-    def answer(self, task: PosedTask, slots: tuple[int, int], seconds: float) -> Answer:
-        """Return the answer of a person who selects two slots of a task.
+    @property
+    def most_picks(self) -> int:
+        """Most entities of an answer if recipes have other sizes than two; 0 for pairs."""
+        return self.world.graph.most_ingredients if self.world.has_combine else 0
+
+    def answer(self, task: PosedTask, slots: Sequence[int], seconds: float) -> Answer:
+        """Return the answer of a person who selects slots of a task.
 
         Args:
             task: a task of this protocol.
-            slots: two slots, from 0; they may be equal.
+            slots: two slots, or as many as a set has, from 0; they may be equal.
             seconds: time for the answer, rounded to hundredths.
 
         Raises:
             IndexError: for a slot beyond the table.
         """
-        actions = (task.table[slots[0]], task.table[slots[1]])
+        actions = tuple(map(task.table.__getitem__, slots))
         results = results_of(self._envs[task.part], *actions)
         return Answer(
             part=task.part,

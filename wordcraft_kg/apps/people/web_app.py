@@ -195,7 +195,8 @@ class _Server:
         tasks = self.study.tasks(person.cell)
         if len(answers) == len(tasks):
             return _to(f"/s/{code}/end")
-        return self._page("introduction", code=code, given=len(answers), tasks=tasks)
+        most = self.study.protocol(person.cell).most_picks
+        return self._page("introduction", code=code, given=len(answers), tasks=tasks, most=most)
 
     def task(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks = self.study.tasks(person.cell)
@@ -212,9 +213,17 @@ class _Server:
         elif request.method == "GET":
             # A reload after a first selection or an undo does not count as a page load.
             self.answers.show(person, task.part, task.number, self.clock())
-        selection = _slot(query.get("first", ""), task)
+        most_picks = self.study.protocol(person.cell).most_picks
+        # Of a set, the numbers of all items so far.
+        selection = _slots(query.get("first", ""), task, max(most_picks, 1))
         return self._page(
-            "task", code=code, task=task, selection=selection, place=place, all=len(tasks)
+            "task",
+            code=code,
+            task=task,
+            selection=selection,
+            most=most_picks,
+            place=place,
+            all=len(tasks),
         )
 
     def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
@@ -237,13 +246,16 @@ class _Server:
         shown = self.answers.shown(person, task.part, task.number)
         if shown is None:
             return present_task
-        first = _slot(form.get("first", ""), task)
-        second = _slot(form.get("second", ""), task)
-        if first is None or second is None:
+        protocol = self.study.protocol(person.cell)
+        slots = _slots(form.get("first", ""), task, max(protocol.most_picks, 1))
+        if not protocol.most_picks:
+            second = _slots(form.get("second", ""), task, 1)
+            slots = slots + second if slots and second else ()
+        if not slots:
             return present_task
         # After a restart, the clock may begin before the time of showing.
         seconds = max(time - shown, 0.0)
-        answer = self.study.protocol(person.cell).answer(task, (first, second), seconds)
+        answer = protocol.answer(task, slots, seconds)
         self.answers.add(person, answer)
         return self._after(code, tasks, number)
 
@@ -316,12 +328,13 @@ async def _form(request: Request) -> dict[str, str]:
         return {}
 
 
-def _slot(text: str, task: PosedTask) -> int | None:
-    """Return the slot for a number from 1 in a form; None for other texts."""
-    number = _number(text) if text.isascii() else None
-    if number is not None and 1 <= number <= len(task.table):
-        return number - 1
-    return None
+def _slots(text: str, task: PosedTask, most: int) -> tuple[int, ...]:
+    """Return the slots for numbers from 1 in a form, with commas; none for other texts."""
+    numbers = [_number(part) for part in text.split(",")] if text.isascii() else []
+    if not 0 < len(numbers) <= most:
+        return ()
+    slots = [number - 1 for number in numbers if number and number <= len(task.table)]
+    return tuple(slots) if len(slots) == len(numbers) else ()
 
 
 def _number(text: str) -> int | None:

@@ -35,7 +35,7 @@ class States(NamedTuple):
     Attributes:
         goal: shape (B,), int64: the entity to make.
         selection: shape (B,), int64: the selected entity, E without a selection. If recipes have
-            other sizes than two, shape (B, S): the selected entities, padded with E.
+            other sizes than two, shape (B, S): the selected entities in any order, then E.
         table: shape (B, A), int64: the entities on the table, E for empty slots. A policy needs an
             entity in each row, in any slot. With selections (B, S), the last slot is the action
             to combine, and holds E.

@@ -324,46 +324,6 @@ def test_without_near_synonyms_there_is_no_empty_slice(graph):
     assert summary_of(report)["mrr_without_near_synonyms"] is None
 
 
-@pytest.mark.parametrize(("ends", "choose"), [("best", min), ("worst", max)])
-def test_best_and_worst_are_the_ends_of_the_ranking_with_each_fact_once(
-    values, kitchen_report, ends, choose
-):
-    def fact(row):
-        pair = (row["head"], row["tail"])
-        return row["relation"], *(sorted(pair) if row["relation"] == "combinesWith" else pair)
-
-    ranks = {}
-    for row in kitchen_report.tables["ranks.csv"].to_dict("records"):
-        ranks[fact(row)] = choose(row["rank"], ranks.get(fact(row), row["rank"]))
-    expected = sorted(ranks.values(), reverse=ends == "worst")[: len(values[ends])]
-    assert [row["rank"] for row in values[ends]] == expected
-    assert len({fact(row) for row in values[ends]}) == len(values[ends]) == 8
-
-
-def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kitchen_model, graph):
-    known = {tuple(triple) for triple in graph.triples.tolist()}
-    table = kitchen_model.scorer.table(COMPONENT_OF)
-    pairs = itertools.permutations(range(graph.num_entities), 2)
-    missing = sorted(
-        (float(table[h, t]) for h, t in pairs if (h, COMPONENT_OF, t) not in known), reverse=True
-    )
-    listed = [row for row in values["perhaps_missing"] if row["relation"] == "componentOf"]
-    assert [row["score"] for row in listed] == pytest.approx(missing[: len(listed)])
-    assert not known & {triple_of(graph, row) for row in values["perhaps_missing"]}
-    assert all(row["head"] != row["tail"] for row in values["perhaps_missing"])
-    others = [row for row in values["perhaps_missing"] if row["relation"] == "combinesWith"]
-    assert len({frozenset((row["head"], row["tail"])) for row in others}) == len(others) > 0
-
-
-def test_self_edges_are_never_listed_as_missing(opened, graph):
-    scores = torch.zeros(2, graph.num_entities, graph.num_entities)
-    scores[COMBINES_WITH].fill_diagonal_(1.0)
-    scores[COMBINES_WITH, 0, 1] = 2.0
-    values = values_of(link_report(table_scorer(graph, scores), opened))
-    assert {row["relation"] for row in values["perhaps_missing"]} == set(RELATIONS)
-    assert all(row["head"] != row["tail"] for row in values["perhaps_missing"])
-
-
 def test_the_summary_holds_the_headline_by_relation(values, kitchen_report):
     summary = summary_of(kitchen_report)
     for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
@@ -506,7 +466,7 @@ def test_each_section_has_an_anchor_that_the_contents_lead_to(html):
     assert len(ids) == len({*ids})
     contents = re.findall(r'href="#([^"]+)"', html[html.index("<nav") : html.index("</nav>")])
     assert contents == re.findall(r'<h2 id="([^"]+)"', html)
-    assert len(contents) > 10
+    assert len(contents) > 8
     assert page.tags.count("main") == 1
 
 
@@ -607,7 +567,7 @@ def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model, max_queries):
         made(kitchen_model, max_queries=max_queries)
 
 
-def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
+def test_names_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
     graph = awkward_graph.graph
     scorer = FrequencyScorer(graph, awkward_graph.split.partial)
     name = '</title><script>alert("1")</script>'
@@ -620,8 +580,6 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
     assert [script for script in re.findall(r"<script[^>]*>", html) if "json" not in script] == [
         "<script>"
     ]
-    assert any(graph.entities[0] in text for text in page.text)
-    assert html.count("&lt;i&gt;&amp;") > 10
     assert "&amp;lt;" not in html
     assert name in page.text
     ranks = pd.read_csv(tmp_path / "report" / "ranks.csv", keep_default_na=False)

@@ -1,4 +1,4 @@
-"""Sections of a link-prediction report: query groups, lists of triples, and play by the scores."""
+"""Sections of a link-prediction report: calibration, baselines and query groups."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
@@ -9,15 +9,10 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents import players
-from wordcraft_kg.agents.evaluation import PlayerSuccess, play_all
-from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import OPEN_END, Bounds, binned, goal_groups
-from wordcraft_kg.evaluation.ranked_links import RankedLinks, labelled
+from wordcraft_kg.evaluation.ranked_links import RankedLinks
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -184,8 +179,6 @@ def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> flo
     return float(-np.mean(np.where(is_true, np.log(chance), np.log1p(-chance))))
 
 
-# Rows of each list of triples: what fits on a screen.
-LISTED = 8
 # Bounds double roughly: the counts of an entity's triples are spread over orders of magnitude.
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
@@ -247,44 +240,6 @@ class DrillDown(Record):
     self_combination: tuple[SliceMetrics, ...]
     near_synonyms: tuple[SliceMetrics, ...]
     other_book: tuple[SliceMetrics, ...] = ()
-
-
-class RankedTriple(Record):
-    """A query with the rank of the true entity.
-
-    Attributes:
-        head: the head.
-        relation: the relation.
-        tail: the tail.
-        side: the open slot, whose entity was ranked.
-        rank: filtered rank of the true entity, from 1; ties share their mean rank.
-        score: score of the true entity.
-        top: the best candidate.
-    """
-
-    head: str
-    relation: Relation
-    tail: str
-    side: Literal["head", "tail"]
-    rank: Annotated[float, msgspec.Meta(ge=1)]
-    score: float
-    top: str
-
-
-class ScoredPair(Record):
-    """A triple outside the graph, with its score.
-
-    Attributes:
-        head: the head.
-        relation: the relation.
-        tail: the tail.
-        score: the score, on the scorer's own scale.
-    """
-
-    head: str
-    relation: Relation
-    tail: str
-    score: float
 
 
 def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, ...]:
@@ -380,81 +335,3 @@ def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
     if not repeats.any():  # as in a split by goal, or without word vectors
         return []
     return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
-
-
-def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
-    """Return the best-ranked (ascending) or worst-ranked queries, one for each fact.
-
-    A fact's queries for head and tail, and a combinesWith triple and its mirror, are one fact.
-    """
-    order = links.ranks.sort_values(
-        ["rank", "score"], ascending=[ascending, not ascending], kind="stable"
-    )
-    ends = order[["head", "tail"]].copy()
-    is_mirrored = order["relation"] == COMBINES_WITH
-    # Sorted ends are equal for a triple and its mirror, so duplicates show.
-    ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
-    order = order[~ends.assign(relation=order["relation"]).duplicated()]
-    fields = list(RankedTriple.__struct_fields__)
-    shown = labelled(links.graph, order.head(LISTED))[fields]
-    # Lists of plain numbers: a record of NumPy numbers has no JSON form.
-    columns = [shown[name].tolist() for name in shown]
-    return tuple(RankedTriple(*row) for row in zip(*columns, strict=True))
-
-
-def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
-    """Return the best-scored triples outside the graph, equally many for each relation.
-
-    Such a triple may be a recipe that the book lacks.
-    """
-    graph = links.graph
-    pairs = []
-    for relation, name in enumerate(RELATIONS):
-        scores = links.table[relation].copy()
-        if relation == COMBINES_WITH:
-            # Both directions are one fact: their mean stands above the diagonal, nothing below.
-            mean_scores = (scores + scores.T) / 2
-            scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, mean_scores)
-        is_own = graph.triples[:, 1] == relation
-        heads, _, tails = graph.triples[is_own].T
-        scores[heads, tails] = -np.inf
-        # An entity with itself: models without an idea of roles score these pairs highest.
-        np.fill_diagonal(scores, -np.inf)
-        scores[graph.is_half_product] = -np.inf
-        scores[:, graph.is_half_product] = -np.inf
-        best_first = np.argsort(-scores, axis=None, kind="stable")
-        for flat in best_first[: LISTED // 2].tolist():
-            head, tail = divmod(flat, len(scores))
-            score = float(scores[head, tail])
-            # A small graph may have fewer free pairs than rows in the list.
-            if np.isfinite(score):
-                head_label = graph.entities[head]
-                tail_label = graph.entities[tail]
-                pairs.append(ScoredPair(head_label, name, tail_label, score))
-    return tuple(pairs)
-
-
-def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players that choose by the scores alone, on test tasks of one recipe.
-
-    Tables have 1 and 8 distractors. Rows by goals of another book are those of the best pair and of
-    nearest words, which knows no book.
-    """
-    try:
-        words = players.words_player(links.graph, players.knowledge_of(links.scorer))
-        playing = {
-            **players.scorer_players(links.graph, links.scorer, links.trained_on),
-            "random": players.random_entity,
-            players.FEWEST_USES: players.fewest_uses(links.opened.split),
-            **words,
-            "recipe oracle": players.recipe_oracle,
-        }
-        world = World(links.opened, WordCraftConfig(part="test"))
-        groups = goal_groups(links.graph, world.tasks.goals, links.made_by_other_books)
-        rows = play_all(world, playing, (1, 8), seed=seed, groups=groups)
-        grouped = (players.BEST_PAIR, *words)
-        return tuple(row for row in rows if not row.goals or row.player in grouped)
-    except WordCraftKGError:
-        # Without test tasks, with too few entities for distractors, or with a scorer that fails the
-        # checks: the ranks are valid without play.
-        return ()

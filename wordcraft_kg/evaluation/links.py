@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.evaluation import PlayerSuccess
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.evaluation import link_sections
@@ -143,9 +142,6 @@ class LinkView(Record):
         comparisons: differences between the model and each baseline, the best baseline first.
         near_synonym_cosine: least cosine of two labels that count as near-synonyms.
         drill_down: metrics for groups of queries.
-        best, worst: the best-ranked and the worst-ranked queries.
-        perhaps_missing: the best-scored triples outside the graph, perhaps missing recipes.
-        kg_play: success rates for players that choose by the scores alone.
         trace: a row for each training epoch.
         provenance: facts about the training, by name.
     """
@@ -170,10 +166,6 @@ class LinkView(Record):
     comparisons: Annotated[tuple[link_sections.BaselineComparison, ...], msgspec.Meta(min_length=1)]
     near_synonym_cosine: float
     drill_down: link_sections.DrillDown
-    best: tuple[link_sections.RankedTriple, ...]
-    worst: tuple[link_sections.RankedTriple, ...]
-    perhaps_missing: tuple[link_sections.ScoredPair, ...]
-    kg_play: tuple[PlayerSuccess, ...]
     trace: tuple[TraceRow, ...]
     provenance: dict[str, str]
 
@@ -193,7 +185,7 @@ def view_links(
         name: the model's name in the report.
         provenance: facts about the training; None for none.
         trace: a row for each training epoch.
-        seed: seed of the bootstrap and of the players.
+        seed: seed of the bootstrap.
 
     Returns:
         The numbers, for :func:`~wordcraft_kg.reports.link_report.make_link_report`.
@@ -235,10 +227,6 @@ def view_links(
         comparisons=link_sections.comparisons_of(links, seed),
         near_synonym_cosine=NEAR_SYNONYM,
         drill_down=link_sections.drill_down_of(links, seed),
-        best=link_sections.listed_triples(links, ascending=True),
-        worst=link_sections.listed_triples(links, ascending=False),
-        perhaps_missing=link_sections.perhaps_missing_of(links) if links.has_table else (),
-        kg_play=link_sections.play_by_scores(links, seed) if links.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),
     )

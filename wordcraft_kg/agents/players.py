@@ -223,7 +223,7 @@ def _without(ids: Sequence[int], nothing: int) -> tuple[int, ...]:
 def _best_set(
     scorer: SetScores,
     goal: int,
-    entities: Sequence[int],
+    entities: tuple[int, ...],
     most_picks: int,
     tried: set[tuple[int, ...]],
 ) -> tuple[int, ...]:

@@ -1,5 +1,6 @@
 """Recipes of up to eight ingredients from end to end: the kitchen of the examples."""
 
+import io
 import json
 from pathlib import Path
 
@@ -40,6 +41,30 @@ def test_sets_are_built_described_exported_trained_on_and_ranked(run, folder, tm
     ranked = json.loads(text_of("evaluate-links", model, "--json", "--quiet"))
     assert ranked["checks_passed"] is False  # by-recipe-plain covers not all entities
     assert set(ranked["baselines"]) == {"frequency", "votes", "neighbours", "random"}
+
+
+def test_commands_play_sets(run, folder, tmp_path, monkeypatch):
+    """Tasks, scripted players, a program and the terminal, on one book."""
+    text = run("describe", folder, "--tasks", "--part", "test").out
+    assert "plan" in text
+    assert " + " in text
+    options = ("--distractors", "1", "--distractor-seeds", "1", "--json", "--quiet")
+    players = json.loads(run("evaluate-agent", folder, *options).out)
+    assert "recipe oracle" in json.dumps(players)
+    out = tmp_path / "chats.jsonl"
+    run("chats", folder, "--part", "train", "--tasks", "3", "--out", out)
+    calls = [
+        message["tool_calls"][0]["function"]["arguments"]
+        for line in out.read_text().splitlines()
+        for message in json.loads(line)["messages"]
+        if message.get("tool_calls")
+    ]
+    assert calls
+    assert all(list(call) == ["items"] for call in calls)
+    monkeypatch.setattr("sys.stdin", io.StringIO("1 + 2 + 2\nq\n"))
+    played = run("play", folder, "--seed", "3", "--episodes", "1")
+    assert played.code == 0
+    assert "Name the items to combine" in played.out
 
 
 def test_open_ended_play_refuses_sets_with_one_line(run, folder):

@@ -8,7 +8,9 @@ knowledge of recipes combine as many entities as most train recipes have. A play
 combines once no entity on the table has a score above 0, the mean of all, and picks none twice.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -18,7 +20,7 @@ from torch import Tensor
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.envs.batch import State
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -52,8 +54,23 @@ BEST_PAIR = "w, best pair"
 """Name of the player of the pair with the highest recipe score, among :func:`scorer_players`."""
 PLANNER = "planner"
 """Name of the player by plans, among :func:`scorer_players`."""
+BEST_SET = "best set"
+"""Name of the player of the set with the highest score, among :func:`scorer_players`."""
+_BEAM = 16
+"""Sets of each size that :func:`set_player` extends by every entity on the table."""
+_PADDED = 8
+"""Places of a set for :class:`SetScores`, whatever the largest recipe of a graph."""
 CELLS = 200_000
 """Maximum number of slot pairs to score at once: a state with A slots has A² pairs."""
+
+
+@runtime_checkable
+class SetScores(Protocol):
+    """A scorer of whole sets of ingredients."""
+
+    def score_sets(self, sets: Ids, goals: Ids) -> NDArray[np.float32]:
+        """Score sets, shape (N, 8), ids padded with -1, for goals (N,); returns shape (N,)."""
+        ...
 
 
 def random_entity(state: State, rng: np.random.Generator) -> Ids:
@@ -168,6 +185,67 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         return _best(state, scores.numpy(), rng)
 
     return choose
+
+
+def set_player(scorer: SetScores) -> Player:
+    """Return a player of the set with the highest score for the goal that it has not tried yet.
+
+    Sets grow by an entity at a time, in a beam.
+    """
+    # Sets by goal, table and tries: the rest of an attempt has the set of its beginning.
+    best_sets: dict[tuple[object, ...], tuple[int, ...]] = {}
+
+    def choose(state: State, rng: np.random.Generator) -> Ids:
+        slots = np.zeros(state.num_envs, dtype=np.int64)
+        most_picks = state.world.graph.most_ingredients
+        for i in np.flatnonzero(state.attempts_left > 0).tolist():
+            goal = int(state.goal[i])
+            table = state.table[i].tolist()
+            entities = tuple(entity for entity in table if entity != state.nothing)
+            tried = {_without(picks, state.nothing) for picks in state.tried[i].tolist()}
+            key = (goal, entities, frozenset(tried))
+            if key not in best_sets:
+                best_sets[key] = _best_set(scorer, goal, entities, most_picks, tried)
+            missing = Counter(best_sets[key])
+            missing.subtract(_without(state.selection[i].tolist(), state.nothing))
+            targets = [entity for entity, number in missing.items() if number > 0]
+            slots[i] = table.index(targets[0]) if targets else len(table) - 1
+        return slots
+
+    return choose
+
+
+def _without(ids: Sequence[int], nothing: int) -> tuple[int, ...]:
+    """Return the ids of entities in ascending order, without the padding."""
+    return tuple(sorted(entity for entity in ids if entity != nothing))
+
+
+def _best_set(
+    scorer: SetScores,
+    goal: int,
+    entities: tuple[int, ...],
+    most_picks: int,
+    tried: set[tuple[int, ...]],
+) -> tuple[int, ...]:
+    """Return the untried set of at most ``most_picks`` entities with the highest score found."""
+    beam: list[tuple[int, ...]] = [()]
+    best_set: tuple[int, ...] = entities[:1]  # if all have been tried
+    best_score = -np.inf
+    for _ in range(most_picks):
+        extended = {tuple(sorted((*parts, entity))) for parts in beam for entity in entities}
+        # Sorted, so that equal scores are decided alike in every process.
+        candidates = sorted(extended)
+        sets = padded(candidates, -1, _PADDED)
+        scores = scorer.score_sets(sets, np.full(len(sets), goal))
+        order = np.argsort(-scores, kind="stable").tolist()
+        beam = [candidates[row] for row in order[:_BEAM]]
+        for row in order:
+            if candidates[row] not in tried:
+                if scores[row] > best_score:
+                    best_set = candidates[row]
+                    best_score = float(scores[row])
+                break
+    return best_set
 
 
 def words_player(graph: RecipeGraph, knowledge: RecipeKnowledge | None = None) -> dict[str, Player]:
@@ -384,7 +462,8 @@ def scorer_players(
 
     The source u scores a slot with the selection, v with the goal; self edges are scores for an
     entity with itself. There are v, u, and u + v with three settings for self edges. Recipe scorers
-    add :data:`BEST_PAIR`, the pair with the highest recipe score.
+    add :data:`BEST_PAIR`, the pair with the highest recipe score, and scorers of sets
+    :data:`BEST_SET`.
 
     Args:
         graph: the graph.
@@ -421,6 +500,9 @@ def scorer_players(
         players[BEST_PAIR] = of("w")
     if plans and BestPlan.serves(scorer) and graph.has_pairs_only:
         players[PLANNER] = of("p")
+    # On train tasks it would have seen the recipes.
+    if isinstance(scorer, SetScores) and not graph.has_pairs_only and tasks is None:
+        players[BEST_SET] = set_player(scorer)
     return players
 
 

@@ -347,8 +347,7 @@ def _text_of_tasks(view: "TaskListing") -> Iterator[str]:
         for name in ("start", "distractors", "table"):
             rows.append((f"  {name}", ", ".join(map(quoted, getattr(task, name))) or "none"))
         for plan in task.plans:
-            steps = [f"{first} + {second} -> {result}" for first, second, result in plan]
-            rows.append(("  plan", "; ".join(steps)))
+            rows.append(("  plan", "; ".join(map(str, plan))))
         yield from ("", task.goal, *aligned(rows))
 
 

@@ -19,7 +19,7 @@ from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.envs.config import METADATA, IllegalAction, check_mode
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph, outcomes_of
 
 Observation = dict[str, Any]
 Info = dict[str, Any]
@@ -46,7 +46,10 @@ class Discovery:
 
         Raises:
             ConfigError: if an entity of the base is unknown, or nothing can be made from the base.
+            GraphError: if a recipe has more than two ingredients, or one.
         """
+        # A GraphError for a graph of larger sets: an action names two entities.
+        self._outcomes = outcomes_of(graph.recipes, graph.num_entities)
         try:
             if isinstance(base, str):  # one label, not its letters
                 base = [base]
@@ -63,7 +66,6 @@ class Discovery:
             raise ConfigError(
                 f"`base` {labels}: nothing new can be made from these entities in {graph.name}."
             )
-        self._outcomes = graph.outcomes
         self.restart()
 
     def restart(self) -> None:

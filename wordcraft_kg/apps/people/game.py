@@ -18,8 +18,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, Router
 from starlette.types import ASGIApp
 
-from wordcraft_kg.apps.web.files import file_endpoint, static_texts
-from wordcraft_kg.apps.web.guard import Guard
+from wordcraft_kg.apps.web.guard import Guard, file_endpoint, static_texts
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.book_files.words import RESULT, words_of

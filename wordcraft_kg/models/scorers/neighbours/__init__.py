@@ -50,8 +50,8 @@ further features; :mod:`.results` proposes results of a pair by both.
 With lists as long as the book nothing is approximate but the pruning: tests compare features with
 full tables.
 
-Compiled loops check no bounds: :mod:`.stored` says what they rely on, and checks stored tensors for
-it whenever knowledge is made.
+Compiled loops check no bounds: :mod:`.storage` says what they rely on, and checks stored tensors
+for it whenever knowledge is made.
 
 The page docs/explanation/recipe-scorer.md explains the formulas and names the function of each.
 

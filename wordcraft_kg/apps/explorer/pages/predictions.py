@@ -32,6 +32,7 @@ from wordcraft_kg.graphs.triples import (
     triple_keys,
 )
 from wordcraft_kg.models.scorers.config import MAX_QUERIES, has_table
+from wordcraft_kg.models.scorers.link_evidence import Side
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
     RankingMetrics,
@@ -39,7 +40,6 @@ from wordcraft_kg.models.scorers.ranking import (
     ranking_metrics,
     sampled,
 )
-from wordcraft_kg.models.scorers.roles import Side
 
 ROWS_A_PAGE = 50
 SCORES = 2**26

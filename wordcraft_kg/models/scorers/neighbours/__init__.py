@@ -30,8 +30,9 @@ the goal's neighbours are listed once, by their ingredient.
 
 **Links** are scored by networks (rankers) of such features: for componentOf(x, c) those of the link
 side, for combinesWith(a, b) known pairs of one end and a neighbour of the other; both with kernel
-regression at low rank m, see :mod:`.regression`. Each link is computed by itself, see :mod:`.links`: features of
-tables, agents and link prediction share one loop. The score of componentOf is a feature of pairs.
+regression at low rank m, see :mod:`.regression`. Each link is computed by itself, see
+:mod:`.links`: features of tables, agents and link prediction share one loop. The score of
+componentOf is a feature of pairs.
 
 | step | cost |
 |---|---|

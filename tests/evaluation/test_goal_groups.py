@@ -62,7 +62,7 @@ def test_a_model_folder_lists_the_goals_of_the_other_book(home, model):
 
 
 def test_without_another_book_there_are_no_groups(home, tmp_path):
-    settings = RecipeScorerConfig(folds=3, features="one-hot", with_=("glove",))
+    settings = RecipeScorerConfig(folds=3, features="one-hot")
     train_recipes(RecipesConfig(str(home / "graph"), settings), tmp_path / "words")
     assert open_model(tmp_path / "words").made_by_other_books is None
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, log_softmax, logsumexp
 
 from wordcraft_kg.agents.discovery import Discoverer, Floats, Pair
+from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.models.recipes.inductive import LabelledScorer
 
 CANDIDATES = 16
@@ -268,7 +269,7 @@ class RecipeDiscoverer(Discoverer):
         """Return componentOf scores of n entities, (n, E), each computed once."""
         new = [entity for entity in dict.fromkeys(entities) if entity not in self._links]
         if new:
-            scores = self._knowledge.component_scores(torch.tensor(new))
+            scores = self._knowledge.link_scores(COMPONENT_OF, torch.tensor(new))
             self._links |= zip(new, scores, strict=True)
         return torch.stack([self._links[entity] for entity in entities])
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Output, aligned, command_line, names
+from wordcraft_kg.cli.console import Output, aligned, command_line
 from wordcraft_kg.cli.options import Force, Graph
 
 EXAMPLES = (
@@ -38,14 +38,12 @@ def import_knowledge(
         triples: file of head, relation and tail with tabs between them; or, below a header with
             these names and perhaps weight, with tabs or commas; plain or gzipped.
         overrides: file with a label, a tab and a node on each line, as in the output's
-            alignment.tsv; without a node, the label is left out. The output's head-words.tsv
-            accepts nodes of head words, such as tree for pine tree.
+            alignment.tsv; without a node, the label is left out.
         out: knowledge folder to write. Default: knowledge/<graph name>-<wordnet, conceptnet or
             triples>.
     """
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.knowledge.importing import (
-        HEAD_WORDS,
         Kind,
         describe,
         import_knowledge,
@@ -69,12 +67,6 @@ def import_knowledge(
     check_output(out, force=force)
     view = import_knowledge(opened, kind, path, out, overrides=overrides, force=force)
     text = aligned(describe(view), numbers=True)
-    if view.head_words:
-        text.append(
-            f"not used: {counted(len(view.head_words), 'label')} with a node for the head word "
-            f"alone ({names(view.head_words, len(view.head_words))}); "
-            f"accept all or some with --overrides {out / HEAD_WORDS}"
-        )
     triples_and_facts = f"{counted(view.triples, 'triple')}, {counted(view.facts, 'fact')}"
     text.append(f"{triples_and_facts}, tables: {', '.join(view.tables)}")
     # Recipe scorers take pairs.

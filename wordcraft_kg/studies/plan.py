@@ -116,7 +116,7 @@ count. A test repeats some trainings and compares their results to the bit. Runs
 train recipes alone. Runs 3: all tables have the same number of entities, and a share of the deeper
 tasks uses an entity twice.
 """
-SCORER_VERSIONS = {RecipeScorerConfig.command: 6}
+SCORER_VERSIONS = {RecipeScorerConfig.command: 7}
 """Versions of scorers by command, in place of that in :data:`VERSIONS`.
 
 2: recipe scorers compute features by neighbour lists, before by tables of all pairs. 4: gradients

@@ -13,9 +13,7 @@ from wordcraft_kg.graphs.export import export_graph
 from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.models.knowledge import surroundings
 from wordcraft_kg.models.knowledge.alignment import (
-    Override,
     align,
-    with_overrides,
 )
 from wordcraft_kg.models.knowledge.folder import read_knowledge
 from wordcraft_kg.models.knowledge.importing import import_knowledge
@@ -151,21 +149,16 @@ def test_each_method_of_alignment(wordnet):
         "exact",
         "lemma",
         "lemma",
-        "head word",
         "none",
-        "head word",
+        "none",
+        "none",
         "none",
     )
     names = [
         network.nodes[node].lstrip("0") if node >= 0 else "" for node in alignment.nodes.tolist()
     ]
-    assert names == ["3-n", "4-n", "3-n", "3-n", "3-n", "", "5-n", ""]
-    # The rest of the import leaves head words out, unless the user accepts them.
-    accepted = {"rye bread": Override("wn:00000003-n", True)}
-    chosen = with_overrides(alignment, network, labels, accepted)
-    assert chosen.methods[4:7] == ("head word", "none", "none")
-    assert (chosen.confidences[4], chosen.nodes[6]) == (0.5, -1)
-    assert alignment.confidences[[0, 4, 7]].tolist() == [0.95, 0.5, 0]
+    assert names == ["3-n", "4-n", "3-n", "3-n", "", "", "", ""]
+    assert alignment.confidences[[0, 4, 7]].tolist() == [0.95, 0, 0]
     assert 0.5 < alignment.confidences[1] < 1  # dough has two senses
 
 
@@ -389,29 +382,6 @@ def test_an_export_comes_back_with_a_warning_of_held_out_triples(tmp_path, caplo
         assert view.edges == num_edges(opened.triples(part))
         assert view.held_out == (num_edges(opened.split.unseen) if part == "full" else 0)
     assert ["full holds" in record.message for record in caplog.records] == [True]
-
-
-def test_head_words_are_listed_and_used_only_when_accepted(run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "book.csv").write_text(
-        "a,b,result\nfamily,tree,family tree\nsea,water,glass of water\nfamily,pine,pine tree\n"
-    )
-    (tmp_path / "mine.tsv").write_text(
-        "head\trelation\ttail\ntree\thas\twood\nwater\tin\tsea\nglass\tis\tsea\n"
-    )
-    outcome = run("import-knowledge", "book.csv", "--triples", "mine.tsv", "--out", "k")
-    assert "family tree: other:tree, glass of water: other:glass, pine tree" in outcome.out
-    assert outcome.code == 0
-    assert "family tree" not in (tmp_path / "k/facts.tsv").read_text()
-    lines = (tmp_path / "k/head-words.tsv").read_text().splitlines()
-    (tmp_path / "right.tsv").write_text("\n".join(line for line in lines if "family" not in line))
-    accepted = ("--out", "k", "--force", "--overrides", "right.tsv", "--json")
-    view = json.loads(run("import-knowledge", "book.csv", "--triples", "mine.tsv", *accepted).out)
-    assert view["head_words"] == ["family tree: other:tree"]
-    facts = (tmp_path / "k/facts.tsv").read_text()
-    assert "pine tree\thas\twood\n" in facts
-    assert "family tree" not in facts
-    assert "pine tree\tother:tree\thead word\t0.500" in (tmp_path / "k/alignment.tsv").read_text()
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,7 @@ def test_the_other_book_alone_decides_the_tables(opened, tmp_path):
     # Entities 3 and 4 make 5 in the other book only.
     other = write_book(tmp_path / "other.csv", [(graph.entities[3], "sand", graph.entities[5])])
     outside = open_outside([other], opened, "one-hot")
-    observed = outside.tables.parts[OF_COMPONENTS.index("link_exact")]
+    observed = outside.tables.parts[OF_COMPONENTS.index("link")]
     assert observed[3, 5] > observed[3, 6]
 
 
@@ -166,7 +166,7 @@ def test_tables_are_found_by_label(opened, knowledge):
         (lambda opened, folder: opened.source, "is the graph itself"),
         (
             lambda opened, folder: str(folder / "nothing"),
-            "expected a knowledge folder, a graph folder, a book or word",
+            "expected a knowledge folder, a graph folder or a book",
         ),
         (
             lambda opened, folder: write_book(
@@ -220,9 +220,9 @@ def test_tables_of_one_source_merge_and_of_two_models_do_not(opened, tmp_path):
 @pytest.mark.slow
 def test_a_model_with_outside_knowledge_is_trained_and_found_again(opened, knowledge, tmp_path):
     other = write_book(tmp_path / "other.csv", [("sand", opened.graph.entities[0], "sandcastle")])
-    settings = replace(SMALL, with_=(str(knowledge), other, "random"))
+    settings = replace(SMALL, with_=(str(knowledge), other))
     trained = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model")
-    assert [source.kind for source in trained.metrics.outside] == ["tables", "book", "words"]
+    assert [source.kind for source in trained.metrics.outside] == ["tables", "book"]
     _, written = read_config(trained.folder)
     assert [Path(path).resolve() for path in written["with"][:2]] == [
         knowledge.resolve(),

@@ -27,7 +27,6 @@ from wordcraft_kg.models.scorers.neighbours.links import (
 from wordcraft_kg.models.scorers.neighbours.lists import SIGNATURE, make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
-    OF_PAIRS,
     pair_features,
 )
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
@@ -82,12 +81,11 @@ class SlowFeatures:
             if weight >= LEAST:
                 link += weight * self.links(other, result)
                 link_words += words[x, other] * words[c, result] * self.links(other, result)
-        exact = sum(alike[c, result] * self.links(x, result) for result in self.made)
         reverse = sum(alike[x, result] * self.links(c, result) for result in self.made)
-        partners = {b for a, b, _ in self.recipes if a == c} | {
-            a for a, b, _ in self.recipes if b == c
-        }
-        to_goal = sum(alike[x, other] * self.links(other, c) for other in self.used)
+        of_goal = {b for a, b, _ in self.recipes if a == c}
+        of_goal |= {a for a, b, _ in self.recipes if b == c}
+        parts = {i for a, b, result in self.recipes if result == c for i in (a, b)}
+        partners = [p for p in parts if any({a, b} == {x, p} for a, b, _ in self.recipes)]
         return [
             self.cosines[x, c],
             self.kernel[x, c],
@@ -95,11 +93,11 @@ class SlowFeatures:
             math.log1p(sum(result == x for *_, result in self.recipes)),
             math.log(FLOOR + link),
             math.log(FLOOR + link_words),
-            math.log(FLOOR + exact),
-            math.log(FLOOR + to_goal),
             math.log(FLOOR + reverse),
-            math.log(FLOOR + sum(alike[x, partner] for partner in partners)),
-            float(x in partners),
+            math.log(FLOOR + sum(alike[x, partner] for partner in of_goal)),
+            float(x in of_goal),
+            math.log1p(len(partners)),
+            math.log1p(sum(self.links(x, part) > 0 for part in parts)),
             self.regression[1][x, c],
             self.word_regression[1][x, c],
             math.log1p(sum(c in (a, b) for a, b, _ in self.recipes)),
@@ -108,7 +106,7 @@ class SlowFeatures:
 
     def of_pair(self, a, b, c):
         alike, words = self.alike, self.words
-        anything = makes = nearest = anything_words = makes_words = 0.0
+        anything = makes = anything_words = makes_words = 0.0
         for one, other, result in self.recipes:
             # A self pair is one pair of neighbours, any other pair is two.
             for i, j in {(one, other), (other, one)}:
@@ -117,11 +115,10 @@ class SlowFeatures:
                     continue
                 anything += weight
                 makes += weight * alike[c, result]
-                nearest = max(nearest, weight * alike[c, result])
                 anything_words += words[a, i] * words[b, j]
                 makes_words += words[a, i] * words[b, j] * words[c, result]
         results = {result for one, other, result in self.recipes if {one, other} == {a, b}}
-        sums = (anything, makes, nearest, anything_words, makes_words)
+        sums = (anything, makes, anything_words, makes_words)
         return [
             *(math.log(FLOOR + each) for each in sums),
             float(bool(results)),
@@ -150,7 +147,6 @@ class SlowFeatures:
         pairs = {pair for i, j, _ in self.recipes for pair in ((i, j), (j, i))}
         exact = sum(alike[a, i] for i, j in pairs if j == b)
         exact += sum(alike[b, j] for i, j in pairs if i == a)
-        anything = self.of_pair(a, b, 0)[OF_PAIRS.index("makes_anything")]
         return [
             self.cosines[a, b],
             self.kernel[a, b],
@@ -159,8 +155,6 @@ class SlowFeatures:
             sum(made),
             float(a == b),
             math.log(FLOOR + exact),
-            anything,
-            self.regression[0][a, b],
             self.word_regression[0][a, b],
         ]
 

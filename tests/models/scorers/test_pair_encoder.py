@@ -15,7 +15,7 @@ from wordcraft_kg.models.scorers.neighbours import results
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES, OF_ENCODER
-from wordcraft_kg.models.scorers.neighbours.stored import RESULT_RANKER
+from wordcraft_kg.models.scorers.neighbours.storage import RESULT_RANKER
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 TINY = EncoderSchedule(used=5, hidden=7, made=4, batch=8, sampled=6, epochs=2)

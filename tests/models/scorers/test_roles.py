@@ -9,7 +9,7 @@ from small_scorers import complex_scorer, cosine, normal, table_scorer
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
-from wordcraft_kg.models.scorers.roles import ROLES, EntityRoles, centred
+from wordcraft_kg.models.scorers.link_evidence import ROLES, EntityRoles, centred
 
 GRAPH = random_graph(num_entities=9, num_recipes=30)
 SIZE = GRAPH.num_entities

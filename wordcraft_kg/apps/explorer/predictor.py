@@ -24,9 +24,8 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, 
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason
+from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason, Side
 from wordcraft_kg.models.scorers.recipes import RecipeScores
-from wordcraft_kg.models.scorers.roles import Side
 
 NEW = len(PARTS)
 """Part of a triple that no recipe of the book gives."""

@@ -1,17 +1,15 @@
 """Align a recipe graph's labels with the nodes of a graph from outside the book.
 
-A label's first method with a node counts: exact spelling, base form (lemma), head word. A head
-word is a proposal that the user has to accept: a family tree is no tree, and has no wood. Among
-several nodes (senses), the first of the network's order counts, which in WordNet is the most
-frequent one: a choice by definitions and recipes scored no better, by any interval.
+A label's first method with a node counts: exact spelling, then base form (lemma). A head word does
+not: a family tree is no tree, and has no wood. Among several nodes (senses), the first of the
+network's order counts, which in WordNet is the most frequent one: a choice by definitions and
+recipes scored no better.
 
 The page docs/outside-knowledge.md shows it under *WordNet, ConceptNet, any triples*.
 """
 
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,26 +20,8 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.network import Network, plain
 
-HEAD_WORD = "head word"
-"""The method that the user has to ask for."""
-METHODS = {"exact": 1.0, "lemma": 0.95, HEAD_WORD: 0.5}
+METHODS = {"exact": 1.0, "lemma": 0.95}
 """Confidence that a method finds the right word, before a sense is chosen."""
-_HEAD = re.compile(r"(.+?) (?:of|in|with|from) .+")
-"""The head of a phrase comes before its preposition: glass of water."""
-_SHORTEST = 4
-"""Fewest letters of both words in a closed compound, such as treehouse."""
-
-
-class Override(NamedTuple):
-    """The node of a label, by the user.
-
-    Attributes:
-        node: its name, with or without the network's prefix; empty to leave the label out.
-        is_head_word: whether this accepts the proposal of a head word, with its confidence.
-    """
-
-    node: str
-    is_head_word: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,19 +77,19 @@ def with_overrides(
     alignment: Alignment,
     network: Network,
     entities: Sequence[str],
-    overrides: Mapping[str, Override],
+    overrides: Mapping[str, str],
 ) -> Alignment:
-    """Replace the nodes of some labels by nodes that the user names; leave out other head words.
+    """Replace the nodes of some labels by nodes that the user names.
 
     Args:
         alignment: the automatic alignment.
         network: the graph from outside the book.
         entities: labels in id order.
-        overrides: nodes by label.
+        overrides: names of nodes by label, with or without the network's prefix; empty to leave
+            the label out.
 
     Returns:
-        A new alignment, in which a named node has confidence 1, and an accepted head word the
-        confidence of its method.
+        A new alignment, in which a named node has confidence 1.
 
     Raises:
         KnowledgeFileError: for an unknown label or node.
@@ -117,16 +97,11 @@ def with_overrides(
     nodes = alignment.nodes.copy()
     confidences = alignment.confidences.copy()
     methods = list(alignment.methods)
-    for entity, method in enumerate(alignment.methods):
-        if method == HEAD_WORD:
-            nodes[entity] = -1
-            confidences[entity] = 0.0
-            methods[entity] = "none"
     numbers = {}
     # A general graph has millions of nodes: no table of them without need.
     if overrides:
         numbers = {name: node for node, name in enumerate(network.nodes)}
-    for label, (name, is_head_word) in overrides.items():
+    for label, name in overrides.items():
         if label not in entities:
             raise KnowledgeFileError(
                 f"`overrides` names '{label}', which is not a label of the "
@@ -142,10 +117,6 @@ def with_overrides(
             )
         entity = entities.index(label)
         nodes[entity] = node
-        if is_head_word and node == alignment.nodes[entity]:
-            confidences[entity] = alignment.confidences[entity]
-            methods[entity] = alignment.methods[entity]
-            continue
         confidences[entity] = 1.0 if name else 0.0
         methods[entity] = "override" if name else "left out"
     return Alignment(nodes, tuple(methods), confidences)
@@ -171,35 +142,9 @@ def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str
     forms: dict[str, Iterable[str]] = {
         "exact": [text],
         "lemma": [*base_forms, joined.get(short, ""), short],
-        HEAD_WORD: _heads(text, network),
     }
     for method, texts in forms.items():
         for form in texts:
             if form in network.spellings:
                 return method, form
     return "none", ""
-
-
-def _heads(text: str, network: Network) -> Iterator[str]:
-    """Yield possible head words of a label, longest first, such as glass for glass of water."""
-    match = _HEAD.fullmatch(text)
-    if match:
-        words = match[1].split()
-        first = 0
-    else:
-        words = text.split()
-        # All words together were looked up before.
-        first = 1
-    for start in range(first, len(words)):
-        head = " ".join(words[start:])
-        yield head
-        yield from network.singulars(head)
-    if len(words) == 1:
-        # Closed compounds: the first part has to be a word, too.
-        last = len(text) - _SHORTEST
-        for cut in range(_SHORTEST, last + 1):
-            first_part = text[:cut]
-            head = text[cut:]
-            if first_part in network.spellings:
-                yield head
-                yield from network.singulars(head)

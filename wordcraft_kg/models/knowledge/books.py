@@ -37,8 +37,8 @@ class OutsideSource(Record, frozen=True, kw_only=True):
 
     Attributes:
         name: the source's display name.
-        kind: ``tables`` of a knowledge folder, another ``book``, or ``words``.
-        sha256: hash of the tables, the other graph or the vectors.
+        kind: ``tables`` of a knowledge folder, or another ``book``.
+        sha256: hash of the tables or the other graph.
         coverage: share of the graph's entities that the source describes.
         recipes: recipes of another book that are used.
         left_out: recipes of another book that are also recipes of this graph, and not used.
@@ -50,7 +50,7 @@ class OutsideSource(Record, frozen=True, kw_only=True):
     """
 
     name: str
-    kind: Literal["tables", "book", "words"]
+    kind: Literal["tables", "book"]
     sha256: Hash
     coverage: Share
     recipes: Count = 0
@@ -103,8 +103,7 @@ def open_other_book(
         book = open_graph(spec).graph
     except RecipeFileError as error:
         raise ConfigError(
-            f"`with` '{spec}': expected a knowledge folder, a graph folder, a book or word "
-            f"vectors. {error}"
+            f"`with` '{spec}': expected a knowledge folder, a graph folder or a book. {error}"
         ) from None
     if book.hash == graph.hash:
         raise ConfigError(f"`with` '{spec}' is the graph itself. Give another book.")

@@ -19,9 +19,7 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.knowledge.alignment import (
-    HEAD_WORD,
     Alignment,
-    Override,
     align,
     with_overrides,
 )
@@ -46,8 +44,6 @@ READERS = {"wordnet": read_wordnet, "conceptnet": read_conceptnet, "triples": re
 """Readers of graphs, by kind."""
 ALIGNMENT = "alignment.tsv"
 """File with the node of each label, in the form in which overrides are read."""
-HEAD_WORDS = "head-words.tsv"
-"""File with the labels whose head word alone has a node, in the same form."""
 _COLUMNS = ("label", "node", "method", "confidence", "meaning")
 _LICENCES = {
     "wordnet": "WordNet 3.0 is copyright 2006 by Princeton University; its licence must accompany "
@@ -79,8 +75,6 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
         source: display name of the imported graph.
         entities: number of labels in the recipe graph.
         aligned: number of labels with a node.
-        head_words: labels whose head word alone has a node, with this node, as
-            ``label: node``; they are not aligned.
         held_out: number of triples of held-out recipes in the file; above 0, scores that learn
             from it know test recipes.
         coverage: labels by method, most first.
@@ -95,7 +89,6 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
     source: str
     entities: Count
     aligned: Count
-    head_words: tuple[str, ...]
     held_out: Count
     coverage: tuple[Coverage, ...]
     nodes: Count
@@ -140,17 +133,10 @@ def import_knowledge(
         aligned = align(network, entities)
         # What a person says goes before what was found.
         alignment = with_overrides(aligned, network, entities, overriding)
-        proposals = [
-            row
-            for entity, row in enumerate(_alignment_rows(network, aligned, entities))
-            if row[2] == HEAD_WORD and alignment.methods[entity] == "none"
-        ]
-        head_words = tuple(f"{label}: {node}" for label, node, *_ in proposals)
         if (alignment.nodes < 0).all():
-            near = f" Head words alone match, as {head_words[0]}." if head_words else ""
             raise KnowledgeFileError(
                 f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as "
-                f"'{entities[0]}', is in {network.source}.{near} Expected a graph with English "
+                f"'{entities[0]}', is in {network.source}. Expected a graph with English "
                 "names, or `overrides`."
             )
         if network.glosses:
@@ -181,7 +167,6 @@ def import_knowledge(
         source=network.source,
         entities=len(entities),
         aligned=int((alignment.nodes >= 0).sum()),
-        head_words=head_words,
         held_out=held_out,
         coverage=coverage_of(alignment),
         nodes=len(network.nodes),
@@ -194,7 +179,6 @@ def import_knowledge(
         TRIPLES: _table(HEADER, triples),
         FACTS: _table(("entity", "relation", "entity or class"), facts),
         ALIGNMENT: _table(_COLUMNS, _alignment_rows(network, alignment, entities)),
-        HEAD_WORDS: _table(_COLUMNS, proposals),
         "README.md": _card(view, opened, kind),
     }
     inputs = {
@@ -218,10 +202,8 @@ def _num_held_out(network: Network, alignment: Alignment, opened: OpenedGraph) -
     return int(is_in(edges[is_aligned], network.edges, len(network.nodes)).sum())
 
 
-def read_overrides(path: Path) -> dict[str, Override]:
-    """Read nodes by label from lines as in ``alignment.tsv`` or ``head-words.tsv``.
-
-    A third column ``head word`` accepts the proposal of a head word; others are ignored.
+def read_overrides(path: Path) -> dict[str, str]:
+    """Read nodes by label from lines as in ``alignment.tsv``, of which two columns count.
 
     Raises:
         KnowledgeFileError: if the file cannot be read, or has a wrong line, which the error names.
@@ -230,7 +212,7 @@ def read_overrides(path: Path) -> dict[str, Override]:
         raise KnowledgeFileError(
             f"{path} is not a file; expected lines with a label, a tab and a node."
         )
-    collected: dict[str, Override] = {}
+    collected: dict[str, str] = {}
     try:
         lines = read_small_file(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
@@ -245,8 +227,7 @@ def read_overrides(path: Path) -> dict[str, Override]:
             raise KnowledgeFileError(
                 f"{path}, line {number}: '{label}' {fault}; expected a label, a tab and a node."
             )
-        node, *columns_after = columns
-        collected[label] = Override(node.strip(), columns_after[:1] == [HEAD_WORD])
+        collected[label] = columns[0].strip()
     return collected
 
 

@@ -1,8 +1,8 @@
 """Sources of knowledge from outside the train recipes, as features of links.
 
-A source is a folder of tables, another book, or further word vectors. Outside knowledge is the same
-in all folds. The page docs/outside-knowledge.md describes the sources, and
-docs/explanation/recipe-scorer.md what a link ranker does with a feature.
+A source is a folder of tables or another book. Outside knowledge is the same in all folds. The page
+docs/outside-knowledge.md describes the sources, and docs/explanation/recipe-scorer.md what a link
+ranker does with a feature.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,6 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import FeatureSpec
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -36,8 +35,6 @@ from wordcraft_kg.models.knowledge.folder import (
 )
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.scorers.config import check_table
-from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
-from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features
 
 _OF_A_BOOK = ("graph", "split", "overrides")
@@ -45,8 +42,6 @@ _OF_A_BOOK = ("graph", "split", "overrides")
 source."""
 _Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
 """Tables by source, name and role. A source is its name and the hashes of its own inputs."""
-_VECTOR_FILES = (".npy", ".txt", ".gz")
-"""Endings of files with word vectors."""
 
 
 class LinkTables(NamedTuple):
@@ -91,7 +86,7 @@ def open_outside(
     """Open sources of outside knowledge for a graph's entities.
 
     Args:
-        specs: knowledge folders, graphs or books, and word vectors.
+        specs: knowledge folders, and graphs or books.
         opened: the graph; its split says which shared recipes are counted as test recipes.
         features: word vectors by which another book's recipes are compared.
         allow_missing: use zeros for labels without a vector.
@@ -111,19 +106,15 @@ def open_outside(
     sources: list[OutsideSource] = []
     books: list[OtherBook] = []
     for spec in specs:
-        if (Path(spec) / KNOWLEDGE).is_file():
+        if not is_book(spec):
             sources.append(_of_folder(spec, opened, folders))
             continue
-        if is_book(spec):
-            book_alone = open_other_book(spec, opened, without=without)
-            tables, book = _of_book(book_alone, opened, features, allow_missing)
-            books.append(book)
-            source = book.source
-        else:
-            tables, source = _of_words(spec, opened, allow_missing)
+        book_alone = open_other_book(spec, opened, without=without)
+        tables, book = _of_book(book_alone, opened, features, allow_missing)
+        books.append(book)
         pairs += tables.pairs
         parts += tables.parts
-        sources.append(source)
+        sources.append(book.source)
     # After all folders are read: tables of several folders may have become one.
     for (_, _, role), table in folders.items():
         if role == "pair":
@@ -134,14 +125,8 @@ def open_outside(
 
 
 def is_book(spec: str) -> bool:
-    """Return whether a source is another book, not a knowledge folder or word vectors."""
-    if (Path(spec) / KNOWLEDGE).is_file():
-        return False
-    source = FeatureSpec.parse(spec)
-    path = Path(source.source)
-    if not source.is_path or path.suffix in _VECTOR_FILES:
-        return False
-    return not (path / ENCODED).is_file()
+    """Return whether a source is another book, not a knowledge folder."""
+    return not (Path(spec) / KNOWLEDGE).is_file()
 
 
 def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource:
@@ -178,31 +163,6 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource
         # 0 is a cell that the earlier folder says nothing about.
         tables[key] = new if before is None else before.where(before != 0, new)
     return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
-
-
-def _of_words(
-    spec: str,
-    opened: OpenedGraph,
-    allow_missing: bool,
-) -> tuple[LinkTables, OutsideSource]:
-    """Return the cosines of further word vectors, a feature of both relations, and their record."""
-    features = make_features(spec, opened.graph.entities, allow_missing=allow_missing)
-    alike = text_of(features)
-    source = OutsideSource(
-        name=features.source,
-        kind="words",
-        sha256=features.sha256,
-        coverage=float(features.known.mean()),
-    )
-    return LinkTables([alike], [alike]), source
-
-
-def text_of(features: EntityFeatures) -> Tensor:
-    """Return the cosines of word vectors, (E, E); zeros for one-hot vectors, which are no words."""
-    if features.is_one_hot:
-        size = len(features.known)
-        return torch.zeros(size, size)
-    return cosines(torch.tensor(features.vectors))
 
 
 def describe_source(source: OutsideSource) -> str:
@@ -306,7 +266,7 @@ def join_books(
         book_alone = open_other_book(spec, opened, keep_train=keep_train)
         other_book, _ = with_words_of(book_alone, opened, features, allow_missing=allow_missing)
         books.append(other_book)
-    # Tables and word vectors alone: there is nothing to join, and no recipe to learn from.
+    # Tables alone: there is nothing to join, and no recipe to learn from.
     if not books:
         own_graph = opened.graph
         number = own_graph.num_recipes

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from wordcraft_kg.models.knowledge.alignment import HEAD_WORD, Alignment
+from wordcraft_kg.models.knowledge.alignment import Alignment
 from wordcraft_kg.models.knowledge.folder import TableInfo
 from wordcraft_kg.models.knowledge.network import Network, plain
 
@@ -77,11 +77,7 @@ def _phrases(
     for entity, node in enumerate(alignment.nodes.tolist()):
         if node < 0:
             continue
-        names = list(network.lemmas[node])
-        # The label of an entity that only shares a head word means another thing.
-        if alignment.methods[entity] != HEAD_WORD:
-            names.append(entities[entity])
-        for name in names:
+        for name in (*network.lemmas[node], entities[entity]):
             words = plain(name).split()
             base_forms = map(network.base_form, words)
             phrases[" ".join(base_forms)].add(node)

@@ -45,7 +45,7 @@ class RecipeScorerConfig:
             as for agents, a folder from encode, or one-hot to use no words.
         allow_missing: use zeros for any number of entities without a vector.
         with_: knowledge from outside the train recipes: knowledge folders (elicit,
-            import-knowledge), other books or graph folders of any size, and further word vectors.
+            import-knowledge), and other books or graph folders of any size.
             For graphs with at most 5,792 entities.
         without: books or graph folders whose recipes are left out of the training, also of the
             books in `with`, so that the scorer can be tested on these books; needs `kg` full.

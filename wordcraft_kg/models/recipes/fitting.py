@@ -46,7 +46,7 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     with_link_scores,
 )
 from wordcraft_kg.models.scorers.neighbours.results import propose_results
-from wordcraft_kg.models.scorers.neighbours.stored import num_features
+from wordcraft_kg.models.scorers.neighbours.storage import num_features
 from wordcraft_kg.models.scorers.ranker import Ranker
 
 TABLES = (8, 2)

@@ -6,8 +6,8 @@ votes, nothing learned), ``kernel`` (closed form) and ``recipes`` (scores for wh
 features of recipes come from the neighbour lists of the room ``neighbours``; a ``ranker`` makes
 scores of them, and ``probabilities`` turns scores into probabilities. ``cross_fitting`` joins
 models of all folds, ``folder`` loads and writes trained scorers, ``scales`` maps scores to a common
-scale, ``ranking`` evaluates test triples, ``roles`` and
-``link_evidence`` explain scores by similar entities and links, ``features`` provides entity
+scale, ``ranking`` evaluates test triples, ``link_evidence``
+explains scores by similar entities and links, ``features`` provides entity
 vectors, and ``near_synonyms`` finds test recipes that reword a train recipe. ``config`` holds
 limits and settings, without torch.
 

@@ -74,12 +74,6 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
     return unit.tocsr()
 
 
-def cosines(vectors: Tensor) -> Tensor:
-    """Return the cosines between all pairs of rows of (E, D), shape (E, E); 0 for zero rows."""
-    unit = torch.nn.functional.normalize(vectors, dim=1)
-    return unit @ unit.T
-
-
 def completion(recipes: Ids, num_entities: int) -> Tensor:
     """Score all pairs as ingredients by known pairs with the same result.
 

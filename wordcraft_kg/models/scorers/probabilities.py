@@ -791,17 +791,16 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
     rng = np.random.default_rng([seed, relation])
     num_pairs = size * (size - 1)
     entities = np.arange(size)
-    if num_pairs <= MAX_CELLS:
-        number = np.arange(num_pairs)
-    elif size <= _HEADS:
-        number = distinct(rng.integers(num_pairs, size=MAX_CELLS))
-    else:
+    if size > _HEADS:
         # Scores of an entity with many others cost little more than with one.
         entities = np.sort(rng.choice(size, _HEADS, replace=False))
-        columns = rng.integers(size - 1, size=(_HEADS, MAX_CELLS // _HEADS))
-        numbers = entities[:, None] * (size - 1) + columns
-        number = distinct(numbers.ravel())
     # Pair numbers count through a table without its diagonal, E - 1 columns wide.
+    columns = np.arange(size - 1)
+    affordable = MAX_CELLS // max(len(entities), 1)
+    if len(columns) > affordable:
+        columns = rng.integers(size - 1, size=(len(entities), affordable))
+    numbers = entities[:, None] * (size - 1) + columns
+    number = distinct(numbers.ravel())
     width = max(size - 1, 1)
     heads, column = np.divmod(number, width)
     # From the diagonal on, a column stands for the next entity.

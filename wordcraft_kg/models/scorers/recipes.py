@@ -11,7 +11,7 @@ from wordcraft_kg.models.scorers.config import has_table
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
-from wordcraft_kg.models.scorers.neighbours.stored import check_stored
+from wordcraft_kg.models.scorers.neighbours.storage import check_stored
 from wordcraft_kg.models.scorers.probabilities import kinds_of
 from wordcraft_kg.models.scorers.protocol import RecipeScores as RecipeScores
 from wordcraft_kg.models.scorers.protocol import Witness as Witness
@@ -135,7 +135,11 @@ class RecipeScorer(StoredScorer, RecipeScores):
             if self._has_table(relation, len(own_heads)):
                 scores[is_own] = self.table(relation)[own_heads, own_tails]
             else:
-                scores[is_own] = self.knowledge.scores_of_links(relation, own_heads, own_tails)
+                # By result, whose links share work.
+                link_scores = self.knowledge.link_scores(
+                    relation, own_tails, own_heads[:, None], heads=True
+                )
+                scores[is_own] = link_scores[:, 0]
         return scores
 
     def _has_table(self, relation: int, num_scores: int) -> bool:

@@ -16,7 +16,7 @@ from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
-from wordcraft_kg.models.scorers.roles import Side
+from wordcraft_kg.models.scorers.link_evidence import Side
 
 NEAREST = 8
 """Similar entities on an entity's page."""

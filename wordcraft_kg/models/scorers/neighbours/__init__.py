@@ -22,16 +22,17 @@ make.
     link side   Σ k²(x, x') k²(c, c') n(x', c')
                 over x' in N(x), c' in G(c); n counts recipes
 
-and the same as maxima, by words (w⁴ for k²), without c; known recipes; kernel regression; cosines;
+and the same by words (w⁴ for k²), without c; known recipes; kernel regression; cosines;
 degrees. A product below .002 ends a search in both lists. A hash table answers whether a pair has
 recipes. A book of at most 2,048 entities has all k and word cosines in matrices: most of the time
 of a table went to products of word vectors. All slots of a table share its goal, so the links to
 the goal's neighbours are listed once, by their ingredient.
 
 **Links** are scored by networks (rankers) of such features: for componentOf(x, c) those of the link
-side, for combinesWith(a, b) those of the pair side without c; both with kernel regression at low
-rank m, see :mod:`.regression`. Each link is computed by itself, see :mod:`.links`: features of
-tables, agents and link prediction share one loop. The score of componentOf is a feature of pairs.
+side, for combinesWith(a, b) known pairs of one end and a neighbour of the other; both with kernel
+regression at low rank m, see :mod:`.regression`. Each link is computed by itself, see
+:mod:`.links`: features of tables, agents and link prediction share one loop. The score of
+componentOf is a feature of pairs.
 
 | step | cost |
 |---|---|
@@ -41,7 +42,7 @@ tables, agents and link prediction share one loop. The score of componentOf is a
 | lists N, G and supporting recipes | E (K + K_w) D |
 | regression | E L D + L³ + n m, for L <= 1,536 landmarks |
 | features of a table with A slots | A N G + A² (N² + m) + D per result, at most |
-| a link | N G + N² + m, at most |
+| a link | N G + m and the goal's ingredients, or N + m, at most |
 | memory | E (4 K + 3 N + 3 G + 3 R + D + 3 m) + about 30 n numbers; 2 E² of a small book |
 
 A model of a large book has a pair encoder besides (:mod:`.pair_encoder`), whose scores are three
@@ -50,8 +51,8 @@ further features; :mod:`.results` proposes results of a pair by both.
 With lists as long as the book nothing is approximate but the pruning: tests compare features with
 full tables.
 
-Compiled loops check no bounds: :mod:`.stored` says what they rely on, and checks stored tensors for
-it whenever knowledge is made.
+Compiled loops check no bounds: :mod:`.storage` says what they rely on, and checks stored tensors
+for it whenever knowledge is made.
 
 The page docs/explanation/recipe-scorer.md explains the formulas and names the function of each.
 

@@ -46,11 +46,11 @@ OF_SLOTS = 15
     _MADE,
     _LINK,
     _LINK_WORDS,
-    _LINK_EXACT,
-    _LINK_TO_GOAL,
     _LINK_REVERSE,
     _LINK_WITH_GOAL,
     _COMBINES,
+    _PARTNERS,
+    _STEPS,
     _REGRESSION,
     _WORD_REGRESSION,
 ) = range(NUM_LINKS)
@@ -58,7 +58,6 @@ OF_SLOTS = 15
 (
     _MAKES_ANYTHING,
     _MAKES_ALIKE,
-    _MAKES_BEST,
     _MAKES_ANYTHING_WORDS,
     _MAKES_ALIKE_WORDS,
     _KNOWN,
@@ -70,7 +69,7 @@ OF_SLOTS = 15
     _GOAL_USES,
     _PAIR_REGRESSION,
     _PAIR_WORD_REGRESSION,
-) = range(2 * OF_SLOTS, 2 * OF_SLOTS + 14)
+) = range(2 * OF_SLOTS, 2 * OF_SLOTS + 13)
 
 
 @in_place
@@ -164,7 +163,7 @@ def alike_of(  # type: ignore[no-untyped-def]
 
 
 @in_place
-def links_to_results(lists, goal, entry_of, entries, counts, to_goal):  # type: ignore[no-untyped-def]
+def links_to_results(lists, goal, entry_of, entries, counts):  # type: ignore[no-untyped-def]
     """List the known links to a goal's neighbours by their ingredient.
 
     All slots of a table share the goal, so they share these lists.
@@ -176,9 +175,6 @@ def links_to_results(lists, goal, entry_of, entries, counts, to_goal):  # type: 
         entries: receives the neighbour's place in ``lists.made`` and the next entry of the same
             ingredient, -1 at the end: shape (L, 2), places ascending.
         counts: receives the number of recipes with the link, shape (L,).
-        to_goal: receives the number of recipes of each ingredient and the goal itself; shape (T,),
-            zeros before.
-
     """
     end = np.int64(0)
     places = lists.made.shape[1]
@@ -194,22 +190,17 @@ def links_to_results(lists, goal, entry_of, entries, counts, to_goal):  # type: 
             counts[end] = lists.part_counts[place]
             entry_of[part] = end
             end += 1
-    for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
-        to_goal[lists.parts[place]] = lists.part_counts[place]
 
 
 @in_place
-def forget_links(lists, goal, entry_of, to_goal):  # type: ignore[no-untyped-def]
-    """Write -1 and 0 again where :func:`links_to_results` wrote first entries and numbers.
+def forget_links(lists, goal, entry_of):  # type: ignore[no-untyped-def]
+    """Write -1 again where :func:`links_to_results` wrote first entries.
 
     Args:
         lists: the lists.
         goal: entity id.
         entry_of: shape (T,).
-        to_goal: shape (T,).
     """
-    for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
-        to_goal[lists.parts[place]] = 0
     for column in range(lists.made.shape[1]):
         result = lists.made[goal, column]
         if result < 0:
@@ -233,7 +224,7 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
     """
     kernel = lists.by_kernel
     word = lists.by_words
-    entry_of, entries, counts, num_to_goal = to_results
+    entry_of, entries, counts = to_results
     hashed = (lists.partner_bits, lists.pair_keys)
     links = (lists.result_bits, lists.part_starts, lists.parts, lists.part_counts)
     for slot in range(len(table)):
@@ -243,7 +234,6 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
         soft = np.float32(0)
         soft_words = np.float32(0)
         with_goal = np.float32(0)
-        to_goal = np.float32(0)
         for row in range(lists.used.shape[1]):
             neighbour = lists.used[entity, row]
             if neighbour < 0:
@@ -251,7 +241,6 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
             neighbour_weight = lists.used_alike[entity, row]
             if pair_place(*hashed, goal, neighbour) >= 0:
                 with_goal += neighbour_weight
-            to_goal += neighbour_weight * num_to_goal[neighbour]
             entry = entry_of[neighbour]
             while entry >= 0:
                 column = entries[entry, 0]
@@ -264,28 +253,31 @@ def links_of_slots(lists, to_results, goal, table, cosines, kernels, out):  # ty
                 soft += number * weight
                 soft_words += number * word_weight
                 entry = entries[entry, 1]
-        exact = np.float32(0)
-        entry = entry_of[entity]
-        while entry >= 0:
-            exact += lists.made_alike[goal, entries[entry, 0]] * counts[entry]
-            entry = entries[entry, 1]
         reverse = np.float32(0)
         for column in range(lists.made.shape[1]):
             result = lists.made[entity, column]
             if result < 0:
                 break
             reverse += lists.made_alike[entity, column] * num_links(*links, goal, result)
+        partners = 0
+        steps = 0
+        for place in range(lists.part_starts[goal], lists.part_starts[goal + 1]):
+            part = lists.parts[place]
+            if pair_place(*hashed, entity, part) >= 0:
+                partners += 1
+            if num_links(*links, entity, part) > 0:
+                steps += 1
         out[slot, _WORDS] = cosines[slot]
         out[slot, _KERNEL] = kernels[slot]
         out[slot, _USES] = log1p(lists.num_uses[entity])
         out[slot, _MADE] = log1p(lists.num_makers[entity])
         out[slot, _LINK] = log(FLOOR + soft)
         out[slot, _LINK_WORDS] = log(FLOOR + soft_words)
-        out[slot, _LINK_EXACT] = log(FLOOR + exact)
-        out[slot, _LINK_TO_GOAL] = log(FLOOR + to_goal)
         out[slot, _LINK_REVERSE] = log(FLOOR + reverse)
         out[slot, _LINK_WITH_GOAL] = log(FLOOR + with_goal)
         out[slot, _COMBINES] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
+        out[slot, _PARTNERS] = log1p(partners)
+        out[slot, _STEPS] = log1p(steps)
         out[slot, _REGRESSION] = product(kernel.left, kernel.right, entity, goal)
         out[slot, _WORD_REGRESSION] = product(word.left, word.right, entity, goal)
 
@@ -321,7 +313,6 @@ def _write_neighbour_features(  # type: ignore[no-untyped-def]
     """
     anything = np.float32(0)
     alike = np.float32(0)
-    nearest = np.float32(0)
     anything_words = np.float32(0)
     alike_words = np.float32(0)
     for number in range(first, last):
@@ -334,13 +325,10 @@ def _write_neighbour_features(  # type: ignore[no-untyped-def]
         anything_words += results * weight_by_words
         for recipe in range(start, start + results):
             result = result_of[recipe]
-            value = weight * result_weights[result]
-            alike += value
-            nearest = max(nearest, value)
+            alike += weight * result_weights[result]
             alike_words += weight_by_words * result_words[result]
     out[_MAKES_ANYTHING] = log(FLOOR + anything)
     out[_MAKES_ALIKE] = log(FLOOR + alike)
-    out[_MAKES_BEST] = log(FLOOR + nearest)
     out[_MAKES_ANYTHING_WORDS] = log(FLOOR + anything_words)
     out[_MAKES_ALIKE_WORDS] = log(FLOOR + alike_words)
 

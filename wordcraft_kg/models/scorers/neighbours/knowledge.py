@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -24,18 +24,27 @@ from wordcraft_kg.models.scorers.neighbours.pair_features import (
     with_link_scores,
 )
 from wordcraft_kg.models.scorers.neighbours.storage import StoredKnowledge
-from wordcraft_kg.models.scorers.neighbours.support import (
-    LEAST_SHARE,
-    Support,
-    supporting_recipes,
-)
 
-__all__ = ["LEAST_SHARE", "RecipeKnowledge", "Support"]
-
+LEAST_SHARE = 0.01
+"""Smallest evidence share of a supporting recipe that counts as a reason."""
 _ROWS = 64
 """Fewest tables for a thread: starting it takes as long as a few tables."""
 _BLOCK = 32
 """Most tables that a thread takes at once: few, so that all threads end at about the same time."""
+
+
+class Support(NamedTuple):
+    """A known recipe that supports another recipe, by ids, and its weight.
+
+    The weight is the recipe similarity, 1 for equality: the product of entity similarities for both
+    ingredients (in the better order) and the result. ``share`` is relative to the sum over all
+    supporting recipes, ``strength`` to the strongest of them.
+    """
+
+    recipe: tuple[int, int, int]
+    weight: float
+    share: float
+    strength: float
 
 
 class RecipeKnowledge(StoredKnowledge):
@@ -297,14 +306,6 @@ class RecipeKnowledge(StoredKnowledge):
                 scores[block] = ranker(features)[:, :width]
         return scores.to(entities.device)
 
-    def scores_of_links(self, relation: int, heads: Tensor, tails: Tensor) -> Tensor:
-        """Score links, ids (n,) each, by the first model's link ranker: shape (n,), float32."""
-        return self.link_scores(relation, tails, heads[:, None], heads=True)[:, 0]
-
-    def component_scores(self, entities: Tensor) -> Tensor:
-        """Return componentOf scores with all results by the first model, shape (n, E)."""
-        return self.link_scores(COMPONENT_OF, entities)
-
     def word_cosines(self, entity: int, others: Tensor) -> Tensor:
         """Return word cosines of an entity and n others, shape (n,)."""
         return self.vectors[others].float() @ self.vectors[entity].float()
@@ -370,6 +371,10 @@ class RecipeKnowledge(StoredKnowledge):
     ) -> list[Support]:
         """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``.
 
+        Recipes that make the goal itself come first, if their share is at least
+        :data:`LEAST_SHARE`, then the others; both by share. Recipes of other books have no labels
+        here, and are left out.
+
         Args:
             a: id of an ingredient.
             b: id of the other ingredient.
@@ -377,5 +382,36 @@ class RecipeKnowledge(StoredKnowledge):
             model: number of the model.
             limit: maximum number of recipes.
         """
+        # Compiled loops are imported late: numba takes as long to import as all the rest.
+        from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
+
         a, b, goal = self.ids(torch.tensor([a, b, goal])).tolist()
-        return supporting_recipes(self.lists(model), (a, b, goal), self.num_entities, limit)
+        lists = self.lists(model)
+        numbers = lists.support[goal]
+        orders = np.zeros((len(numbers), 2), dtype=np.float32)
+        support_terms(lists, a, b, goal, orders)
+        # -1 ends the list.
+        numbers = numbers[numbers >= 0]
+        orders = orders[: len(numbers)]
+        like_goal = lists.support_alike[goal, : len(numbers)]
+        # Both orders count as evidence, as in the feature; a weight is the better order's alone.
+        evidence = like_goal * orders.sum(1)
+        weights = np.minimum(like_goal * orders.max(1, initial=0), 1)
+        # Without evidence all shares are 0, not NaN.
+        smallest = np.finfo(np.float32).tiny
+        shares = evidence / max(evidence.sum(), smallest)
+        strengths = evidence / max(evidence.max(initial=0), smallest)
+        results = lists.result[numbers]
+        is_other = (results != goal) | (shares < LEAST_SHARE)
+        # The last key counts first; ties stay in the order of the list.
+        by_share = np.lexsort((-evidence, is_other))
+        supports: list[Support] = []
+        for row in by_share.tolist():
+            if len(supports) == limit:
+                break
+            number = numbers[row]
+            support_ids = int(lists.first[number]), int(lists.second[number]), int(results[row])
+            if weights[row] > 0 and max(support_ids) < self.num_entities:
+                figures = float(weights[row]), float(shares[row]), float(strengths[row])
+                supports.append(Support(support_ids, *figures))
+        return supports

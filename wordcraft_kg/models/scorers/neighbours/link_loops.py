@@ -11,7 +11,6 @@ from wordcraft_kg.models.scorers.neighbours.feature_loops import (
     forget_links,
     links_of_slots,
     links_to_results,
-    neighbour_pairs,
 )
 from wordcraft_kg.models.scorers.neighbours.hash_loops import pair_place
 from wordcraft_kg.models.scorers.neighbours.similar import clear, product, spread
@@ -28,11 +27,9 @@ _GOAL_MADE = 14
     _MADE_SUM,
     _ITSELF,
     _COMPLETION,
-    _NEAR_PAIRS_EXACT,
     _NEAR_PAIRS,
-    _REGRESSION,
     _WORD_REGRESSION,
-) = range(11)
+) = range(9)
 
 
 @compiled
@@ -53,8 +50,7 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
     entry_of = np.full(len(lists.norms), -1, dtype=np.int32)
     entries = np.empty((len(lists.parts), 2), dtype=np.int32)
     counts = np.empty(len(lists.parts), dtype=np.int32)
-    to_goal = np.zeros(len(lists.norms), dtype=np.int32)
-    to_results = (entry_of, entries, counts, to_goal)
+    to_results = (entry_of, entries, counts)
     for row in range(len(goals)):
         goal = goals[row]
         if goal < 0:
@@ -70,7 +66,7 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
             if tables[row, slot] >= 0:
                 out[row, slot, _GOAL_USES] = uses
                 out[row, slot, _GOAL_MADE] = makers
-        forget_links(lists, goal, entry_of, to_goal)
+        forget_links(lists, goal, entry_of)
         clear(lists, goal, structure)
 
 
@@ -84,10 +80,9 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
         lists: the lists.
         keys: shape (B,); negative for no entity.
         tables: shape (B, A); negative for empty slots.
-        out: zeros, shape (B, A, 11), in the order of ``links.OF_COMBINES``; an empty slot, or one
+        out: zeros, shape (B, A, 9), in the order of ``links.OF_COMBINES``; an empty slot, or one
             without key, keeps its zeros.
     """
-    kernel = lists.by_kernel
     word = lists.by_words
     half_starts = lists.half_starts
     half_nodes = lists.half_nodes
@@ -95,7 +90,6 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
     pair_starts = lists.node_starts
     pair_nodes = lists.node_partners
     pair_values = lists.node_values
-    neighbours = (lists.used, lists.used_alike, lists.used_words)
     hashed = (lists.partner_bits, lists.pair_keys)
     width = lists.used.shape[1]
     similar = (lists.vectors, lists.norms, lists.kernels, lists.cosines)
@@ -103,9 +97,6 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
     cosines = np.empty(tables.shape[1], dtype=np.float32)
     structure = np.zeros(len(lists.norms), dtype=np.float32)
     reached = np.zeros(len(pair_starts) - 1, dtype=np.float32)
-    places = np.empty(width * width, dtype=np.int64)
-    weights = np.empty(width * width, dtype=np.float32)
-    words = np.empty(width * width, dtype=np.float32)
     for row in range(len(keys)):
         key = keys[row]
         if key < 0:
@@ -127,18 +118,14 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
                 node = half_nodes[place]
                 completion += half_values[place] * reached[node]
             # Known pairs of one of both and a neighbour of the other.
-            exact = np.float32(0)
+            near = np.float32(0)
             for number in range(width):
                 near_key = lists.used[key, number]
                 if near_key >= 0 and pair_place(*hashed, near_key, entity) >= 0:
-                    exact += lists.used_alike[key, number]
+                    near += lists.used_alike[key, number]
                 near_entity = lists.used[entity, number]
                 if near_entity >= 0 and pair_place(*hashed, near_entity, key) >= 0:
-                    exact += lists.used_alike[entity, number]
-            near = np.float32(0)
-            count, _ = neighbour_pairs(*neighbours, *hashed, key, entity, 0, places, weights, words)
-            for number in range(count):
-                near += weights[number] * lists.pair_counts[places[number]]
+                    near += lists.used_alike[entity, number]
             uses = log1p(lists.num_uses[key])
             other_uses = log1p(lists.num_uses[entity])
             num_made = log1p(lists.num_makers[key])
@@ -151,9 +138,7 @@ def combines_features(lists, keys, tables, out):  # type: ignore[no-untyped-def]
             features[_MADE_SUM] = num_made + other_made
             features[_ITSELF] = 1 if key == entity else 0
             features[_COMPLETION] = log(FLOOR + completion)
-            features[_NEAR_PAIRS_EXACT] = log(FLOOR + exact)
             features[_NEAR_PAIRS] = log(FLOOR + near)
-            features[_REGRESSION] = product(kernel.pair_left, kernel.right, key, entity)
             features[_WORD_REGRESSION] = product(word.pair_left, word.right, key, entity)
         # Cleared where it was written, for the next key.
         for place in range(half_starts[key], half_starts[key + 1]):

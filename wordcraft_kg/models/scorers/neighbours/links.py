@@ -20,11 +20,11 @@ OF_COMPONENTS = (
     "made",
     "link",
     "link_words",
-    "link_exact",
-    "link_to_goal",
     "link_reverse",
     "link_with_goal",
     "combines",
+    "link_partners",
+    "link_steps",
     "regression",
     "word_regression",
     "goal_uses",
@@ -37,9 +37,10 @@ OF_COMPONENTS = (
 | words, kernel | word cosine and similarity of x and c |
 | uses, made | log(1 + recipes that use x, that make x) |
 | link, link_words | log of known links x' -> c' of neighbours, by likeness and by words |
-| link_exact, link_to_goal | the same for x' = x alone, and for c' = c alone |
 | link_reverse | log of links from c to neighbours of x: c as ingredient, x as result |
 | link_with_goal, combines | log of x's neighbours that combine with c; whether x does |
+| link_partners | log(1 + ingredients of c that combine with x) |
+| link_steps | log(1 + ingredients of c that x is an ingredient of) |
 | regression, word_regression | componentOf(x, c) by kernel regression: by k, by word vectors |
 | goal_uses, goal_made | log(1 + recipes that use c, that make c) |
 """
@@ -51,9 +52,7 @@ OF_COMBINES = (
     "made_sum",
     "itself",
     "completion",
-    "near_pairs_exact",
     "near_pairs",
-    "regression",
     "word_regression",
 )
 """Features of a combinesWith link between a and b, in the order of the link ranker's weights.
@@ -64,9 +63,8 @@ OF_COMBINES = (
 | uses_*, made_sum | sum and difference of log(1 + recipes that use it, that make it) |
 | itself | whether a equals b |
 | completion | log of paths over pairs with the same result, see ``kernel.completion`` |
-| near_pairs_exact | log of known pairs of a and a neighbour of b, or the other way round |
-| near_pairs | log of known pairs of neighbours, by likeness, each with the number of its results |
-| regression, word_regression | combinesWith(a, b) by kernel regression: by k, by word vectors |
+| near_pairs | log of known pairs of a and a neighbour of b, or the other way round |
+| word_regression | combinesWith(a, b) by kernel regression of word vectors |
 """
 LINK_FEATURES = {COMBINES_WITH: OF_COMBINES, COMPONENT_OF: OF_COMPONENTS}
 """Names of the features of each relation."""

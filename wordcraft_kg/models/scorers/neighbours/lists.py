@@ -423,15 +423,9 @@ def _by_result(recipes: Ids) -> Numbers:
     recipes with the smallest ids. The order depends on a recipe alone: other recipes that come or
     go do not change it.
     """
-    # The finalizer of splitmix64 (Steele, Lea and Flood 2014); products wrap around.
-    mixed = recipes[:, 0].astype(np.uint64) << np.uint64(32)
-    mixed |= recipes[:, 1].astype(np.uint64)
-    mixed ^= mixed >> np.uint64(30)
-    mixed *= np.uint64(0xBF58476D1CE4E5B9)
-    mixed ^= mixed >> np.uint64(27)
-    mixed *= np.uint64(0x94D049BB133111EB)
-    mixed ^= mixed >> np.uint64(31)
-    results = recipes[:, 2]
+    # Products by two large odd numbers (Knuth 1973), which wrap around.
+    a, b, results = recipes.astype(np.uint64).T
+    mixed = (a * np.uint64(0x9E3779B97F4A7C15)) ^ (b * np.uint64(0xBF58476D1CE4E5B9))
     # The last key counts first: by result, then by the mixed ingredients.
     order = np.lexsort((mixed, results))
     return order.astype(np.int32)

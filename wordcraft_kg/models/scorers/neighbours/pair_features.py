@@ -27,7 +27,6 @@ Those of componentOf links, without ``goal_uses`` and ``goal_made``, come first.
 OF_PAIRS = (
     "makes_anything",
     "makes_alike",
-    "makes_best",
     "makes_anything_words",
     "makes_alike_words",
     "known",
@@ -46,7 +45,7 @@ OF_PAIRS = (
 | feature | meaning |
 |---|---|
 | makes_anything | log of known pairs (a', b') of neighbours, by likeness |
-| makes_alike, makes_best | the same times the likeness of their results and c: sum, largest term |
+| makes_alike | the same times the likeness of their results and c |
 | makes_anything_words, makes_alike_words | both sums by words |
 | known, makes | a + b has known results; c is a known result |
 | pair_words, pair_kernel, itself | word cosine and similarity of a and b; a equals b |

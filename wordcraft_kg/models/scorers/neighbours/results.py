@@ -45,7 +45,7 @@ def propose_results(
         shape (n, 2 number), int64; (n, number) without an encoder.
     """
     # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours.result_loops import results_of_pairs
+    from wordcraft_kg.models.scorers.neighbours.candidate_loops import results_of_pairs
 
     size = len(lists.norms)
     width = min(number, size)

@@ -63,7 +63,7 @@ class SetMetrics(Record, frozen=True, kw_only=True):
         recipes: number of training recipes.
         goals: number of entities that they make.
         ingredients: number of entities that they use.
-        parts: source of parts, or none.
+        parts: source of parts, a file by its name; none without.
         features: word vectors; one-hot for none.
         seconds: duration of all fits.
         folds: number of parts of the train goals, each scored without its recipes.

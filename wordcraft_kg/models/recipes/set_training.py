@@ -6,6 +6,7 @@ A book with larger sets than pairs trains such a model, and any book with the se
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from wordcraft_kg.models.recipes.set_fitting import fit_sets
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import write_scorer
 from wordcraft_kg.models.scorers.sets.knowledge import (
+    MOST_KINDS,
     NO_INGREDIENT,
     Flags,
     SetKnowledge,
@@ -146,6 +148,12 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         if settings.kg == "partial":
             is_used = opened.split.is_in("train")
         self.recipes = rows_of_sets(graph, is_used)
+        num_ingredients = len(np.unique(self.recipes[:, :-1]))
+        if num_ingredients > MOST_KINDS:
+            raise ConfigError(
+                f"{graph.name} has {num_ingredients:,} different ingredients; a model of sets "
+                f"takes {MOST_KINDS:,}. Leave out `parts` for a recipe scorer of pairs."
+            )
         num_goals = len(np.unique(self.recipes[:, -1]))
         if num_goals < max(_FEWEST_GOALS, settings.folds):
             raise ConfigError(
@@ -202,7 +210,7 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             recipes=len(self.recipes),
             goals=len(knowledge.goal_ids),
             ingredients=len(knowledge.ingredient_ids),
-            parts=self.source,
+            parts=Path(self.source).name,
             features=self.features,
             seconds=round(time.perf_counter() - began, 3),
             folds=settings.folds,

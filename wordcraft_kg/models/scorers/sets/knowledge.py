@@ -20,6 +20,8 @@ from wordcraft_kg.models.scorers.sets.loops import (
 )
 
 NO_INGREDIENT = -1
+MOST_KINDS = 8_192
+"""Most different ingredients of a model, whose pairs are a table."""
 _LOST_FROM = 0.05
 """Share of recipes with a part whose goal lacks it, from which recipes lose the part."""
 _SHARED_FROM = 1.5

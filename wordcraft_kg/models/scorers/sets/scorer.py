@@ -14,6 +14,7 @@ from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
 from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.models.scorers.scorer import StoredScorer
 from wordcraft_kg.models.scorers.sets.knowledge import (
+    MOST_KINDS,
     NO_INGREDIENT,
     Flags,
     GoalEvidence,
@@ -142,6 +143,8 @@ class SetScorer(StoredScorer):
         amounts = tensors["amounts"]
         if not is_sound:
             raise ValueError("a recipe has no ingredient, or ids out of order or range")
+        if tensors["network.second"].shape[2] > MOST_KINDS:
+            raise ValueError(f"more than {MOST_KINDS:,} different ingredients")
         if float(amounts.min()) < 0 or float(amounts.max()) > 1:
             raise ValueError("a share of a part is outside 0 .. 1")
         if not (float(tensors["deviation"].min()) > 0 and float(tensors["calibration"][0]) > 0):
@@ -330,9 +333,10 @@ class SetScorer(StoredScorer):
         heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
         scores = torch.empty(heads.shape)
         is_part = relations == COMPONENT_OF
-        for goal in tails[is_part].unique().tolist():
-            of_goal = is_part & (tails == goal)
-            scores[of_goal] = torch.from_numpy(self._ingredient_scores(goal))[heads[of_goal].cpu()]
+        goals, rows = torch.unique(tails[is_part], return_inverse=True)
+        shares = [self._ingredient_scores(goal) for goal in goals.tolist()]
+        if shares:
+            scores[is_part] = torch.from_numpy(np.stack(shares))[rows, heads[is_part].cpu()]
         numbers = self.knowledge.number_of
         first, second = (numbers[ids[~is_part].cpu().numpy()] for ids in (heads, tails))
         lift = np.where(np.minimum(first, second) < 0, 0, self.knowledge.lift[first, second])

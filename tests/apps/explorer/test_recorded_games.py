@@ -63,7 +63,9 @@ def test_a_game_at_a_table_of_the_evaluation_is_shown_there_too(played):
 
 
 def test_games_of_a_submission_are_never_shown_as_those_of_people(tmp_path):
-    folder = Path(__file__).parents[3] / "leaderboard/everyday-v3/craft-1-lite.zip/graph"
+    folder = (
+        Path(__file__).parents[3] / "leaderboard/everyday-v3/submissions.zip/craft-1-lite/graph"
+    )
     for name in ("submission.json", "games.jsonl"):
         data = read_submission_file(folder, name)
         (tmp_path / name).write_bytes(data.replace(b'"kind": "graph"', b'"kind": "people"'))
@@ -72,7 +74,9 @@ def test_games_of_a_submission_are_never_shown_as_those_of_people(tmp_path):
 
 
 def test_the_games_of_a_benchmark_are_those_of_its_submission():
-    folder = Path(__file__).parents[3] / "leaderboard/everyday-v3/craft-1-lite.zip/graph"
+    folder = (
+        Path(__file__).parents[3] / "leaderboard/everyday-v3/submissions.zip/craft-1-lite/graph"
+    )
     games = read_table_games(open_graph("everyday"), folder)
     data = read_submission_file(folder, "submission.json")
     mean = parse_record(data, Submission, folder).figures.mean
@@ -80,4 +84,4 @@ def test_the_games_of_a_benchmark_are_those_of_its_submission():
     with pytest.raises(GraphMismatchError, match="was played on graph"):
         read_table_games(open_graph("kitchen"), folder)
     with pytest.raises(ConfigError, match="expected a folder of 'people serve'"):
-        read_table_games(open_graph("kitchen"), folder.parents[1])
+        read_table_games(open_graph("kitchen"), folder.parents[2])

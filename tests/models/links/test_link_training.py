@@ -4,6 +4,7 @@ and bad settings."""
 import json
 import re
 import shutil
+import threading
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
@@ -224,6 +225,17 @@ def test_the_full_graph_trains_on_all_triples_and_remembers_them(opened_kitchen,
     assert trained.metrics.train_mrr > 0.9
     assert open_model(trained.folder).kg == "full"
     assert "test recipes" in (trained.folder / "README.md").read_text()
+
+
+def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, complex_folder):
+    found = []
+    config = ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0)
+    thread = threading.Thread(
+        target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model"))
+    )
+    thread.start()
+    thread.join()
+    assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
 
 
 # --- interruption and resumption ------------------------------------------------------------------

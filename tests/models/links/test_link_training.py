@@ -174,16 +174,6 @@ def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder)
     assert [path for path in complex_folder.iterdir() if path.is_dir()] == []
 
 
-def test_a_model_and_its_graph_can_be_moved_together(tmp_path, parted_folder):
-    shutil.copytree(parted_folder, tmp_path / "here" / "graphs" / "kitchen")
-    opened = open_graph(tmp_path / "here" / "graphs" / "kitchen")
-    train(opened, SHORT, tmp_path / "here" / "models" / "kitchen")
-    (tmp_path / "here").rename(tmp_path / "there")
-    assert (
-        open_model(tmp_path / "there" / "models" / "kitchen").opened.split.hash == opened.split.hash
-    )
-
-
 def test_validation_runs_every_so_many_epochs_and_at_the_end(parted_kitchen, tmp_path):
     trained = train(parted_kitchen, replace(SHORT, eval_every=2), tmp_path / "model")
     measured = {row["epoch"]: row["valid_mrr"] for row in trace(trained) if "valid_mrr" in row}

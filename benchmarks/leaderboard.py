@@ -1,9 +1,9 @@
-"""Train the players of the leaderboard, let them play, and pack all rows: an archive for each track.
+"""Train the players of the leaderboard, let them play, and pack all rows into one archive.
 
     python benchmarks/leaderboard.py FOLDER [--out leaderboard/everyday-v3]
 
 Models and runs that FOLDER has already are used as they are, and so are its submissions, in
-``rows/TRACK/NAME``: put submissions of others there. Rows of the archives that FOLDER lacks stay.
+``rows/TRACK/NAME``: put submissions of others there. Rows of the archive that FOLDER lacks stay.
 About 10 minutes of CPU time.
 """
 
@@ -99,14 +99,14 @@ def rows() -> Iterator[tuple[str, str, str, str | None]]:
 
 
 def pack(folders: Path, archive: Path) -> None:
-    """Write a track's submissions, with those that the archive has already, into the archive."""
+    """Write ``TRACK/NAME`` below a folder, with those that the archive has already, into the archive."""
     names = (SUBMISSION_FILE, GAMES_FILE)
     members: dict[str, bytes] = {}
     for source in (archive, folders):
         for submission in submissions_at(source) if source.exists() else ():
             for name in names:
                 data = read_submission_file(submission, name)
-                members[f"{submission.name}/{name}"] = data
+                members[f"{submission.parent.name}/{submission.name}/{name}"] = data
     archive.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(archive, "w") as packed:
         for name in sorted(members):
@@ -133,8 +133,7 @@ def main() -> None:
         if not out.exists():
             licence = "Apache-2.0"
             bench_run(track, player=player.format_map(paths), out=out, name=title, licence=licence)
-    for track_folder in sorted((folder / "rows").iterdir()):
-        pack(track_folder, arguments.out / f"{track_folder.name}{ARCHIVE}")
+    pack(folder / "rows", arguments.out / f"submissions{ARCHIVE}")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ from scipy.spatial import distance
 
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
-    HUMAN_CURVE,
     NEVER,
     BookDiscoverer,
     EmpowermentDiscoverer,
@@ -25,7 +24,6 @@ from wordcraft_kg.models.scorers.features import glove_features
 ATTEMPTS = 30
 PLAYERS = [name for name in DISCOVERERS if name not in ("recipe-learner", "book-votes")]
 """Both others have tests of their own."""
-FOUR = ["air", "earth", "fire", "water"]
 
 
 def curves_of(*arguments, **settings):
@@ -35,10 +33,6 @@ def curves_of(*arguments, **settings):
 
 def everybody(graph):
     return make_discoverers(PLAYERS, graph)
-
-
-def known_after(curves, player, attempt):
-    return curves[(curves["player"] == player) & (curves["attempt"] == attempt)]["known"].mean()
 
 
 @pytest.fixture(scope="module")
@@ -187,24 +181,6 @@ def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
     single = summarise_curves(curves[curves["run"] == 0])
     assert single["low"].isna().all()
     assert single["mean"].tolist() == [6, 6]
-
-
-@pytest.mark.slow
-def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
-    players = make_discoverers(["random", "random-no-repeat", "greedy", "empowerment"], alchemy)
-    curves = curves_of(alchemy, players, attempts=100, runs=60, base=FOUR)
-    for player, figures in (
-        ("random", {1: 5.0, 10: 8.8, 20: 10.9, 50: 15.0, 100: 19.3}),
-        ("random-no-repeat", {1: 5.0, 10: 9.2, 20: 11.9, 50: 17.1, 100: 22.6}),
-        ("greedy", {10: 14.0, 50: 59.0, 100: 124.5}),
-    ):
-        assert {
-            attempt: known_after(curves, player, attempt) for attempt in figures
-        } == pytest.approx(figures, rel=0.04)
-    assert known_after(curves, "empowerment", 20) > known_after(curves, "greedy", 20) + 1
-    assert (
-        known_after(curves, "random", 100) < HUMAN_CURVE[100] < known_after(curves, "greedy", 100)
-    )
 
 
 def test_plays_record_the_attempt_of_each_entity(kitchen):

@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from wordcraft_kg import ImpalaConfig, PolicyConfig, WordCraftConfig, World
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.losses import Successes, led_to_goals, memory_loss
 from wordcraft_kg.base.errors import ConfigError
@@ -172,27 +171,3 @@ def test_without_a_cost_there_is_no_memory(opened):
 def test_an_unroll_that_ends_within_an_attempt_is_refused(opened):
     with pytest.raises(ConfigError, match="`unroll` 3: expected an even number"):
         Impala(trainer(opened).policy, trainer(opened).envs, ImpalaConfig(unroll=3))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("policy", ["pairs", "attention"])
-def test_a_memory_of_successes_makes_unseen_recipes_far_above_chance(opened, policy):
-    """A short training: what is compared are the same steps with and without a memory."""
-
-    def success(memory_cost):
-        trained = ImpalaConfig(
-            steps=40_000, batch_size=64, unroll=2, learning_rate=0.005, memory_cost=memory_cost
-        )
-        world = World(opened, WordCraftConfig(part="train"))
-        engine = BatchEngine(world, 64)
-        made, _ = make_policy(PolicyConfig(policy), opened.graph, engine.num_slots)
-        impala = Impala(made, engine.reset(0), trained)
-        for _ in range(trained.updates):
-            impala.update()
-        played = Evaluator(World(opened, WordCraftConfig(part="test")))(PolicyPlayer(made.eval()))
-        return played.metrics().mean
-
-    remembering = success(1.0)
-    # A random pair of different items is right in 1 of 45 cases.
-    assert remembering > 4 / 45
-    assert policy == "pairs" or remembering > success(0.0)

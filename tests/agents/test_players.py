@@ -167,18 +167,6 @@ def test_rare_items_are_a_shortcut_where_distractors_are_drawn_by_use():
     assert rates["uniform"]["fewest uses"] < 1.2 * rates["uniform"]["random"]
 
 
-@pytest.mark.slow
-def test_more_knowledge_wins_more(opened):
-    table = play(opened, knowledge_players(opened.split), (1, 8), distractor_seeds=10)
-    for distractors in (1, 8):
-        order = ["full KG, v", "full KG, u+v", "full KG, u+v, no self edges", "recipe oracle"]
-        rates = [success(table, player, distractors) for player in order]
-        assert rates == sorted(rates)
-        assert success(table, "full KG, u+v", distractors) > success(
-            table, "partial KG, u+v", distractors
-        )
-
-
 @pytest.mark.parametrize("cells", [1, 40, 1_000_000])
 def test_the_pair_player_picks_a_best_pair_in_any_chunks(opened, monkeypatch, cells):
     """The pair player picks a best pair of the table whatever is scored at a time."""

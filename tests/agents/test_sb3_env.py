@@ -7,17 +7,13 @@ import pytest
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("sb3_contrib")
 
-from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecMonitor
 
-from wordcraft_kg import PolicyConfig, WordCraftConfig, World
-from wordcraft_kg.agents.sb3 import MaskableSB3Policy, SB3Policy, SB3VecEnv
+from wordcraft_kg import WordCraftConfig, World
+from wordcraft_kg.agents.sb3 import SB3VecEnv
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wrappers import TaskObservation
-from wordcraft_kg.models.policies.folder import make_policy
 
 pytestmark = pytest.mark.interop
 SIZE = 6
@@ -26,11 +22,6 @@ SIZE = 6
 @pytest.fixture(scope="module")
 def world(opened_kitchen):
     return World(opened_kitchen, WordCraftConfig(num_distractors=3, depth=2))
-
-
-@pytest.fixture(scope="module")
-def policy(world, opened_kitchen):
-    return make_policy(PolicyConfig(features="random"), opened_kitchen.graph, world.num_slots)[0]
 
 
 def random_slots(env, rng):
@@ -110,24 +101,6 @@ def test_the_task_is_as_in_the_wrapper(opened_kitchen):
         *_, over, infos = env.step(np.zeros(SIZE, dtype=int))
         for row in np.flatnonzero(over):
             assert infos[row]["terminal_observation"]["task"] == before[row]
-
-
-@pytest.mark.parametrize(
-    ("algorithm", "kind"),
-    [pytest.param(PPO, SB3Policy, marks=pytest.mark.slow), (MaskablePPO, MaskableSB3Policy)],
-)
-def test_algorithms_train_on_it(world, policy, algorithm, kind):
-    def trained():
-        env = VecMonitor(SB3VecEnv(SIZE, world), info_keywords=("is_success",))
-        settings = {"n_steps": 16, "batch_size": 32, "n_epochs": 1, "seed": 0}
-        model = algorithm(kind, env, policy_kwargs={"network": policy}, **settings)
-        model.learn(16 * SIZE)
-        assert model.ep_success_buffer
-        return model.policy.network.state_dict()
-
-    first, again = trained(), trained()
-    assert any((first[name] != value).any() for name, value in policy.state_dict().items())
-    assert all((first[name] == value).all() for name, value in again.items())
 
 
 def test_mistakes_are_refused(world):

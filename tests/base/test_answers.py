@@ -347,11 +347,11 @@ def test_a_long_message_is_read_at_once_among_thousands_of_labels():
     messages = ["entity 5 mentions " * 60, "a, " * 5_000, '{"a": ' * 300, "\\boxed{" * 300]
     messages += ["<answer>" * 9_000, "</think>" * 9_000, "combine(" * 9_000, "answer " * 9_000]
     read_answer("1 + 2", labels)  # makes the index
-    began = time.perf_counter()
+    began = time.process_time()
     for message in messages:
         with pytest.raises(ActionError):
             read_answer(message, labels)
-    assert time.perf_counter() - began < 5  # half a second on an idle core
+    assert time.process_time() - began < 5  # half a second on an idle core
 
 
 NASTY = [

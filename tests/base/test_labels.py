@@ -163,13 +163,13 @@ def test_what_is_no_pair_is_answered_with_what_is_expected(written, said):
 
 def test_a_long_message_is_read_at_once_among_thousands_of_labels():
     labels = [f"entity {number}" for number in range(7_000)]
-    began = time.perf_counter()
+    began = time.process_time()
     with pytest.raises(ActionError, match="expected an item name"):
         read_label("look up " + "water " * 15_000, labels, by_number=False)
     with pytest.raises(ActionError, match="'a': expected 1 to 700"):
         read_pair("a + " * 200, labels[:700])
     assert (
-        time.perf_counter() - began < 5
+        time.process_time() - began < 5
     )  # a second at most; once each form was made for each label, for a minute
 
 

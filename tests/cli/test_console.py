@@ -153,7 +153,7 @@ def test_every_help_has_usage_examples_and_at_most_thirty_options(run):
             if name in core or name.split()[0] in ("people", "explore"):
                 meant = Force.__metadata__[-1].help
                 assert meant in " ".join(outcome.out.split()), name
-    assert forced >= {"build-graph", "train-agent", "compare", "score", "discover", "export"}
+    assert forced >= {"build-graph", "train-agent", "compare", "score", "export"}
 
 
 def test_options_of_the_file_are_refused_on_the_command_line(run, refused, tmp_path):
@@ -369,7 +369,7 @@ def test_force_is_not_advised_where_it_would_not_help(refused, folders, command)
             "describe {}/",
             ["everyday", "everyday-1", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"],
         ),
-        ("books --fetch ", ["little-alchemy-2", "infinite-craft"]),
+        ("books --fetch ", ["little-alchemy-2", "infinite-craft", "inorganic-synthesis"]),
     ],
 )
 def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):

@@ -1,6 +1,5 @@
 """Verdicts on fabricated results whose answer is known."""
 
-import math
 from itertools import product
 
 import msgspec
@@ -194,23 +193,6 @@ def test_steps_are_counted_until_the_other_curve_is_reached():
     assert entry.measured[0].left == 1.0
 
 
-def test_the_interval_over_seeds_is_students():
-    runs = [
-        a_run(variant, 0.3, seed=seed, curve=((100, height * (variant == "left")), (1000, 0.3)))
-        for seed, height in enumerate((0.1, 0.2, 0.6))
-        for variant in ("left", "right")
-    ]
-    (entry,) = check_claim(results_of(*runs), msgspec.structs.replace(CLAIM, measure="early"))
-    # t of 2 degrees of freedom at .975 is 4.302653; the deviation of .1, .2, .6 is sqrt(.07).
-    half = 4.302653 * math.sqrt(0.07 / 3)
-    (at,) = entry.measured
-    assert (at.low, at.high, entry.verdict) == (
-        pytest.approx(0.3 - half),
-        pytest.approx(0.3 + half),
-        "undecided",
-    )
-
-
 LOST = Missing("right", {"distractors": 8}, 0, "the disk was full")
 ON_ANOTHER_SPLIT = msgspec.structs.replace(a_run("right", 0.5), graph=1)
 
@@ -233,14 +215,6 @@ def test_a_claim_that_was_not_run_says_why(results, at, why):
     (entry,) = check_claim(results, msgspec.structs.replace(CLAIM, at=at))
     assert entry.verdict == "not run"
     assert why in entry.why
-
-
-def test_only_seeds_that_both_have_are_compared():
-    runs = [a_run("left", 0.6, seed=seed) for seed in (0, 1)] + [
-        a_run("right", 0.3, seed=seed) for seed in (1, 2)
-    ]
-    (entry,) = check_claim(results_of(*runs), CLAIM)
-    assert entry.measured[0].seeds == 1
 
 
 def test_a_note_is_shown_where_a_claim_does_not_hold():

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import torch
+from refusals import refuses
 
 from wordcraft_kg.apps.elicitation import language_model as module
 from wordcraft_kg.apps.elicitation.language_model import elicit_knowledge, open_language_model
@@ -179,6 +180,12 @@ def test_rows_of_another_tokenizer_are_not_continued(
         with pytest.raises(ZeroDivisionError):
             elicit_knowledge(tmp_path / "lm", kitchen, language_model, PROMPTS[:1])
     assert len([*tmp_path.iterdir()]) == 2
+
+
+def test_tables_beyond_the_memory_are_refused(language_model, kitchen, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_LARGEST", 5 * 80 * 80 * 2 - 1)
+    with refuses("prompts"):
+        elicit_knowledge(tmp_path / "lm", kitchen, language_model, PROMPTS)
 
 
 @pytest.mark.parametrize(

@@ -667,7 +667,7 @@ def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
     pytest.importorskip("linkify_it")
     from markdown_it import MarkdownIt
 
-    edit(copied(), kind="own", **HOSTILE)
+    edit(copied(), kind="own", tokens={"input": 1_000, "output": 9}, seconds=12.3, **HOSTILE)
     write_leaderboard(tmp_path / "copy", tmp_path / "page.md")
     markdown = MarkdownIt("gfm-like")
     html = markdown.render((tmp_path / "page.md").read_text())

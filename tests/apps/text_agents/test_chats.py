@@ -4,7 +4,6 @@ import hashlib
 import json
 from collections import Counter
 
-import numpy as np
 import pytest
 
 from wordcraft_kg.agents.players import random_distinct, recipe_oracle
@@ -201,40 +200,3 @@ def test_a_model_plays(run, tmp_path, recipes_folder):
         outcome = run("chats", "kitchen", "--player", player, "--tasks", "40", "--out", out)
         assert outcome.code == 0, outcome.err
         assert len(out.read_text().splitlines()) > 10
-
-
-@pytest.mark.slow
-def test_trl_trains_on_the_file(run, tmp_path, monkeypatch):
-    """TRL's own trainer reads the file, renders the calls, and makes a step."""
-    trl = pytest.importorskip("trl", minversion="1.16", reason="the extra trl is not installed")
-    datasets = pytest.importorskip("datasets")
-    from transformers import Qwen3Config, Qwen3ForCausalLM
-
-    from tests.apps.text_agents.test_trl_trainer import byte_tokenizer
-
-    monkeypatch.setenv("TRL_EXPERIMENTAL_SILENCE", "1")
-    out = tmp_path / "sft.jsonl"
-    assert run("chats", "kitchen", "--depth", "1,2", "--tasks", "4", "--out", out).code == 0
-    data = datasets.load_dataset(
-        "json", data_files=str(out), split="train", cache_dir=str(tmp_path / "cache")
-    )
-    tokenizer = byte_tokenizer()
-    text = tokenizer.apply_chat_template(
-        data[0]["messages"], tools=data[0]["tools"], tokenize=False
-    )
-    arguments = called(data[0]["messages"][1])["arguments"]
-    assert f'"first": "{arguments["first"]}"' in text
-    assert "<tool_call>" in text
-    assert "None" not in text
-    size = {"hidden_size": 16, "intermediate_size": 16, "head_dim": 8}
-    heads = {"num_hidden_layers": 1, "num_attention_heads": 2, "num_key_value_heads": 1}
-    model = Qwen3ForCausalLM(Qwen3Config(vocab_size=len(tokenizer), **size, **heads))
-    settings = {"max_steps": 1, "per_device_train_batch_size": 2, "report_to": [], "use_cpu": True}
-    trainer = trl.SFTTrainer(
-        model=model,
-        args=trl.SFTConfig(output_dir=str(tmp_path / "model"), logging_steps=1, **settings),
-        train_dataset=data,
-        processing_class=tokenizer,
-    )
-    trainer.train()
-    assert np.isfinite(trainer.state.log_history[0]["loss"])

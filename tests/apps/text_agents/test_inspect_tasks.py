@@ -13,8 +13,6 @@ import pytest
 import wordcraft_kg
 from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run
-from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
@@ -150,24 +148,6 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     assert [total(result, name) for name in ("invalid_actions", "lost_attempts")] == [9, 3]
     prompts = [message.text for message in log.samples[0].messages if message.role == "user"]
     assert prompts[1].startswith("Invalid answer: no answer")
-
-
-@pytest.mark.slow
-def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen, play):
-    def pair(number):
-        return f"{1 + number % 8} + {1 + number // 3 % 8}"
-
-    numbers = iter(range(100))
-    talk = Conversation(DiscoveryGames(kitchen, attempts=12).begin())
-    converse(talk, lambda _: pair(next(numbers)))
-    expected = {attempts: talk.game.known_after[attempts - 1] for attempts in (1, 10, 12)}
-    assert expected[12] > 8
-
-    log = play(discovery("kitchen", attempts=12, games=2), lambda messages: pair(turn(messages)))
-    metrics, result = metrics_of(log), read_inspect_log(log.location)
-    assert {attempts: metrics[f"known_{attempts}"] for attempts in expected} == expected
-    assert [game.known_after[11] for game in result.games] == [expected[12]] * 2
-    assert result.settings.base == kitchen.graph.base
 
 
 @pytest.mark.slow

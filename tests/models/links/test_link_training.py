@@ -4,6 +4,7 @@ and bad settings."""
 import json
 import re
 import shutil
+import threading
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
@@ -173,16 +174,6 @@ def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder)
     assert [path for path in complex_folder.iterdir() if path.is_dir()] == []
 
 
-def test_a_model_and_its_graph_can_be_moved_together(tmp_path, parted_folder):
-    shutil.copytree(parted_folder, tmp_path / "here" / "graphs" / "kitchen")
-    opened = open_graph(tmp_path / "here" / "graphs" / "kitchen")
-    train(opened, SHORT, tmp_path / "here" / "models" / "kitchen")
-    (tmp_path / "here").rename(tmp_path / "there")
-    assert (
-        open_model(tmp_path / "there" / "models" / "kitchen").opened.split.hash == opened.split.hash
-    )
-
-
 def test_validation_runs_every_so_many_epochs_and_at_the_end(parted_kitchen, tmp_path):
     trained = train(parted_kitchen, replace(SHORT, eval_every=2), tmp_path / "model")
     measured = {row["epoch"]: row["valid_mrr"] for row in trace(trained) if "valid_mrr" in row}
@@ -224,6 +215,17 @@ def test_the_full_graph_trains_on_all_triples_and_remembers_them(opened_kitchen,
     assert trained.metrics.train_mrr > 0.9
     assert open_model(trained.folder).kg == "full"
     assert "test recipes" in (trained.folder / "README.md").read_text()
+
+
+def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, complex_folder):
+    found = []
+    config = ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0)
+    thread = threading.Thread(
+        target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model"))
+    )
+    thread.start()
+    thread.join()
+    assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
 
 
 # --- interruption and resumption ------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """The guard around PyKEEN's global seeding, and what of PyKEEN's logging it lets through."""
 
-import gc
 import math
 import random
 import subprocess
@@ -66,21 +65,6 @@ def test_a_large_root_seed_is_as_good_as_any():
         large = draws()
     with pykeen_guard(seed=1, threads=1):
         assert draws() != large
-
-
-@pytest.mark.parametrize("is_frozen", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_the_guard_freezes_objects_only_while_it_is_open(is_frozen):
-    """The guard freezes objects only while it is open unless frozen before."""
-    if is_frozen:
-        gc.freeze()
-    before = gc.get_freeze_count()
-    try:
-        with pykeen_guard(seed=3, threads=1):
-            assert gc.get_freeze_count() > (0 if is_frozen else before)
-        assert (gc.get_freeze_count() > 0) == (before > 0)
-    finally:
-        if is_frozen:
-            gc.unfreeze()
 
 
 def test_a_triples_factory_has_the_graphs_triples_and_ids():

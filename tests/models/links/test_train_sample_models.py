@@ -12,7 +12,6 @@ from refusals import refuses
 from wordcraft_kg.agents import training as agents
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
-from wordcraft_kg.evaluation.links import view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.train_samples import draw_train_sample
@@ -163,36 +162,6 @@ def test_models_and_baselines_share_triples_and_knowledge(with_train_sample, ope
     assert not known.equals(
         rank_triples(FrequencyScorer(graph, opened_kitchen.split.partial), test, graph.triples)
     )
-
-
-@pytest.mark.parametrize(
-    ("train_fraction", "label_noise"), [(0.1, 0.0), pytest.param(1.0, 1.0, marks=pytest.mark.slow)]
-)
-def test_the_checks_of_a_report_are_those_of_the_train_sample(
-    opened_kitchen, train_fraction, label_noise
-):
-    graph, train_sample = (
-        opened_kitchen.graph,
-        draw_train_sample(opened_kitchen.split, train_fraction, label_noise),
-    )
-    ranked = rank_links(
-        FrequencyScorer(graph, train_sample.triples), opened_kitchen, train_sample=train_sample
-    )
-    checks = {check.id: check for check in view_links(ranked).checks}
-    missing = np.setdiff1d(np.arange(graph.num_entities), train_sample.recipes)
-    assert checks["leak"].passed
-    assert checks["mirror"].passed
-    assert checks["coverage"].detail.startswith(
-        f"{len(missing)} do not" if len(missing) else "all do"
-    )
-    assert bool(len(missing)) == (train_fraction < 1)
-    # And they can fail: a train sample of the whole book holds the test triples.
-    leaky = rank_links(
-        FrequencyScorer(graph, train_sample.triples),
-        opened_kitchen,
-        train_sample=opened_kitchen.train_sample("full"),
-    )
-    assert not {check.id: check for check in view_links(leaky).checks}["leak"].passed
 
 
 def test_an_agent_takes_the_self_edges_of_the_train_sample(

@@ -150,10 +150,7 @@ def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_
     is_right, told = train_sample.is_trained_on & ~train_sample.is_wrong, set()
     for task in range(0, len(world.tasks), 10):
         for one in (recipe for way in run.explainer(world).task(task).ways for recipe in way):
-            ids = [
-                opened.graph.id_of(label)
-                for label in (*one.ingredients, one.result)
-            ]
+            ids = [opened.graph.id_of(label) for label in (*one.ingredients, one.result)]
             (row,) = (
                 row for row, recipe in enumerate(opened.graph.recipes.tolist()) if recipe == ids
             )

@@ -171,7 +171,15 @@ class PairSource(FoldedSource):
         return (len(scorer.entities) + 1) ** 2 * 4
 
     def with_key(self, states: States, key: Tensor) -> Tensor:
-        """Score slots (B, A) with a key entity (the goal or a selected one), shape (B,)."""
+        """Score slots with a key entity: the goal, or a selected one.
+
+        Args:
+            states: states of B episodes.
+            key: shape (B,): ids; E scores 0.
+
+        Returns:
+            shape (B, A), float32.
+        """
         table = states.table
         model = self.model_of(states.task)
         if self.is_table:

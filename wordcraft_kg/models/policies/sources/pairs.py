@@ -78,7 +78,7 @@ class PairSource(FoldedSource):
         heights: buffer, shape (K,): the ranks of these scores, standardised.
     """
 
-    takes_sets: ClassVar[bool] = True
+    takes_sets = True
     relation: ClassVar[int]
     scores: Tensor
     left: Tensor

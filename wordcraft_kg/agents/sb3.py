@@ -246,7 +246,7 @@ def _check_spaces(
     table = keys.get("table")
     if not (
         isinstance(goal, spaces.Discrete)
-        and isinstance(selection, spaces.Discrete)
+        and isinstance(selection, spaces.Discrete | spaces.MultiDiscrete)
         and isinstance(table, spaces.MultiDiscrete)
         and isinstance(action_space, spaces.Discrete)
         and table.shape == (action_space.n,)

@@ -169,7 +169,7 @@ def mixed(x: Array) -> Array:
 _DENSE_LIMIT = 4_096
 
 
-class _Results:
+class _Lookup:
     """Results by number of a pair or set, as in ``graph.pair_of_recipe``.
 
     Attributes:
@@ -214,7 +214,7 @@ class _Results:
         self._first_rows: Ids = rows[first]
 
 
-class Pairs(_Results):
+class Pairs(_Lookup):
     """Numbers of pairs by entity ids: a table for a small graph, otherwise a binary search."""
 
     def __init__(
@@ -258,7 +258,7 @@ class Pairs(_Results):
         return self._arrays.xp.where(has_result, self._numbers[places], self.no_pair)
 
 
-class Sets(_Results):
+class Sets(_Lookup):
     """Numbers of ingredient sets, by a binary search for the sum of their entities' hashes."""
 
     def __init__(

@@ -478,3 +478,29 @@ def test_labels_stay_text(tmp_path):
         assert [line.table for line in browser.lines()] == [
             task.table for task in study.tasks(study.cells[0])
         ]
+
+
+def test_a_person_selects_the_items_of_a_set_and_combines_them(tmp_path):
+    settings = StudyConfig(tasks=2, distractors=(1,), forms=1, consent=CONSENT)
+    study = HumanStudy("examples/kitchen-sets.csv", settings)
+    with browsing(study, tmp_path / "study") as browser:
+        code = browser.begin()
+        assert "at most 6" in browser.page
+        person = browser.person(code)
+        task = study.tasks(person.cell)[0]
+        slots = [task.table.index(label) + 1 for label in task.plans[0].ingredients]
+        browser.get(f"/s/{code}/task")
+        assert "Combine" not in browser.page
+        for number in range(1, len(slots) + 1):
+            first = ",".join(map(str, slots[:number]))
+            assert f'name="first" value="{first}"' in browser.page
+            browser.get(f"/s/{code}/task?task=0&first={first}")
+        # Numbers beyond the table, too many, and none are no answers.
+        for wrong in ("", "0", "1,99", "1,1,1,1,1,1,1", "1,,2"):
+            browser.post(f"/s/{code}/answer", {"task": "0", "first": wrong})
+            assert browser.given(code) == 0
+        browser.post(f"/s/{code}/answer", {"task": "0", "first": first})
+        (answer,) = browser.answers.answers_of(person)
+        assert answer.success
+        assert sorted(answer.actions) == list(task.plans[0].ingredients)
+        assert "Correct" in browser.page

@@ -411,7 +411,12 @@ class Slots:
 
 
 def _mean_row(rows: Tensor, selection: Tensor) -> Tensor:
-    """Return the mean row of selected entities (B, S): (B, n) from rows (E + 1, n); E has zeros."""
+    """Return the mean row of selected entities, shape (B, n); zeros without one.
+
+    Args:
+        rows: shape (E + 1, n), the last one of zeros.
+        selection: shape (B, S), ids in any order, padded with E.
+    """
     num_selected = (selection != len(rows) - 1).sum(1, keepdim=True)
     return look_up(rows, selection).sum(1) / num_selected.clamp(min=1)
 

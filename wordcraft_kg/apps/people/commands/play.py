@@ -106,9 +106,12 @@ class Terminal:
         return line.strip()
 
     def picks(self, labels: Sequence[str], prompt: str, most: int = 0) -> tuple[int, ...]:
-        """Show items and ask for two of them until the input is valid; return their indices.
+        """Show items and ask for some of them until the input is valid; return their indices.
 
-        With ``most``, ask for a set of so many items at most.
+        Args:
+            labels: the items, in the order of their numbers.
+            prompt: the question.
+            most: most items of a set; 0 asks for two items.
         """
         from wordcraft_kg.envs.words import numbered
 

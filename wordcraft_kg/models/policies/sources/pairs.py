@@ -77,7 +77,7 @@ class PairSource(FoldedSource):
         heights: buffer, shape (K,): the ranks of these scores, standardised.
     """
 
-    takes_sets: ClassVar[bool] = True
+    takes_sets = True
     relation: ClassVar[int]
     scores: Tensor
     left: Tensor
@@ -170,7 +170,15 @@ class PairSource(FoldedSource):
         return (len(scorer.entities) + 1) ** 2 * 4
 
     def with_key(self, states: States, key: Tensor) -> Tensor:
-        """Score slots (B, A) with a key entity (the goal or a selected one), shape (B,)."""
+        """Score slots with a key entity: the goal, or a selected one.
+
+        Args:
+            states: states of B episodes.
+            key: shape (B,): ids; E scores 0.
+
+        Returns:
+            shape (B, A), float32.
+        """
         table = states.table
         model = self.model_of(states.task)
         if self.is_table:

@@ -2,7 +2,7 @@
 copies; addresses of earlier pages lead to the pages that have their content now.
 """
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
@@ -41,9 +41,6 @@ def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
 def on_post_build(*, config: Any) -> None:
     """Write a page that leads on at each address of ``extra: moved`` in mkdocs.yml."""
     for old, new in config.extra["moved"].items():
-        page, _, anchor = new.partition("#")
-        up = "../" * old.count("/")
-        address = f"{up}{PurePosixPath(page).with_suffix('.html')}#{anchor}"
+        address = "../" * old.count("/") + new.replace(".md", ".html")
         path = Path(config.site_dir, old).with_suffix(".html")
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(MOVED.format(address=address), encoding="utf-8")

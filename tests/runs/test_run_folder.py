@@ -163,6 +163,18 @@ def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
+@agent_slow
+def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, whole):
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(
+        KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*Repeat the command"
+    ):
+        trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], lambda: ctrl_c(2)))
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert read_run(tmp_path / "run").status == "interrupted"
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
+
+
 def test_a_run_interrupted_twice_ends_with_the_same_bits(trainer, tmp_path, whole):
     """A run interrupted more than once keeps two checkpoints and ends with the bits of an undisturbed one."""
     for number in trainer.numbers[:4:2]:
@@ -267,6 +279,17 @@ def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(train
     with pytest.raises(ArtefactError, match=r"all checkpoints .* are damaged"):
         trainer.train(folder)
     assert read_run(folder).status == "interrupted"
+
+
+@agent_slow
+def test_a_run_that_goes_on_with_another_torch_says_so(trainer, tmp_path, caplog):
+    folder = interrupted(trainer, tmp_path / "run")
+    run = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(
+        json.dumps({**run, "versions": {**run["versions"], "torch": "0.1"}})
+    )
+    trainer.train(folder)
+    assert "began with torch 0.1" in caplog.text
 
 
 def test_settings_that_were_changed_by_hand_are_refused(trainer, tmp_path):

@@ -406,7 +406,7 @@ def test_force_is_not_advised_where_it_would_not_help(refused, folders, command)
             "describe {}/",
             ["everyday", "everyday-1", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"],
         ),
-        ("books --fetch ", ["little-alchemy-2", "infinite-craft"]),
+        ("books --fetch ", ["little-alchemy-2", "infinite-craft", "inorganic-synthesis"]),
     ],
 )
 def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):

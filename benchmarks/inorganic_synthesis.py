@@ -15,8 +15,12 @@ import json
 from collections import defaultdict
 from pathlib import Path
 
+import msgspec
+import numpy as np
+
 from wordcraft_kg import open_model
-from wordcraft_kg.base.statistics import wilson_interval
+from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.statistics import paired_difference, wilson_interval
 from wordcraft_kg.evaluation.ranked_sets import RankedSets, rank_sets
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book, published_fold
@@ -95,6 +99,30 @@ def table(records: list[RankedSets]) -> list[str]:
     return lines
 
 
+def leads(out: Path, folds: list[int]) -> list[str]:
+    """Return the model's lead over each published method on all targets, with paired intervals."""
+    hits: dict[str, list[list[bool]]] = defaultdict(list)
+    for fold in folds:
+        path = published_fold(BOOK, f"fold-{fold}")
+        assert path is not None
+        answers = {"model": out / f"predictions-{fold}.json"}
+        answers |= {file.name: file for file in (out / f"published-{fold}").glob("*.json")}
+        methods = {name: json.loads(file.read_text("utf-8")) for name, file in answers.items()}
+        for target, sets in json.loads(path.read_text("utf-8"))["test"].items():
+            right = set(map(frozenset, sets))
+            for name, predictions in methods.items():
+                ranked = list(dict.fromkeys(map(frozenset, predictions.get(target, ()))))
+                hits[name].append([not right.isdisjoint(ranked[:k]) for k in SHOWN])
+    tables = {name: np.array(rows) for name, rows in hits.items()}
+    lines = []
+    for name in sorted(tables.keys() - {"model"}):
+        for column, k in enumerate(SHOWN):
+            pair = (tables[which][:, [column]] for which in ("model", name))
+            lead, low, high = paired_difference(*pair, None)
+            lines.append(f"lead over {NAMES[name]}, top-{k}: {lead:+.3f} [{low:+.3f}, {high:+.3f}]")
+    return lines
+
+
 def main() -> None:
     """Train, evaluate, and print the lines of the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -105,14 +133,18 @@ def main() -> None:
     given.out.mkdir(exist_ok=True)
     records = []
     for fold in map(int, given.folds.split(",")):
-        model = open_model(model_of_fold(fold, given.out))
-        files = published_files(given.predictions, fold, given.out)
-        record, predictions = rank_sets(model, "model", files)
-        (given.out / f"predictions-{fold}.json").write_text(json.dumps(predictions))
+        path = given.out / f"ranked-{fold}.json"
+        if not path.is_file():
+            model = open_model(model_of_fold(fold, given.out))
+            files = published_files(given.predictions, fold, given.out)
+            ranked, predictions = rank_sets(model, "model", files)
+            (given.out / f"predictions-{fold}.json").write_text(json.dumps(predictions))
+            path.write_text(json.dumps(as_values(ranked)))
+        record = msgspec.json.decode(path.read_bytes(), type=RankedSets)
         records.append(record)
-        print(f"fold {fold}: {record.methods[0].columns}", flush=True)
         print(f"fold {fold}: calibration error {record.calibration_error:.3f}", flush=True)
     print("\n".join(table(records)))
+    print("\n".join(leads(given.out, list(map(int, given.folds.split(","))))))
 
 
 if __name__ == "__main__":

@@ -170,14 +170,15 @@ def suggest_recipes(
         return _suggest_pairs(model, goal, top)
     scorer, new = _scorer_of(model, [goal])
     ranked = scorer.recipes(goal, 10**6, has_coverage=has_coverage)
-    sets = [each for each in ranked if size in (None, len(each.ingredients))][:top]
-    suggestions = [
-        _suggestion(
-            model.opened.split, scorer, each.ingredients, goal, float(np.log(each.probability))
-        )
-        for each in sets
+    sets = [ranked_set for ranked_set in ranked if size in (None, len(ranked_set.ingredients))][
+        :top
     ]
-    return Suggestions(goal, _parts(model, scorer, goal), new, tuple(suggestions), model.kg)
+    split = model.opened.split
+    suggestions = [
+        _suggestion(split, scorer, ranked_set.ingredients, goal, ranked_set.score)
+        for ranked_set in sets
+    ]
+    return Suggestions(goal, _parts(scorer, goal), new, tuple(suggestions), model.kg)
 
 
 def score_set(model: Model, query: SetQuery) -> Suggestions:
@@ -193,7 +194,7 @@ def score_set(model: Model, query: SetQuery) -> Suggestions:
     goal = query.result
     score = float(scorer.score_sets(row, scorer.entity_ids([goal]).numpy())[0])
     suggestion = _suggestion(model.opened.split, scorer, tuple(sorted(ids)), goal, score)
-    return Suggestions(goal, _parts(model, scorer, goal), new, (suggestion,), model.kg)
+    return Suggestions(goal, _parts(scorer, goal), new, (suggestion,), model.kg)
 
 
 def _scorer_of(model: Model, labels: Sequence[str]) -> tuple[SetScorer, tuple[str, ...]]:
@@ -208,7 +209,7 @@ def _scorer_of(model: Model, labels: Sequence[str]) -> tuple[SetScorer, tuple[st
     return scorer, new
 
 
-def _parts(model: Model, scorer: SetScorer, goal: str) -> dict[str, float]:
+def _parts(scorer: SetScorer, goal: str) -> dict[str, float]:
     return scorer.parts_of(goal) if scorer.knowledge.has_parts else {}
 
 

@@ -107,6 +107,11 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
 
     The loss of a recipe's key part is the cross-entropy of the ingredients that bring it, among all
     allowed ones with the part.
+
+    Args:
+        knowledge: the train recipes.
+        seed: seed of weights, batches and dropout.
+        members: number of networks.
     """
     lists = knowledge.lists
     generator = torch.Generator().manual_seed(seed)

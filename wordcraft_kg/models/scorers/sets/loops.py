@@ -46,13 +46,25 @@ class SetLists(NamedTuple):
 
 @compiled
 def are_equal(row, sets, number):  # type: ignore[no-untyped-def]
-    """Return whether a set is the one of a number."""
+    """Return whether a set is the one of a number.
+
+    Args:
+        row: the set, shape (8,).
+        sets: shape (n, 8).
+        number: its row.
+    """
     return not np.any(row != sets[number])
 
 
 @compiled
 def write_with(ingredient, size, row):  # type: ignore[no-untyped-def]
-    """Add an ingredient to a set of ``size`` ingredients, in ascending order."""
+    """Add an ingredient to a set, in ascending order.
+
+    Args:
+        ingredient: its number.
+        size: number of ingredients before.
+        row: the set, shape (8,), is written.
+    """
     column = size
     while column > 0 and row[column - 1] > ingredient:
         row[column] = row[column - 1]

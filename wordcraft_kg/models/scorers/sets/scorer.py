@@ -1,5 +1,6 @@
 """The scorer of recipes as sets: the best sets for a goal, and probabilities of any sets."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -53,11 +54,16 @@ class RankedSet(NamedTuple):
 
     Attributes:
         ingredients: entities, ascending.
-        probability: that a recipe of the goal has exactly these ingredients.
+        score: log probability that a recipe of the goal has exactly these ingredients.
     """
 
     ingredients: tuple[int, ...]
-    probability: float
+    score: float
+
+    @property
+    def probability(self) -> float:
+        """The probability."""
+        return math.exp(self.score)
 
 
 class NearRecipe(NamedTuple):
@@ -188,10 +194,10 @@ class SetScorer(StoredScorer):
         if not len(sets):
             raise self._no_recipe(entity, evidence)
         scores = self._scores(features)
-        chances = np.exp(scores - self._total(scores))
-        rows = np.argsort(-chances, kind="stable")[:limit]
+        scores = scores - self._total(scores)
+        rows = np.argsort(-scores, kind="stable")[:limit]
         members = np.where(sets >= 0, self.knowledge.ingredient_ids[sets], NO_INGREDIENT)
-        return [RankedSet(_ids(members[row]), float(chances[row])) for row in rows]
+        return [RankedSet(_ids(members[row]), float(scores[row])) for row in rows]
 
     def score_sets(self, sets: Ids, goals: Ids) -> Vector:
         """Return the log probability that a recipe of each goal has exactly these ingredients.

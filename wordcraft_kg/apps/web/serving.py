@@ -227,8 +227,6 @@ def serve(
     """
     import uvicorn
 
-    from wordcraft_kg.apps.web import connections
-
     class Server(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
@@ -242,25 +240,25 @@ def serve(
 
         async def on_tick(self, counter: int) -> bool:
             if counter % _TICKS == 0:
-                connections.end_overdue(self.server_state.connections)
+                end_overdue(self.server_state.connections)
             return await super().on_tick(counter)
 
     # A class for each server: the limit of open files is that of the moment.
-    class Connection(connections.Connection):
-        limit = connections.most_connections()
-        web_socket_limit = connections.most_web_sockets()
+    class LimitedConnection(Connection):
+        limit = most_connections()
+        web_socket_limit = most_web_sockets()
 
     config = uvicorn.Config(
         app,
         log_config=None,
         access_log=False,  # requests are private
         lifespan="on" if has_lifespan else "off",
-        http=Connection,
+        http=LimitedConnection,
         ws="auto" if has_web_sockets else "none",
         # Messages are short texts: compressing them costs memory for each connection.
         ws_per_message_deflate=False,
         backlog=_ACCEPTED_AT_ONCE,
-        timeout_keep_alive=connections.KEEP_ALIVE,
+        timeout_keep_alive=KEEP_ALIVE,
         server_header=False,
         timeout_graceful_shutdown=PATIENCE,
     )

@@ -207,7 +207,7 @@ def words_of(text):
 
 GENERATED_PAGES = ("terms.md", "leaderboard.md")
 """Pages that a script writes as a whole, besides those that say so in their first line."""
-MOST_WORDS = 46_850
+MOST_WORDS = 46_900
 """Of all pages that people write."""
 
 

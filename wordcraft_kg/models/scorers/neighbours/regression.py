@@ -81,7 +81,7 @@ def link_factors(
     by_count = np.argsort(-counts, kind="stable")
     landmarks = np.sort(train_ids[by_count[:num_landmarks]])
     # In a large book a quarter of the landmarks: factors are most of its memory.
-    max_rank = min(rank, max(num_landmarks // 4, 1))
+    max_rank = rank if num_landmarks == LANDMARKS else min(rank, num_landmarks // 4)
     columns = rows[landmarks].T.tocsr()
     kernel = _kernel(landmarks, landmarks, columns, rows, vectors)
     # The largest eigenvalues alone: all of them would take several times as long.

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from cyclopts import App, ArgumentCollection
-from graph_folders import write_graph
+from helpers import write_graph
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 

@@ -1,6 +1,7 @@
 """The Python of README and guides, as printed, and the examples."""
 
 import ast
+import csv
 import doctest
 import importlib
 import importlib.util
@@ -14,13 +15,21 @@ import tomllib
 import zipfile
 from pathlib import Path
 
+import mlcroissant
 import pytest
 import yaml
 
+import wordcraft_kg as wk
+from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.cli import main, make_app
-from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.graphs import Recipe, RecipeGraph, open_book, open_graph
+from wordcraft_kg.graphs.export import export_graph
+from wordcraft_kg.graphs.folder import write_graph_folder
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 ROOT = Path(__file__).parents[1]
+
 PAGES = [
     "README.md",
     *(
@@ -28,6 +37,7 @@ PAGES = [
         for name in ("agents", "environment", "language-models", "link-prediction")
     ),
 ]
+
 ELSEWHERE = {
     "chat_player",
     "demo",
@@ -39,7 +49,9 @@ ELSEWHERE = {
     "transformers_player",
 }
 """Examples with tests of their own."""
+
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELSEWHERE)
+
 LONG = (
     "first_steps",
     "own_scorer",
@@ -48,12 +60,16 @@ LONG = (
     "pykeen_model",
     "stable_baselines",
 )
+
 SHORT = {"ppo": ("--graph", "kitchen", "--steps", "4096")}
 """Options that make an example short."""
+
 NOTEBOOKS = sorted(
     f"docs/notebooks/{path.name}" for path in (ROOT / "docs" / "notebooks").glob("*.py")
 )
+
 SOURCES = [*PAGES, *(f"examples/{name}.py" for name in EXAMPLES), *NOTEBOOKS]
+
 SMALL = ("--steps", "256", "--eval-every", "0", "--quiet")
 
 
@@ -124,6 +140,7 @@ TUTORIALS = [
     "README.md",
     *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("tutorial*.md")),
 ]
+
 OMITTED = "..."
 """A line that stands for any number of printed lines."""
 
@@ -135,6 +152,7 @@ def transcript(text):
 
 SHARE = r"0\.\d{3}"
 """A share as commands print it, such as a trained agent's success."""
+
 TOLERANCE = 0.06
 """Difference between a share on the page and here: rounding, and so training, depends on the
 processor."""
@@ -208,6 +226,7 @@ def words_of(text):
 
 GENERATED_PAGES = ("terms.md", "leaderboard.md")
 """Pages that a script writes as a whole, besides those that say so in their first line."""
+
 MOST_WORDS = 39_700
 """Of all pages that people write."""
 
@@ -238,6 +257,7 @@ def test_all_guides_together_are_short():
 
 FIGURE = re.compile(r"(?<![\w.])[-+]?0?(\.\d{3})(?!\d)")
 """A share of three digits, as measurements are printed."""
+
 SETTINGS = {"docs/explanation/recipe-scorer.md": {".002"}}
 """Shares that are settings, by page."""
 
@@ -253,7 +273,9 @@ def hand_written_figures(text):
 
 
 GUIDES = ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+
 GUIDES += [f"docs/explanation/{path.name}" for path in (ROOT / "docs/explanation").glob("*.md")]
+
 GUIDES = [page for page in GUIDES if Path(page).name not in GENERATED_PAGES]
 
 
@@ -280,6 +302,7 @@ def test_a_guide_links_the_page_with_each_figure_that_it_quotes(page):
 
 
 HOW_TO, EXPLANATIONS = pages_of("How to"), pages_of("Explanation")
+
 LONGEST = {**dict.fromkeys(EXPLANATIONS, 1_300), **dict.fromkeys(HOW_TO, 600)}
 """Most words of a page."""
 
@@ -326,15 +349,21 @@ def test_the_commands_of_readme_and_tutorials_print_what_they_show(
 
 
 SERVER = "serves until it is stopped; tests of the app start it and talk to it"
+
 NETWORK = "needs the network"
+
 MODEL = "needs the weights of a language model; tests/apps/elicitation runs it on a small one"
+
 WORDNET = (
     "needs WordNet or ConceptNet, or knowledge made of them; tests/models/knowledge has small files"
 )
+
 OTHERS = "needs games of a language model in Inspect; tests/apps/text_agents has logs"
+
 RAY = "needs the nodes of a Ray cluster; tests/studies starts one on this machine"
+
 NOT_RUN = {
-    "build-graph reactions.json": "needs a published split; tests/cli/test_sets_commands.py has one",
+    "build-graph reactions.json": "needs a published split; tests/cli/test_graph_commands.py has one",
     "books --fetch": NETWORK,
     "evaluate-links models/theirs": NETWORK,
     "encode": MODEL,
@@ -362,11 +391,13 @@ NOT_RUN = {
     "reproduce study.toml --out results --engine ray": RAY,
 }
 """Beginnings of the how-to pages' commands that no test runs as printed, and why."""
+
 BOOKS_IN_PLACE = {
     "everyday": "kitchen",
     "little-alchemy-2": str(ROOT / "examples/my-book.csv"),
 }
 """Small books in place of the printed ones."""
+
 SMALLER = {
     "train-agent": {"--steps": "256", "--eval-every": "0"},
     "train-complex": {"--dim": "4", "--epochs": "1"},
@@ -516,3 +547,147 @@ def test_the_citation_has_the_fields_of_a_release_and_those_of_the_package():
     assert (cited["version"], cited["license"]) == (package["version"], package["license"])
     assert cited["authors"] == package["authors"]
     assert set(package["keywords"]) <= set(cited["keywords"])
+
+
+TEXTS = [
+    (
+        lambda: wk.open_book("half.csv"),
+        "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient, in a book of pairs. "
+        "Write it twice, or build the graph with `single_ingredient` self (which reads flour + "
+        "flour), alone (a recipe of one ingredient), or the name of what it is combined with.",
+    ),
+    (
+        lambda: wk.SplitConfig("by-goals"),
+        "ConfigError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot, "
+        "by-goal, by-kind, none. Did you mean 'by-goal'?",
+    ),
+    (
+        lambda: wk.make_split(wk.RecipeGraph.from_recipes([("a", "b", "c")]), wk.SplitConfig()),
+        "SplitError: the test part of a by-recipe split of 1 recipe in 1 group is empty; choose "
+        "another `train_ratio` or `valid_ratio`, or `kind` none for the full graph only.",
+    ),
+    (
+        lambda: wk.open_graph("damaged"),
+        "ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name "
+        "enclosed in double quotes). The graph folder is damaged; build it again.",
+    ),
+    (
+        lambda: export_graph(wk.open_graph("kitchen"), "owl", Path("graph.owl")),
+        "ConfigError: `format` 'owl': expected one of tsv, graphml, nt, parquet, csv, json, hif, sentences.",
+    ),
+    (
+        lambda: WordCraftEnv("kitchen", distractors=2),
+        "UnknownSettingError: unexpected keyword argument 'distractors'; expected one of part, "
+        "depth, num_distractors, max_attempts, reward, distractor_weighting, distractor_policy, "
+        "task_weighting, ambiguity, pays_held_out, illegal_action, num_tasks, task_seed. Did you mean "
+        "'num_distractors', 'distractor_policy', 'distractor_weighting'?",
+    ),
+    (
+        lambda: wk.ComplExConfig(dim=1.5),
+        "ConfigError: `dim` 1.5: expected a whole number, 1 or more.",
+    ),
+    (
+        lambda: wk.PolicyConfig(mixing="fre"),
+        "ConfigError: `mixing` 'fre': expected one of softmax, free, residual. Did you mean 'free'?",
+    ),
+    (
+        lambda: wk.load_scorer("model", graph=wk.open_graph("paper-examples").graph),
+        "GraphMismatchError: model was trained on graph 43fe37e2e912 (80 entities) but "
+        "'paper-examples' is 8e9614822341 (93). Train on this graph, or use the training graph.",
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, opened_kitchen):
+    """A folder with a book, a damaged graph folder and an untrained model."""
+    home = tmp_path_factory.mktemp("home")
+    write_graph_folder(home / "damaged", wk.open_book("kitchen"), opened_kitchen.split)
+    (home / "damaged/graph.json").write_text("{")
+    (home / "half.csv").write_text("ingredient_a,ingredient_b,result\nflour,,dough\n")
+    scorer = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
+    wk.save_scorer(home / "model", scorer, opened_kitchen, kg="partial")
+    return home
+
+
+@pytest.mark.parametrize(("call", "text"), TEXTS)
+def test_an_error_says_what_was_found_what_was_expected_and_what_to_do(
+    call, text, folder, monkeypatch
+):
+    monkeypatch.chdir(folder)
+    with pytest.raises(WordCraftKGError) as raised:
+        call()
+    assert f"{raised.value.kind}: {raised.value}" == text
+
+
+DATA = ROOT / "data/everyday"
+
+MAKER = runpy.run_path(str(ROOT / "data/make_everyday.py"))
+
+
+def rows_of(name):
+    with (DATA / name).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_generated_files_are_those_of_the_book(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["make_everyday.py", "--check"])
+    assert MAKER["main"]() == 0
+    kinds = open_book("everyday").kinds
+    recipes = {
+        Recipe.of(row["ingredient_a"], row["ingredient_b"], row["result"]): row
+        for row in rows_of("recipes.csv")
+    }
+    assert {recipe: row["kind"] for recipe, row in recipes.items()} == kinds
+
+
+def test_votes_ranks_are_those_of_counting():
+    graph = RecipeGraph.from_book(open_book("kitchen"))
+    rows, ranks = graph.recipes.tolist(), MAKER["votes_ranks"](graph)
+    for index in range(0, len(rows), 30):
+        a, b, result = rows[index]
+        votes = [
+            sum(
+                x in other[:2] and other[2] == entity
+                for x in {a, b}
+                for i, other in enumerate(rows)
+                if i != index
+            )
+            for entity in range(graph.num_entities)
+        ]
+        own = votes[result]
+        expected = (
+            sum(count > own for count in votes) + (sum(count == own for count in votes) + 1) / 2
+        )
+        assert ranks[index] == expected
+
+
+@pytest.mark.slow
+def test_croissant_metadata_are_valid_and_their_records_can_be_read():
+    dataset = mlcroissant.Dataset(str(DATA / "croissant.json"))
+    assert not dataset.metadata.issues.errors
+    records = list(dataset.records("recipes"))
+    assert len(records) == len(open_book("everyday").recipes)
+    assert {key.split("/")[-1] for key in records[0]} == set(rows_of("recipes.csv")[0])
+
+
+def test_every_thing_has_a_category_and_nearly_every_one_a_sense():
+    rows = rows_of("entities.csv")
+    assert tuple(row["entity"] for row in rows) == open_book("everyday").entities
+    assert sum(not row["wordnet"] for row in rows) == 5
+
+
+def test_judged_answers_are_not_in_the_book():
+    graph = RecipeGraph.from_book(open_book("everyday"))
+    rows = rows_of("judged.csv")
+    for row in rows:
+        pair = row["ingredient_a"], row["ingredient_b"]
+        assert len(graph.results(*pair))
+        assert row["answer"] not in graph.labels(graph.results(*pair))
+    assert len({(row["ingredient_a"], row["ingredient_b"]) for row in rows}) <= 300
+
+
+def test_the_canary_stands_in_the_book_and_its_datasheet():
+    book = (ROOT / "wordcraft_kg/graphs/books/everyday.csv").read_text()
+    canary = next(line for line in book.splitlines() if "canary" in line).split()[2]
+    assert canary in (DATA / "README.md").read_text()

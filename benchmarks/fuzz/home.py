@@ -6,7 +6,7 @@ import shutil
 import signal
 from pathlib import Path
 
-from tests.graph_folders import write_graph
+from tests.helpers import write_graph
 from wordcraft_kg.base.artefacts import sha256_of
 
 from .harness import call

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 import torch
-from refusals import refuses
+from helpers import refuses
 
 from wordcraft_kg import ImpalaConfig, PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents import evaluation

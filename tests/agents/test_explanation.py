@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 import torch
-from refusals import refuses
+from helpers import refuses
 from short_fits import short_fits
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from resumption import resume
+from helpers import resume
 
 from wordcraft_kg import (
     SplitConfig,

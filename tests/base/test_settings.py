@@ -1,13 +1,17 @@
 """What a setting may be: whole numbers that are whole, sizes that a machine can hold."""
 
+from contextlib import suppress
 from decimal import Decimal
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 from wordcraft_kg import ComplExConfig, ImpalaConfig, LinkModelConfig, PolicyConfig
-from wordcraft_kg.base import settings
+from wordcraft_kg.base import extras, settings
 from wordcraft_kg.base.errors import ConfigError, reason
+from wordcraft_kg.base.extras import Registry
+from wordcraft_kg.base.progress import listening, stage, steps
 from wordcraft_kg.base.settings import (
     MAX_DIM,
     MAX_SIZE,
@@ -106,3 +110,82 @@ def test_the_memory_of_a_container_and_the_addresses_in_use_are_counted(tmp_path
     monkeypatch.setattr(resource, "getrlimit", lambda _: (2**40, 2**40))
     monkeypatch.setattr(settings, "_address_space", lambda: 2**40 - 2**20)
     assert settings.memory() == 2**20
+
+
+def installed(monkeypatch, **things):
+    """Pretend that packages with entry points are installed; a function stands for what loading
+    does."""
+    points = [SimpleNamespace(name=name, load=load) for name, load in things.items()]
+    monkeypatch.setattr(extras, "entry_points", lambda group: points)
+
+
+def test_an_entry_point_names_a_thing_or_a_module_that_adds_things(monkeypatch):
+    colours = Registry("colours", {"red": 1})
+
+    def module():
+        colours["blue"] = 2
+        return ModuleType("theirs")
+
+    installed(monkeypatch, green=lambda: 3, module=module)
+    assert dict(colours) == {"red": 1, "green": 3, "blue": 2}
+
+
+def test_own_registrations_come_before_entry_points(monkeypatch):
+    """What a program registers itself comes before an entry point of the name."""
+    colours = Registry("colours")
+    colours["green"] = 1
+    installed(monkeypatch, green=lambda: 3)
+    assert dict(colours) == {"green": 1}
+
+
+def test_a_package_that_cannot_be_imported_is_told_each_time(monkeypatch):
+    def broken():
+        raise ImportError("broken")
+
+    colours = Registry("colours", {"red": 1})
+    installed(monkeypatch, broken=broken)
+    assert colours["red"] == 1
+    for _ in range(2):
+        with pytest.raises(ImportError, match="broken"):
+            colours["blue"]
+
+
+def test_a_listener_hears_each_step_from_none_to_all():
+    heard = []
+    with listening(lambda *said: heard.append(said)):
+        assert list(steps("ranking", "ab")) == ["a", "b"]
+    assert heard == [("ranking", 0, 2), ("ranking", 1, 2), ("ranking", 2, 2)]
+
+
+def test_without_a_listener_steps_are_just_their_items():
+    heard = []
+    with listening(lambda *said: heard.append(said)), listening(None):
+        assert list(steps("ranking", [1, 2])) == [1, 2]
+    assert list(steps("ranking", [1, 2])) == [1, 2]
+    assert heard == []
+
+
+def test_a_stage_that_is_given_up_ends_all_the_same():
+    heard = []
+
+    def give_up():
+        for _ in steps("outer", range(9)):
+            raise ValueError
+
+    with listening(lambda *said: heard.append(said)):
+        with suppress(ValueError):
+            give_up()
+        for _ in steps("broken off", range(9)):
+            break
+    assert heard == [("outer", 0, 9), ("outer", 9, 9), ("broken off", 0, 9), ("broken off", 9, 9)]
+
+
+def test_a_function_can_be_a_stage_and_is_one_at_each_call():
+    @stage("drawing")
+    def draw(number):
+        return number + 1
+
+    heard = []
+    with listening(lambda *said: heard.append(said)):
+        assert [draw(1), draw(2)] == [2, 3]
+    assert heard == [("drawing", 0, 1), ("drawing", 1, 1)] * 2

@@ -4,7 +4,7 @@ here share."""
 import json
 
 import pytest
-from graph_folders import write_graph
+from helpers import write_graph
 from quick import QUICK, SMALL, TINY, succeed
 
 

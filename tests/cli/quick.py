@@ -3,7 +3,7 @@
 import io
 from contextlib import redirect_stdout
 
-from configured import in_file
+from helpers import in_file
 
 from wordcraft_kg.cli import main
 

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from configured import in_file
+from helpers import in_file
 from quick import SMALL, same, succeed
 
 from wordcraft_kg.base.artefacts import TEMPORARY

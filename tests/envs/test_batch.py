@@ -5,8 +5,8 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
+from helpers import refuses
 from reference_env import ReferenceEnv
-from refusals import refuses
 
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from permuted import split_of, with_other_results
+from helpers import split_of, with_other_results
 
 from wordcraft_kg import RecipeGraph, WordCraftConfig, World, open_graph
 from wordcraft_kg.envs.batch import BatchEngine

@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from helpers import refuses
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.base.errors import (

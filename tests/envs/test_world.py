@@ -6,7 +6,7 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
-from refusals import refuses
+from helpers import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph

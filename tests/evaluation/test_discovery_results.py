@@ -1,7 +1,7 @@
 """Results of open-ended play."""
 
 import numpy as np
-from refusals import refuses
+from helpers import refuses
 
 from wordcraft_kg.evaluation.discovery import (
     ORACLES,

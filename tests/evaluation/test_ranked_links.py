@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from helpers import refuses
 from msgspec.structs import asdict
-from refusals import refuses
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.evaluation import ranked_links

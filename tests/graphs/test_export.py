@@ -9,7 +9,7 @@ import graph_oracles as oracles
 import networkx as nx
 import pandas as pd
 import pytest
-from refusals import refuses
+from helpers import refuses
 
 from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.base.errors import OutputExistsError

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph_folders import write_graph
+from helpers import write_graph
 
 from wordcraft_kg import graphs
 from wordcraft_kg.base.errors import (

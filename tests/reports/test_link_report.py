@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from refusals import refuses
+from helpers import refuses
 from report_helpers import Page, link_report, text_of
 
 from wordcraft_kg.base.errors import SplitError

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import plain_run
 import pytest
-from configured import in_file
+from helpers import in_file
 
 from wordcraft_kg import (
     AgentConfig,

@@ -3,7 +3,7 @@ from functools import partial
 
 import pytest
 import small_study
-from refusals import refuses
+from helpers import refuses
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError

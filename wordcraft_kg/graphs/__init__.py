@@ -20,7 +20,7 @@ Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
 Entries of ``SPLITS``, ``EXPORTERS`` and ``FETCHABLE`` and new statistics may be added freely. The
 order of ids, the formats of hashes and the random draws of splits, folds and tasks may not change:
-models, runs and published results refer to them (``tests/graphs/test_golden.py`` compares).
+models, runs and published results refer to them (``tests/graphs/test_recipe_graph.py`` compares).
 """
 
 from wordcraft_kg.graphs.audit import audit as audit

@@ -1,17 +1,24 @@
 """Vectors of a sentence encoder, and reading them as features."""
 
+import io
 import json
+import os
+import shutil
+import sys
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from refusals import refuses
+from helpers import refuses
 from short_fits import short_fits
 
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.apps.elicitation import encoder as module
 from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.apps.elicitation.language_model import open_language_model
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.runs.record import read_run
@@ -171,3 +178,204 @@ def test_vectors_follow_the_labels_whatever_their_order(encoder_folder, kitchen,
     back, _ = encode_labels(kitchen.entities[::-1], encoder_folder)
     assert np.array_equal(forth, back[::-1])
     assert len(np.unique(forth, axis=0)) > 70
+
+
+REFS = {"AutoConfig": "evil.Evil", "AutoModel": "evil.Evil", "AutoModelForCausalLM": "evil.Evil"}
+
+
+@pytest.fixture(scope="module")
+def sentence_folder(encoder_folder, tmp_path_factory):
+    """A sentence encoder with modules; read only."""
+    # Here, as the import takes more than a second of each process that collects tests.
+    from sentence_transformers import SentenceTransformer
+
+    folder = tmp_path_factory.mktemp("sentence") / "encoder"
+    SentenceTransformer(str(encoder_folder)).save(str(folder))
+    return folder
+
+
+@pytest.fixture
+def evil(tmp_path, monkeypatch):
+    """A copy of a folder with a program that leaves a mark when it is run; a user
+    would answer yes."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "stdin", io.StringIO("y\n" * 100))
+    code = f"open({str(tmp_path / 'mark')!r}, 'w')\nclass Evil:\n    pass\n"
+
+    def copied(folder):
+        shutil.copytree(folder, tmp_path / "model")
+        for place in (tmp_path, tmp_path / "model"):
+            (place / "evil.py").write_text(code)
+        return tmp_path / "model"
+
+    yield copied
+    assert not (tmp_path / "mark").exists()
+
+
+def change(file, **values):
+    before = json.loads(file.read_text()) if file.exists() else {}
+    file.write_text(json.dumps({**before, **values}))
+
+
+def first_module(folder, **values):
+    modules = json.loads((folder / "modules.json").read_text())
+    modules[0].update(values)
+    (folder / "modules.json").write_text(json.dumps(modules))
+
+
+def as_pickle(folder):
+    (folder / "model.safetensors").unlink()
+    torch.save({"weight": torch.zeros(1)}, folder / "pytorch_model.bin")
+
+
+def index_of_a_pickle(folder):
+    (folder / "model.safetensors").rename(folder / "weights.safetensors")
+    change(folder / "model.safetensors.index.json", metadata={}, weight_map={"x": "evil.bin"})
+
+
+def linked_out(folder):
+    (folder / "model.safetensors").unlink()
+    (folder / "model.safetensors").symlink_to("/etc/passwd")
+
+
+def as_a_pipe(folder):
+    (folder / "tokenizer_config.json").unlink()
+    os.mkfifo(folder / "tokenizer_config.json")
+
+
+MODELS = {
+    "code": (lambda at: change(at / "config.json", model_type="evil", auto_map=REFS), "evil.Evil"),
+    "code of a tokenizer": (
+        lambda at: change(at / "tokenizer_config.json", tokenizer_class="AutoModel"),
+        "'AutoModel', which is no class of a tokenizer",
+    ),
+    "a kernel": (
+        lambda at: change(at / "config.json", attn_implementation="me/evil"),
+        "a kernel to download, 'me/evil'",
+    ),
+    "another model": (lambda at: change(at / "adapter_config.json"), "is an adapter"),
+    "a pickle": (as_pickle, r"pickle only, pytorch_model\.bin"),
+    "a pickle in an index": (index_of_a_pickle, r"names 'evil\.bin'"),
+    "a link": (linked_out, "link out of the model folder, to /etc/passwd"),
+    "a pipe": (as_a_pipe, "not a regular file"),
+    "many layers": (
+        lambda at: change(at / "config.json", num_hidden_layers=10**9),
+        "num_hidden_layers is 1,000,000,000",
+    ),
+    "many labels": (
+        lambda at: change(at / "config.json", num_labels=10**6),
+        "num_labels is 1,000,000",
+    ),
+    "many words": (lambda at: change(at / "config.json", vocab_size=10**12), "is damaged: config"),
+}
+
+READERS = {
+    "encode": lambda folder: encode_labels(["flour"], folder),
+    "elicit": open_language_model,
+    "elicit random": lambda folder: open_language_model(folder, 0),
+}
+
+
+@pytest.mark.parametrize(("spoil", "says"), MODELS.values(), ids=MODELS)
+@pytest.mark.parametrize("reader", READERS)
+def test_a_model_that_names_code_or_sizes_is_refused_by_name(
+    evil, sentence_folder, model_folder, spoil, says, reader
+):
+    folder = evil(sentence_folder if reader == "encode" else model_folder)
+    spoil(folder)
+    with pytest.raises(ArtefactError, match=says):
+        READERS[reader](folder)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        *("evil.Evil", "os.system", "", None),
+        "sentence_transformers.base.model.torch",  # what a module of the package imports
+        "sentence_transformers.base.modules.router.Router",  # names further classes in its own file
+    ],
+)
+def test_a_foreign_module_of_a_sentence_encoder_is_refused_by_name(evil, sentence_folder, kind):
+    folder = evil(sentence_folder)
+    first_module(folder, type=kind)
+    with pytest.raises(ArtefactError) as raised:
+        encode_labels(["flour"], folder)
+    assert f"modules.json' names the module {kind!r}" in str(raised.value)
+
+
+@pytest.mark.parametrize("path", ["../model", "/etc", "a/b", 1])
+def test_a_module_outside_its_folder_is_refused(evil, sentence_folder, path):
+    folder = evil(sentence_folder)
+    first_module(folder, path=path)
+    with pytest.raises(ArtefactError, match="expected the name of a folder"):
+        encode_labels(["flour"], folder)
+
+
+def test_an_encoder_of_very_many_modules_is_refused(evil, sentence_folder):
+    folder = evil(sentence_folder)
+    modules = json.loads((folder / "modules.json").read_text())
+    (folder / "modules.json").write_text(json.dumps(modules * 9))
+    with pytest.raises(ArtefactError, match=f"names {9 * len(modules)} modules; expected at most"):
+        encode_labels(["flour"], folder)
+
+
+def test_a_prompt_of_very_many_characters_is_refused(evil, sentence_folder):
+    folder = evil(sentence_folder)
+    prompts = {"long": "x" * 10_001}
+    change(folder / "config_sentence_transformers.json", prompts=prompts)
+    with pytest.raises(ArtefactError, match="a prompt of more than 10,000 characters"):
+        encode_labels(["flour"], folder)
+
+
+@pytest.mark.parametrize("option", ["trust_remote_code", "weights_only", "code_revision"])
+def test_an_option_that_the_loader_decides_is_refused_in_a_folder(evil, sentence_folder, option):
+    folder = evil(sentence_folder)
+    change(folder / "sentence_bert_config.json", model_args={option: True})
+    with pytest.raises(ArtefactError, match=f"sets the loader's option '{option}'"):
+        encode_labels(["flour"], folder)
+
+
+def test_code_beside_a_kind_that_transformers_knows_is_not_run(evil, sentence_folder, tmp_path):
+    before, _ = encode_labels(["flour"], sentence_folder)
+    folder = evil(sentence_folder)
+    change(folder / "config.json", auto_map=REFS)
+    after, _ = encode_labels(["flour"], folder)
+    assert (before == after).all()
+
+
+def test_a_model_in_the_cache_of_the_hub_loads_through_its_links(sentence_folder, tmp_path):
+    snapshot, blobs = tmp_path / "snapshots" / "a1", tmp_path / "blobs"
+    shutil.copytree(sentence_folder, snapshot)
+    blobs.mkdir()
+    (snapshot / "model.safetensors").rename(blobs / "b1")
+    (snapshot / "model.safetensors").symlink_to("../../blobs/b1")
+    assert encode_labels(["flour"], snapshot)[0].shape == (1, 16)
+
+
+def test_a_name_on_the_hub_downloads_no_code_and_no_pickle(monkeypatch, tmp_path):
+    from wordcraft_kg.apps.elicitation import foreign_code as weights
+
+    asked = {}
+    monkeypatch.setattr(
+        "huggingface_hub.snapshot_download",
+        lambda name, **options: asked.update(options) or str(tmp_path),
+    )
+    assert weights.locate_model("encoder", "me/evil") == tmp_path
+    assert {"*.py", "*.bin", "*.pkl"} <= set(asked["ignore_patterns"])
+
+
+def test_an_old_version_that_runs_the_code_of_folders_is_refused(monkeypatch, sentence_folder):
+    monkeypatch.setattr(
+        "wordcraft_kg.apps.elicitation.foreign_code.version",
+        lambda name: "5.1.0" if name == "sentence-transformers" else version(name),
+    )
+    with pytest.raises(MissingExtraError, match=r"sentence-transformers 5\.1\.0 runs .* 6\.0\.1"):
+        encode_labels(["flour"], sentence_folder)
+
+
+def test_the_extra_requires_the_version_that_is_checked():
+    from wordcraft_kg.apps.elicitation.foreign_code import SAFE_SENTENCE_TRANSFORMERS
+
+    pyproject = (Path(__file__).parents[3] / "pyproject.toml").read_text()
+    assert f'"sentence-transformers>={SAFE_SENTENCE_TRANSFORMERS}"' in pyproject

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import torch
-from refusals import refuses
+from helpers import refuses
 
 from wordcraft_kg.apps.elicitation import language_model as module
 from wordcraft_kg.apps.elicitation.language_model import elicit_knowledge, open_language_model

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from graph_folders import write_graph
+from helpers import write_graph
 
 from tests.apps.explorer.shown import HOSTILE, explored_graph
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig

@@ -4,7 +4,7 @@ similar entities."""
 from collections import Counter
 
 import pytest
-from refusals import refuses
+from helpers import refuses
 
 from tests.apps.explorer.shown import (
     explored_graph,

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from permuted import split_of, with_other_results, write_opened
+from helpers import split_of, with_other_results, write_opened
 
 from wordcraft_kg import open_graph
 from wordcraft_kg.agents.players import random_distinct

@@ -1,6 +1,7 @@
 """Deadlines and the bounded number of connections, with real sockets and a server in a process of
 its own."""
 
+import asyncio
 import contextlib
 import select
 import signal
@@ -12,7 +13,9 @@ import urllib.request
 from collections import namedtuple
 
 import pytest
+from starlette.routing import Route, Router
 
+from wordcraft_kg.apps.web.guard import Guard
 from wordcraft_kg.apps.web.serving import MOST_CONNECTIONS, most_connections
 
 resource = pytest.importorskip("resource")  # limits of open files, not on Windows
@@ -54,8 +57,11 @@ router = Router(routes)
 app = Guard(router, "127.0.0.1", (), lambda status, message: message, methods=("GET", "POST"))
 serve(app, listen("127.0.0.1", 0), lambda address: print(address, flush=True))
 """
+
 HALF = b"GET / HTTP/1.1\r\nHost: localhost\r\n"
+
 FORM = b"POST /form HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\n"
+
 Served = namedtuple("Served", "process address port")
 
 
@@ -230,3 +236,32 @@ def test_the_number_of_connections_follows_the_limit_of_open_files(monkeypatch):
     for allowed in (8, 64, 128, 256):
         monkeypatch.setattr(resource, "getrlimit", lambda _, allowed=allowed: (allowed, allowed))
         assert 8 <= most_connections() <= max(8, allowed // 2)
+
+
+async def _broken(request):
+    raise ZeroDivisionError
+
+
+def test_a_session_code_never_reaches_the_log(caplog):
+    """Whoever has the code of a session can answer as that person, or withdraw the answers."""
+    app = Guard(
+        Router([Route("/s/{code}/task", _broken)]), "localhost", (), lambda *what: str(what)
+    )
+    sent = []
+
+    async def receive():
+        return {"type": "http.request", "body": b""}
+
+    async def send(message):
+        sent.append(message)
+
+    path = "/s/secret-code/task"
+    scope = {
+        **{"type": "http", "method": "GET", "query_string": b"", "raw_path": path.encode()},
+        **{"path": path, "headers": [(b"host", b"localhost")]},
+    }
+    asyncio.run(app(scope, receive, send))
+    assert sent[0]["status"] == 500
+    assert "ZeroDivisionError" in caplog.text
+    assert "error in a request for /s" in caplog.text
+    assert "secret-code" not in caplog.text

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import threading
+import tomllib
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
@@ -13,28 +14,45 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from graph_folders import write_graph
-from link_helpers import contents, global_states, interrupt_after, train
-from refusals import refuses
-from resumption import resume
+from helpers import refuses, resume, write_graph
+from link_helpers import contents, global_states, interrupt_after, random_graph, train
+from link_oracles import equation_2, n3
 
 from wordcraft_kg import (
     ComplExConfig,
     LinkModelConfig,
     LinksConfig,
+    RecipeGraph,
     load_scorer,
     open_graph,
     open_model,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError, WordCraftKGError
 from wordcraft_kg.base.records import as_values
+from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, recipe_triples
+from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.models.knowledge.folder import KnowledgeRecord, KnowledgeTables, write_knowledge
+from wordcraft_kg.models.links import regularisation
 from wordcraft_kg.models.links import training as link_training
+from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, LinkSettings
-from wordcraft_kg.models.links.fitting import Epochs
-from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
+from wordcraft_kg.models.links.fitting import Epochs, fit
+from wordcraft_kg.models.links.outside import read_outside
+from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
+from wordcraft_kg.models.links.regularisation import (
+    HELD_OUT,
+    N3,
+    POPULARITY,
+    choose,
+    split_of_train,
+)
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+from wordcraft_kg.models.scorers.folder import make_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, ranking_metrics
 from wordcraft_kg.runs.record import read_run
 
 SHORT = ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)
+
 RESUMED: dict[str, LinkSettings] = {
     "complex": SHORT,
     "complex with validation": replace(SHORT, eval_every=1),
@@ -52,6 +70,7 @@ RESUMED: dict[str, LinkSettings] = {
 }
 
 FAST = ("complex", "rotate by negatives, with validation")
+
 EACH = pytest.mark.parametrize(
     "config",
     [
@@ -95,9 +114,6 @@ def trace(trained):
 
 def figures(trained):
     return without_times([as_values(trained.metrics)])
-
-
-# --- determinism ----------------------------------------------------------------------------------
 
 
 @EACH
@@ -156,9 +172,6 @@ def test_training_leaves_all_global_states_as_they_were(
         train(parted_kitchen, config, tmp_path / "model", progress=progress)
     assert read_run(tmp_path / "model").status == end
     assert global_states() == before
-
-
-# --- the folder -----------------------------------------------------------------------------------
 
 
 def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder):
@@ -228,9 +241,6 @@ def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, comple
     assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
 
 
-# --- interruption and resumption ------------------------------------------------------------------
-
-
 @EACH
 def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(parted_kitchen, tmp_path, config):
     folder, whole = halved(parted_kitchen, config, tmp_path, 2)
@@ -266,18 +276,12 @@ def unfinished(opened_kitchen, tmp_path):
     return train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
 
 
-# --- validation -----------------------------------------------------------------------------------
-
-
 def test_of_equal_validations_the_first_is_the_best(parted_kitchen, tmp_path, monkeypatch):
     figures = [0.1, 0.4, 0.2, 0.4]
     monkeypatch.setattr(Epochs, "_validate", lambda epochs: figures[len(epochs.trace)])
     settings = replace(SHORT, epochs=4, eval_every=1)
     metrics = train(parted_kitchen, settings, tmp_path / "model").metrics
     assert (metrics.epochs, metrics.best_epoch, metrics.valid_mrr) == (4, 2, 0.4)
-
-
-# --- settings that cannot be met ------------------------------------------------------------------
 
 
 NO_GPU = pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")
@@ -358,8 +362,8 @@ def test_a_misspelt_model_leaves_an_unfinished_run_alone(opened_kitchen, tmp_pat
 
 
 NAN, INF = float("nan"), float("inf")
-BOTH = (ComplExConfig, LinkModelConfig)
 
+BOTH = (ComplExConfig, LinkModelConfig)
 
 OUT_OF_RANGE = {
     "kg": ["half"],
@@ -456,3 +460,380 @@ def test_a_missing_or_damaged_config_file_is_an_error_that_names_it(tmp_path, te
         ArtefactError, match=rf"config\.toml is {'missing' if text is None else 'damaged'}"
     ):
         LinksConfig.read(tmp_path)
+
+
+Rows = list[tuple[str, ...]]
+
+KITCHEN: Rows = [
+    ("egg", "isA", "other:food"),
+    ("flour", "isA", "other:food"),
+    ("egg", "partOf", "other:bird"),
+]
+
+JOINT_TRAINING_SHORT = ComplExConfig(dim=8, epochs=4, n3=0.01, folds=2)
+
+
+def knowledge_folder(path, rows, number=None):
+    record = KnowledgeRecord(
+        source="a graph", entities=(), tables=(), triples=len(rows) if number is None else number
+    )
+    files = {
+        "triples.tsv": "".join(
+            "\t".join(row) + "\n" for row in [("head", "relation", "tail"), *rows]
+        )
+    }
+    folder = write_knowledge(
+        path,
+        "test",
+        KnowledgeTables(record, ()),
+        inputs={},
+        files=files if rows else {},
+        force=True,
+    )
+    return str(folder)
+
+
+def silent(*args):
+    """Nobody watches."""
+
+
+def fitted(settings, graph, triples, outside):
+    model = fit(settings, triples_factory(graph, triples, outside), silent, graph.num_entities)
+    tensors = scorer_tensors(settings, model, triples, graph.num_entities)
+    return make_scorer(*tensors, graph.entities, graph.hash)
+
+
+@pytest.fixture(scope="module")
+def outside(tmp_path_factory):
+    return knowledge_folder(tmp_path_factory.mktemp("outside") / "kitchen", KITCHEN)
+
+
+@pytest.fixture(scope="module")
+def joint(opened_kitchen, outside, tmp_path_factory):
+    """A cross-fitted model with outside triples; read only."""
+    return train(
+        opened_kitchen,
+        replace(JOINT_TRAINING_SHORT, with_=(outside,)),
+        tmp_path_factory.mktemp("models") / "joint",
+    )
+
+
+@pytest.mark.parametrize(("negatives", "tolerance"), [(0, 1e-5), (4_000, 0.02)])
+def test_own_triples_rank_entities_and_outside_ones_all_nodes(tmp_path, negatives, tolerance):
+    """Own triples compete with entities and outside triples with all nodes."""
+    graph = random_graph(num_entities=7, num_recipes=9)
+    rows = [
+        ("e0", "isA", "x"),
+        ("e1", "isA", "x"),
+        ("y", "near", "e2"),
+        ("y", "isA", "x"),
+        ("e3", "near", "e4"),
+    ]
+    settings = ComplExConfig(dim=3, n3=0.2, init_scale=0.7, negatives=negatives, outside_weight=0.4)
+    factory = triples_factory(
+        graph, graph.triples, read_outside([knowledge_folder(tmp_path, rows)], graph.entities)
+    )
+    with pykeen_guard(0, threads=1):
+        loop = make_training_loop(settings, factory, num_entities=7)
+        loop.model.train()
+        found = loop._process_batch((factory.mapped_triples,), 0, factory.num_triples).item()
+    parts = loop.model.entity_representations[0], loop.model.relation_representations[0]
+    entity, relation = (part._plain_forward().detach().numpy() for part in parts)
+    assert (len(entity), len(relation)) == (9, 4)
+    expected = 0.0
+    for weight, candidates, triples in (
+        (1.0, entity[:7], graph.triples.tolist()),
+        (0.4, entity, factory.mapped_triples[len(graph.triples) :].tolist()),
+    ):
+        loss = equation_2(entity, relation, triples, candidates) + 0.2 * n3(
+            entity, relation, triples
+        )
+        expected += weight * len(triples) / factory.num_triples * loss
+    assert found == pytest.approx(expected, rel=tolerance)
+
+
+def test_outside_triples_place_an_entity_that_no_recipe_mentions(tmp_path):
+    fruits, metals = ([f"{kind} {n}" for n in range(8)] for kind in ("fruit", "metal"))
+    recipes = [("press", thing, "juice") for thing in fruits] + [
+        ("hammer", thing, "tool") for thing in metals
+    ]
+    graph = RecipeGraph.from_recipes(recipes)
+    new = [graph.entities.index(name) for name in ("fruit 7", "metal 7")]
+    triples = recipe_triples(
+        graph.recipes[~torch.isin(torch.tensor(graph.recipes), torch.tensor(new)).any(1).numpy()]
+    )
+    rows = [
+        (thing, "isA", kind)
+        for kind, things in (("food", fruits), ("ore", metals))
+        for thing in things
+    ]
+    outside = read_outside([knowledge_folder(tmp_path, rows)], graph.entities)
+    scorer = fitted(
+        ComplExConfig(dim=16, n3=0.01, epochs=30, batch_size=16), graph, triples, outside
+    )
+    for tool, own, other in (("press", "fruit 7", "metal 7"), ("hammer", "metal 7", "fruit 7")):
+        unknown = [label for label in graph.entities if label not in fruits[:7] + metals[:7]]
+        scores = {label: scorer.score(tool, 0, label).item() for label in unknown}
+        assert max(scores, key=scores.__getitem__) == own
+        assert scores[own] > scores[other] + 0.5
+
+
+def test_the_saved_model_holds_the_entities_and_the_two_relations_alone(joint, opened_kitchen):
+    scorer, metrics = load_scorer(joint.folder), joint.metrics
+    assert scorer.entities == opened_kitchen.graph.entities
+    assert scorer.table(0).shape == (80, 80)
+    assert "other:" not in (joint.folder / "vocabulary.json").read_text()
+    assert (metrics.outside.triples, metrics.outside.nodes, metrics.outside.relations) == (3, 2, 2)
+    assert metrics.outside.coverage == 2 / 80
+    assert metrics.triples == len(opened_kitchen.split.partial)
+    assert "3 outside triples, 2 relations, 2 nodes" in (joint.folder / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_each_fold_and_the_choice_of_weights_use_the_outside_triples(
+    joint, opened_kitchen, outside
+):
+    graph, folds = opened_kitchen.graph, make_folds(opened_kitchen.split, 2)
+    known = read_outside([outside], graph.entities)
+    expected = fitted(JOINT_TRAINING_SHORT, graph, folds.triples([0]), known)
+    torch.testing.assert_close(
+        load_scorer(joint.folder).left_out(0).table(1), expected.table(1), rtol=0, atol=0
+    )
+    assert not torch.equal(
+        expected.table(1), fitted(JOINT_TRAINING_SHORT, graph, folds.triples([0]), None).table(1)
+    )
+    settings = ComplExConfig(dim=4, epochs=1, negatives=0)
+    assert choose(opened_kitchen, settings, silent, outside=known) != choose(
+        opened_kitchen, settings, silent
+    )
+
+
+@pytest.mark.slow
+def test_a_changed_knowledge_folder_is_refused_and_the_same_one_resumes(
+    joint, opened_kitchen, outside, tmp_path
+):
+    copy = knowledge_folder(tmp_path / "outside", KITCHEN)
+    stopped = train(
+        opened_kitchen,
+        replace(JOINT_TRAINING_SHORT, with_=(copy,)),
+        tmp_path / "model",
+        progress=interrupt_after(2),
+    )
+    assert stopped.interrupted
+    run = json.loads((Path(copy) / "run.json").read_text())
+    assert read_run(stopped.folder).inputs["outside graph 1"] == run["outputs"]["triples.tsv"]
+    knowledge_folder(Path(copy), KITCHEN[:2])
+    with pytest.raises(WordCraftKGError, match="another outside graph 1"):
+        resume(stopped.folder)
+    knowledge_folder(Path(copy), KITCHEN)
+    assert resume(stopped.folder).metrics.train_mrr == joint.metrics.train_mrr
+    assert LinksConfig.read(stopped.folder).settings.with_ == (copy,)
+
+
+def test_folders_share_nodes_and_relations(tmp_path):
+    folders = [
+        knowledge_folder(tmp_path / name, KITCHEN[start:])
+        for name, start in (("one", 0), ("two", 1))
+    ]
+    both, one = read_outside(folders, ["egg"]), read_outside(folders[:1], ["egg"])
+    assert (
+        (both.nodes, both.relations)
+        == (one.nodes, one.relations)
+        == (("other:food", "flour", "other:bird"), ("isA", "partOf"))
+    )
+    assert both.triples.tolist() == one.triples.tolist() == [[0, 2, 1], [0, 3, 3], [2, 2, 1]]
+
+
+@pytest.mark.parametrize(
+    ("rows", "number", "message"),
+    [
+        ([], 0, "holds tables and no triples"),
+        (
+            [("ei", "isA", "essen"), ("mehl", "isA", "essen")],
+            2,
+            "none of the 3 nodes .* 80 entities",
+        ),
+        ([("egg", "combinesWith", "flour")], 1, "'combinesWith' is a relation of recipes"),
+        ([("egg", "isA")], 1, "line 2: expected 3 columns"),
+    ],
+)
+def test_a_folder_that_does_not_fit_is_refused(opened_kitchen, tmp_path, rows, number, message):
+    settings = replace(
+        JOINT_TRAINING_SHORT, with_=(knowledge_folder(tmp_path / "outside", rows, number),)
+    )
+    with pytest.raises(WordCraftKGError, match=message):
+        train(opened_kitchen, settings, tmp_path / "model")
+    assert not (tmp_path / "model").exists()
+
+
+def test_a_path_that_is_no_knowledge_folder_and_a_weight_of_0_are_refused(opened_kitchen, tmp_path):
+    with pytest.raises(ArtefactError, match="knowledge folder"):
+        train(
+            opened_kitchen, replace(JOINT_TRAINING_SHORT, with_=("everyday",)), tmp_path / "model"
+        )
+    with refuses("outside_weight"):
+        ComplExConfig(outside_weight=0)
+
+
+OPEN = ComplExConfig(dim=8, epochs=5)
+
+
+def silent_of_regularisation(done, total):
+    """Nobody watches."""
+
+
+def opened(graph, **settings):
+    return OpenedGraph(graph, make_split(graph, SplitConfig(**settings)), "here")
+
+
+@pytest.fixture(scope="module")
+def choice(opened_kitchen):
+    return choose(opened_kitchen, OPEN, silent_of_regularisation)
+
+
+def test_the_most_cautious_of_the_good_combinations_is_chosen(choice):
+    """Every combination is a candidate and the most cautious of the good ones is chosen."""
+    assert {(found.n3, found.popularity) for found in choice.candidates} == {
+        (n, p) for n in N3 for p in POPULARITY
+    }
+    best = max(found.mrr for found in choice.candidates)
+    good = [found for found in choice.candidates if found.mrr >= 0.95 * best]
+    most = max(found.popularity for found in good)
+    chosen = max((found for found in good if found.popularity == most), key=lambda found: found.mrr)
+    assert (choice.n3, choice.popularity, choice.mrr) == (chosen.n3, chosen.popularity, chosen.mrr)
+    assert len({found.mrr for found in choice.candidates}) > len(N3)
+
+
+def test_the_same_seed_chooses_the_same(opened_kitchen, choice):
+    assert choose(opened_kitchen, OPEN, silent_of_regularisation) == choice
+    assert choose(opened_kitchen, replace(OPEN, seed=7), silent_of_regularisation) != choice
+
+
+def test_only_train_recipes_are_held_out(opened_kitchen):
+    split = opened_kitchen.split
+    fold = split_of_train(split, HELD_OUT, seed=3)
+    np.testing.assert_array_equal(fold.graph.recipes, split.recipes("train"))
+    assert fold.graph.entities == split.graph.entities
+    assert len(fold.held_out("test"))
+
+
+def test_a_split_by_goal_holds_out_goals_of_train(kitchen):
+    fold = split_of_train(make_split(kitchen, SplitConfig("by-goal")), HELD_OUT, seed=3)
+    assert fold.config.kind == "by-goal"
+    assert not set(fold.recipes("train")[:, 2]) & set(fold.recipes("test")[:, 2])
+
+
+def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen, monkeypatch):
+    monkeypatch.setattr(regularisation, "FOLDS", 1)
+    found = choose(opened_kitchen, OPEN, silent_of_regularisation)
+    fold = split_of_train(opened_kitchen.split, HELD_OUT, OPEN.seed)
+
+    def mrr(scorer):
+        return mean_reciprocal_rank(rank_triples(scorer, fold.held_out("test"), fold.graph.triples))
+
+    for candidate in found.candidates:
+        settings = replace(
+            OPEN, n3=candidate.n3, popularity=candidate.popularity, epochs=found.epochs
+        )
+        model = fit(settings, triples_factory(fold.graph, fold.partial), lambda epoch: None)
+        scorer = make_scorer(
+            *scorer_tensors(settings, model, fold.partial), fold.graph.entities, fold.graph.hash
+        )
+        assert candidate.mrr == pytest.approx(mrr(scorer))
+    assert found.frequency_mrr == pytest.approx(mrr(FrequencyScorer(fold.graph, fold.partial)))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        replace(OPEN, n3=0.1),
+        ComplExConfig(popularity=1.0),
+        ComplExConfig(kg="full"),
+        LinkModelConfig(),
+    ],
+    ids=["n3", "popularity", "full", "another model"],
+)
+def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen, settings):
+    assert choose(opened_kitchen, settings, silent_of_regularisation) is None
+
+
+def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
+    opened_kitchen, monkeypatch
+):
+    monkeypatch.setattr(regularisation, "SMALL", 0)
+    monkeypatch.setattr(regularisation, "RANKED", 40)
+    found = choose(opened_kitchen, replace(OPEN, negatives=16), silent_of_regularisation)
+    assert {(one.n3, one.popularity) for one in found.candidates} == {
+        (N3_PARTIAL, p) for p in POPULARITY
+    }
+    assert (found.folds, found.queries) == (1, 80)
+
+
+def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
+    assert (
+        choose(opened(random_graph(num_entities=6, num_recipes=8)), OPEN, silent_of_regularisation)
+        is None
+    )
+    once = [
+        (f"a{i}", f"b{i}", f"c{i}") for i in range(40)
+    ]  # nothing can be held out without losing an entity
+    assert (
+        choose(
+            opened(RecipeGraph.from_recipes(once, name="once"), kind="none"),
+            OPEN,
+            silent_of_regularisation,
+        )
+        is None
+    )
+
+
+@pytest.mark.slow
+def test_with_popularity_alone_the_choice_equals_counting():
+    """Where there is nothing but popularity to learn the choice keeps up with counting."""
+    rng = np.random.default_rng(0)
+    parts = (rng.random((400, 2)) ** 2 * 60).astype(int)
+    graph = RecipeGraph.from_recipes(
+        [
+            (f"e{a}", f"e{b}", f"e{c}")
+            for (a, b), c in zip(parts, rng.integers(60, size=400), strict=True)
+        ]
+    )
+    found = choose(opened(graph), replace(OPEN, dim=32, epochs=50), silent_of_regularisation)
+    without = max(row.mrr for row in found.candidates if row.popularity == 0)
+    assert without < found.frequency_mrr
+    assert found.mrr > 0.97 * found.frequency_mrr
+
+
+@pytest.mark.slow
+def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen, tmp_path, choice):
+    trained = train(opened_kitchen, OPEN, tmp_path / "model")
+    assert trained.metrics.choice == choice
+    config = tomllib.loads((trained.folder / "config.toml").read_text())["train-complex"]
+    assert (config["n3"], config["popularity"]) == (choice.n3, choice.popularity)
+    assert "choice.json" in json.loads((trained.folder / "run.json").read_text())["inputs"]
+    assert json.loads((trained.folder / "choice.json").read_text())["mrr"] == choice.mrr
+    assert str(choice) in (trained.folder / "README.md").read_text()
+    assert str(choice) in open_model(trained.folder).provenance.values()
+
+
+@pytest.mark.slow
+def test_a_resumed_run_does_not_choose_again(opened_kitchen, tmp_path, monkeypatch):
+    settings = replace(OPEN, epochs=10)
+    undisturbed = train(opened_kitchen, settings, tmp_path / "undisturbed")
+    assert train(
+        opened_kitchen, settings, tmp_path / "model", progress=interrupt_after(4)
+    ).interrupted
+    monkeypatch.setattr(link_training, "choose", lambda *arguments: pytest.fail("chosen again"))
+    resumed = resume(tmp_path / "model")
+    assert resumed.metrics.choice == undisturbed.metrics.choice is not None
+    weights = [
+        (folder / "model.safetensors").read_bytes()
+        for folder in (resumed.folder, undisturbed.folder)
+    ]
+    assert weights[0] == weights[1]
+
+
+def test_ctrl_c_while_choosing_leaves_nothing(opened_kitchen, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        train(opened_kitchen, OPEN, tmp_path / "model", progress=interrupt_after(0))
+    assert list(tmp_path.iterdir()) == []

@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from graph_folders import write_graph
+from helpers import refuses, write_graph
 from link_helpers import flip_bit, random_graph, train
-from refusals import refuses
 from small_scorers import embeddings
 
 from wordcraft_kg import (

@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from frozen import frozen
-from graph_folders import write_graph
+from helpers import frozen, write_graph
 from link_helpers import random_graph
 from pykeen.datasets import dataset_resolver, get_dataset
 from pykeen.pipeline import pipeline

@@ -11,8 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 import torch
-from refusals import refuses
-from resumption import resume
+from helpers import refuses, resume
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.agents.agent_folder import open_agent

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
+from helpers import refuses
 from link_helpers import flip_bit, global_states, random_graph
-from refusals import refuses
 from small_scorers import scaled_scorer
 from torch import Tensor
 

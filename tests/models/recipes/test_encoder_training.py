@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from helpers import recorded, resume
 from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
-from resumption import recorded, resume
 from short_fits import short_fits
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError

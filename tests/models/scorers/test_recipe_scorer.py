@@ -1,16 +1,46 @@
 """The recipe scorer as others use it: scores of recipes and of links, and the recipes that speak
 for one."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import torch
+from helpers import refuses
+from kernel_oracles import (
+    explicit_ridge,
+    link_tables,
+    slow_completion,
+    slow_profiles,
+    slow_similarity,
+)
+from link_helpers import random_graph
+from small_scorers import normal
 
-from wordcraft_kg.base.errors import UnknownEntityError
-from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
+from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
+from wordcraft_kg.base.statistics import standardised
+from wordcraft_kg.graphs import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    RELATIONS,
+    Recipe,
+    RecipeGraph,
+    SplitConfig,
+    make_split,
+    open_book,
+    recipe_triples,
+)
 from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.models.scorers import probabilities, recipes
+from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.factors import TableScorer
+from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.kernel import completion, profiles
+from wordcraft_kg.models.scorers.link_evidence import POWER, RECIPES, LinkEvidence
 from wordcraft_kg.models.scorers.protocol import RecipeScores
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 
@@ -158,3 +188,240 @@ def test_a_known_recipe_is_its_own_evidence(scorer, cross_fitted, kitchen):
     assert ratios == pytest.approx([ratios[0]] * len(ratios))
     with pytest.raises(UnknownEntityError, match="waater"):
         scorer.supporting_recipes("waater", b, result)
+
+
+SIZE = 9
+"""Entities; the last one is in no recipe."""
+
+
+def drawn_recipes(seed, count=14):
+    rng = np.random.default_rng(seed)
+    rows = rng.integers(SIZE - 1, size=(count, 3))
+    rows[0, 1] = rows[0, 0]  # a recipe of one entity twice
+    rows[1] = rows[2]  # and one that is there twice
+    return rows
+
+
+def drawn_vectors(seed):
+    vectors = np.random.default_rng([seed, 1]).standard_normal((SIZE, 4)).astype(np.float32)
+    vectors[3] = 0  # a word without a vector
+    return vectors
+
+
+CASES = [
+    pytest.param(drawn_recipes(0), id="drawn"),
+    pytest.param(drawn_recipes(1, 40), id="many"),
+    pytest.param(np.array([[2, 2, 2]]), id="one entity makes itself"),
+    pytest.param(np.zeros((0, 3), dtype=np.int64), id="none"),
+]
+
+any_recipes = pytest.mark.parametrize("recipes", CASES)
+
+
+def graph_of(recipes):
+    """A graph whose ids are those of the rows, with every entity in it."""
+    rows = np.concatenate([recipes, [[i, i, i] for i in range(SIZE)]])
+    return RecipeGraph.from_recipes([tuple(f"e{i}" for i in row) for row in rows], name="drawn")
+
+
+@any_recipes
+def test_profiles_are_the_damped_rows_of_links_and_contexts(recipes):
+    found = profiles(recipes, SIZE)
+    expected = slow_profiles(recipes.tolist(), SIZE)
+    gram = [
+        [sum(v * other.get(c, 0) for c, v in row.items()) for other in expected] for row in expected
+    ]
+    np.testing.assert_allclose((found @ found.T).toarray(), gram, atol=1e-12)
+    # The contexts, and with them all that has no counterpart elsewhere, have the right lengths too.
+    lengths = sorted(round(v, 9) for row in expected for v in row.values())
+    np.testing.assert_allclose(sorted(found.data), lengths, atol=1e-8)
+
+
+@any_recipes
+def test_completion_counts_paths_of_three_pairs_of_the_same_result(recipes):
+    np.testing.assert_allclose(
+        completion(recipes, SIZE).numpy(), slow_completion(recipes.tolist(), SIZE), atol=1e-6
+    )
+
+
+def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
+    recipes, vectors = drawn_recipes(1, 40), drawn_vectors(0)
+    graph = graph_of(recipes)
+    scorer = KernelScorer(graph, recipes, vectors)
+    kernel = slow_similarity(recipes.tolist(), vectors)
+    combines, component = (
+        standardised(explicit_ridge(kernel, links, np.unique(recipes)))
+        for links in link_tables(recipe_triples(recipes), SIZE)
+    )
+    combines = combines + 0.5 * standardised(slow_completion(recipes.tolist(), SIZE))
+    np.testing.assert_allclose(scorer.table("combinesWith").numpy(), combines, atol=1e-3)
+    np.testing.assert_allclose(scorer.table("componentOf").numpy(), component, atol=1e-3)
+    assert (scorer.name, scorer.graph_hash) == ("recipe kernel", graph.hash)
+
+
+@any_recipes
+def test_scorers_of_any_recipes_are_finite_and_the_same_again(recipes):
+    graph = graph_of(recipes)
+    for vectors in (None, drawn_vectors(0)):
+        tables = [
+            torch.stack([KernelScorer(graph, recipes, vectors).table(r) for r in (0, 1)])
+            for _ in range(2)
+        ]
+        assert torch.isfinite(tables[0]).all()
+        assert torch.equal(*tables)
+
+
+def test_large_tables_and_foreign_vectors_are_refused(kitchen, monkeypatch):
+    """A table that is too large and vectors of another graph are refused."""
+    with refuses("vectors"):
+        KernelScorer(kitchen, kitchen.recipes, np.zeros((3, 4)))
+    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1_000)
+    with pytest.raises(ConfigError, match="the recipe kernel needs"):
+        KernelScorer(kitchen, kitchen.recipes)
+
+
+def validation_mrrs(graph, seed):
+    """Validation MRR of the recipe kernel and of the neighbour rule."""
+    split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
+    vectors = glove_features(graph.entities).vectors
+    scorers = (
+        KernelScorer(graph, split.recipes("train"), vectors),
+        NeighbourScorer(graph, split.partial),
+    )
+    ranks = [rank_triples(scorer, split.held_out("valid"), graph.triples) for scorer in scorers]
+    return mean_reciprocal_rank(ranks[0]), mean_reciprocal_rank(ranks[1])
+
+
+@pytest.mark.slow
+def test_the_kernel_beats_neighbours_on_everyday_1():
+    """The kernel predicts unseen links of everyday 1 better than neighbours."""
+    found = validation_mrrs(RecipeGraph.from_book(open_book("everyday-1")), seed=10)
+    assert found == pytest.approx((0.247, 0.163), abs=0.003)
+
+
+@pytest.mark.slow
+def test_the_kernel_predicts_unseen_links_of_little_alchemy(alchemy):
+    assert validation_mrrs(alchemy, seed=11) == pytest.approx((0.349, 0.216), abs=0.003)
+
+
+GRAPH = random_graph(num_entities=9, num_recipes=40)
+
+LINK_EVIDENCE_SIZE = GRAPH.num_entities
+
+KNOWN = GRAPH.recipes[::2]
+
+
+def scorer_of(graph, seed=0):
+    return TableScorer(
+        normal(2, graph.num_entities, graph.num_entities, seed=seed), graph.entities, graph.hash
+    )
+
+
+def slow_links(recipes):
+    """Every link of some recipes, and the rows of those that give it."""
+    found = {}
+    for row, (a, b, c) in enumerate(recipes):
+        for link in {
+            (a, COMBINES_WITH, b),
+            (b, COMBINES_WITH, a),
+            (a, COMPONENT_OF, c),
+            (b, COMPONENT_OF, c),
+        }:
+            found.setdefault(link, []).append(row)
+    return found
+
+
+@pytest.fixture(scope="module")
+def evidence():
+    return LinkEvidence(scorer_of(GRAPH), KNOWN)
+
+
+def test_links_speak_that_share_an_end_as_much_as_the_others_are_alike(evidence):
+    links = slow_links(KNOWN.tolist())
+    kinds = set()
+    for head, relation, tail in product(
+        range(LINK_EVIDENCE_SIZE), range(len(RELATIONS)), range(LINK_EVIDENCE_SIZE)
+    ):
+        others = [(h, t) for h, r, t in links if r == relation and (h, t) != (head, tail)]
+        likeness = {
+            (h, t): evidence.roles.alike(head, relation, "head")[h] for h, t in others if t == tail
+        }
+        if relation != COMBINES_WITH or head != tail:
+            likeness |= {
+                (h, t): evidence.roles.alike(tail, relation, "tail")[t]
+                for h, t in others
+                if h == head
+            }
+        expected = {
+            (h, relation, t): max(float(value), 0.0) ** POWER for (h, t), value in likeness.items()
+        }
+        triples, weights = evidence.weights(head, relation, tail)
+        found = dict(zip(map(tuple, triples.tolist()), weights.tolist(), strict=True))
+        assert found == pytest.approx(expected, abs=1e-6)
+        assert len(found) == len(triples)
+        kinds.add((relation, head == tail, (head, relation, tail) in links, bool(found)))
+    assert len(kinds) > 6, "the graph has too few kinds of links"
+
+
+def test_those_that_say_most_come_first_with_their_share_of_all_evidence(evidence):
+    for head, relation, tail in product(
+        range(LINK_EVIDENCE_SIZE), range(len(RELATIONS)), range(LINK_EVIDENCE_SIZE)
+    ):
+        everything = evidence.reason(head, relation, tail, limit=1_000)
+        weights = [witness.weight for witness in everything.witnesses]
+        assert weights == sorted(weights, reverse=True)
+        assert all(weight > 0 for weight in weights)
+        assert everything.evidence == pytest.approx(sum(weights))
+        assert sum(witness.share for witness in everything.witnesses) == pytest.approx(
+            1.0 if weights else 0.0
+        )
+        assert evidence.reason(head, relation, tail, limit=2).witnesses == everything.witnesses[:2]
+
+
+def test_a_witness_names_its_recipes_and_a_learned_link_its_own(evidence):
+    """A witness names the recipes that give it and a learned link its own."""
+    links = slow_links(KNOWN.tolist())
+    of_label = {label: i for i, label in enumerate(GRAPH.entities)}
+    learned = 0
+    for head, relation, tail in product(
+        range(LINK_EVIDENCE_SIZE), range(len(RELATIONS)), range(LINK_EVIDENCE_SIZE)
+    ):
+        reason = evidence.reason(head, relation, tail)
+        own = [
+            Recipe.of(*GRAPH.labels(KNOWN[row])) for row in links.get((head, relation, tail), [])
+        ]
+        assert list(reason.learned_from) == own[:RECIPES]
+        assert reason.more == max(len(own) - RECIPES, 0)
+        assert reason.is_in_sample == ((head, relation, tail) in links)
+        learned += reason.is_in_sample
+        for witness in reason.witnesses:
+            link = (of_label[witness.head], relation, of_label[witness.tail])
+            rows = links[link]
+            assert len(witness.recipes) + witness.more == len(rows)
+            assert set(witness.recipes) <= {Recipe.of(*GRAPH.labels(KNOWN[row])) for row in rows}
+    assert 0 < learned < 2 * LINK_EVIDENCE_SIZE**2
+
+
+def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
+    graph = RecipeGraph.from_recipes(
+        [("water", other, "ice") for other in ("air", "cold", "snow", "time", "winter")]
+    )
+    water, ice = graph.id_of("water"), graph.id_of("ice")
+    reason = LinkEvidence(scorer_of(graph), graph.recipes).reason(water, COMPONENT_OF, ice)
+    assert [recipe.ingredients[0] for recipe in reason.learned_from] == ["air", "cold", "snow"]
+    assert reason.more == 2
+
+
+def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen):
+    graph = opened_kitchen.graph
+    train_sample = draw_train_sample(opened_kitchen.split, train_fraction=0.5, label_noise=0.5)
+    evidence = LinkEvidence(NeighbourScorer(graph, train_sample.triples), train_sample.recipes)
+    a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
+    assert evidence.reason(a, COMPONENT_OF, result).is_in_sample
+    right = graph.recipes[np.flatnonzero(train_sample.is_wrong)[0], 2]
+    assert not evidence.reason(a, COMPONENT_OF, int(right)).is_in_sample
+
+
+def test_without_recipes_nothing_speaks():
+    reason = LinkEvidence(scorer_of(GRAPH), KNOWN[:0]).reason(0, COMBINES_WITH, 1)
+    assert (reason.evidence, reason.witnesses, reason.learned_from) == (0, (), ())

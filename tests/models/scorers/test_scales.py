@@ -6,8 +6,8 @@ import statistics
 import numpy as np
 import pytest
 import torch
+from helpers import refuses
 from link_helpers import random_graph
-from refusals import refuses
 from small_scorers import BareScorer, complex_scorer, scaled_scorer, table_scorer
 
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS

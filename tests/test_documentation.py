@@ -104,6 +104,7 @@ def test_what_a_page_or_an_example_imports_is_there(source):
 def world(tmp_path_factory):
     """A folder as it is after the commands of README and guides, but with small trainings."""
     home = tmp_path_factory.mktemp("world")
+    shutil.copytree(ROOT / "examples", home / "examples")
     commands = (
         f"build-graph {ROOT / 'examples/my-book.csv'} --out {home}/graphs/mine",
         f"train-complex {home}/graphs/mine --dim 4 --epochs 1 --out {home}/models/mine --quiet",

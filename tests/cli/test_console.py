@@ -443,7 +443,7 @@ def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, mo
     for name in IN_ORDER:
         for example in manual_of(name).examples:
             if re.search(
-                "--fetch|--with|little-alchemy-2|runs/deep", example
+                "--fetch|--with|little-alchemy-2|inorganic|materials|runs/deep", example
             ):  # needs a network, or knowledge
                 continue
             example = example.replace("train-recipes everyday", "train-recipes kitchen")

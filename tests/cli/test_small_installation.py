@@ -124,7 +124,7 @@ def test_a_public_name_that_needs_more_names_the_package(tmp_path):
     needs = "train_agent needs torch, which is not installed. Install it: " + CPU_TORCH
     assert errors["train_agent"] == f"MissingExtraError: {needs}"
     assert errors["train_links"].startswith(
-        "MissingExtraError: train_links needs pykeen, which is not installed."
+        "MissingExtraError: train_links needs torch, which is not installed."
     )
     assert all(
         error is None or error.startswith("MissingExtraError: ") for error in errors.values()

@@ -22,12 +22,11 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links import config as link_config
 from wordcraft_kg.models.links.builders import (
     POPULARITY_DIMS,
-    ComplExN3,
-    MatmulComplExInteraction,
     log_counts,
     make_training_loop,
     with_popularity,
 )
+from wordcraft_kg.models.links.complex import ComplExN3, MatmulComplExInteraction
 from wordcraft_kg.models.links.config import (
     FULL_SOFTMAX,
     N3_PARTIAL,

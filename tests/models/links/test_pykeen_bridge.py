@@ -18,7 +18,7 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import RELATIONS
-from wordcraft_kg.models.links.builders import ComplExN3
+from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.pykeen_bridge import (
     pykeen_guard,
     seed_everything,
@@ -187,7 +187,14 @@ def settings(graph):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "first", ["wordcraft_kg.models", "pykeen.models", "wordcraft_kg.models.links.pykeen_bridge"]
+    "first",
+    [
+        "wordcraft_kg.models",
+        "pykeen.models",
+        "wordcraft_kg.models.links.pykeen_bridge",
+        # The evaluation of PyKEEN imports its models while it is half imported itself.
+        "wordcraft_kg.models, pykeen.evaluation",
+    ],
 )
 def test_pykeen_knows_our_names_whichever_module_is_imported_first(first):
     code = f"import {first}\nimport wordcraft_kg.models\n{LOOK_UP}"

@@ -20,7 +20,8 @@ from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
-from wordcraft_kg.models.links.builders import ComplExN3, scorer_tensors
+from wordcraft_kg.models.links.builders import scorer_tensors
+from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.scorers import ranking as link_prediction

@@ -6,13 +6,14 @@ import itertools
 import json
 import math
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 from wordcraft_kg import load_scorer, open_model
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book
@@ -28,6 +29,7 @@ from wordcraft_kg.models.scorers.sets.parts import read_parts
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 LETTERS = "abcdefgh"
+ROOT = Path(__file__).parents[3]
 
 
 def letters_book(folder):
@@ -281,6 +283,32 @@ def test_a_book_of_pairs_trains_a_model_of_sets_only_if_parts_are_named(opened_k
     sizes = {len(suggestion.ingredients) for suggestion in scorer.recipes("bread", 10)}
     assert 2 in sizes
     assert "parts" not in RecipesConfig("kitchen").values()
+
+
+def test_a_book_whose_sets_no_search_finds_trains_with_low_probabilities(tmp_path):
+    """No train goal of this kitchen has its set among the candidates, so nothing ranks them."""
+    content = open_book(ROOT / "examples" / "kitchen-sets.csv")
+    split = make_split(RecipeGraph.from_book(content), SplitConfig("by-goal"))
+    write_graph_folder(tmp_path / "graph", content, split)
+    settings = RecipeScorerConfig(folds=2, features="glove")
+    train_recipes(RecipesConfig(str(tmp_path / "graph"), settings), tmp_path / "model")
+    scorer = open_model(tmp_path / "model").scorer
+    ranked = scorer.recipes("pesto", 5)
+    assert len(ranked) == 5
+    assert all(math.exp(row.score) < 0.05 for row in ranked)
+
+
+def test_goals_whose_parts_no_other_recipe_brings_are_refused():
+    content = [(f"a{row}", f"b{row}", f"c{row}", f"d{row}") for row in range(20)]
+    graph = RecipeGraph.from_recipes(content)
+    with pytest.raises(GraphError, match="expected recipes that share ingredients"):
+        set_fitting.fit_sets(
+            rows_of_sets(graph, slice(None)),
+            # Each recipe has a part of its own.
+            np.eye(20, dtype=np.float32)[[int(label[1:]) for label in graph.entities]],
+            np.eye(graph.num_entities, dtype=np.float32),
+            seed=0,
+        )
 
 
 def test_rows_of_sets_have_a_padding_and_the_goal_last(opened_kitchen):

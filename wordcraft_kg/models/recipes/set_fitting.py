@@ -1,5 +1,6 @@
 """Fit the network, the committee and the probabilities of a model of sets."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -8,9 +9,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from wordcraft_kg.base.errors import GraphError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
-from wordcraft_kg.models.scorers.sets.networks import Networks, fit
+from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
 
 TOP = (1, 3, 5, 10)
 """Numbers of suggestions, for shares of goals with a right one among them."""
@@ -151,6 +153,9 @@ def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks
         lesson = torch.arange(len(place)) + (first[rows] - (ends - num_lessons))[place]
         scores = networks(inputs[goals[rows]], drop)
         scores = torch.nn.functional.pad(scores, (0, 1))
+        if not len(place):
+            # The mean of no lesson is no number; such recipes teach nothing.
+            return 0 * scores.sum()
         option_ids = lesson_choices[lesson].expand(len(scores), -1, -1)
         of_part = scores[:, place].gather(2, option_ids) + banned[lesson]
         return -(torch.log_softmax(of_part, 2) * target[lesson]).sum(2).mean()
@@ -193,6 +198,11 @@ def _fit_committee(
     """Fit the committee and the probabilities; each network leaves out a fifth of the goals."""
     num_goals = len(lessons)
     lessons = [lesson for lesson in lessons if len(lesson.sets)]
+    if not lessons:
+        raise GraphError(
+            "no train goal has a set of known ingredients to choose from, as if each recipe had "
+            "ingredients of its own; expected recipes that share ingredients. Add recipes or parts."
+        )
     longest = max(len(lesson.sets) for lesson in lessons)
     num_features = lessons[0].features.shape[1]
     features = np.zeros((len(lessons), longest, num_features), dtype=np.float32)
@@ -224,6 +234,12 @@ def _fit_committee(
         return (loss * (left_out[goals] != member)).sum() / (_COMMITTEE - 1) / len(rows)
 
     start = Networks.drawn(_COMMITTEE, (num_features, _COMMITTEE_HIDDEN, 1), generator)
+    if not len(useful):
+        # No set of a train goal is among its candidates, so there is nothing to learn from: equal
+        # scores keep the order of the search, and a right set is as rare as the train goals say.
+        level = Networks(*(torch.zeros_like(getattr(start, name)) for name in NAMES))
+        none_score = math.log(longest * (num_goals + 1))
+        return level, mean, deviation, torch.tensor([1.0, none_score]), (0.0,) * len(TOP)
     committee = fit(start, loss_of, len(useful), generator, epochs=_COMMITTEE_EPOCHS, rate=5e-3)
     with torch.no_grad():
         everything = torch.arange(len(lessons))

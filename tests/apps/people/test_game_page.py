@@ -97,7 +97,16 @@ def test_options_of_tasks_are_refused_for_the_page(run, tmp_path):
 
 def test_icons_come_from_a_column_named_emoji(tmp_path):
     path = tmp_path / "book.csv"
-    path.write_text("first,second,result,emoji\nwater,earth,mud,🟤\nmud,fire,brick,\n", "utf-8")
+    path.write_text(
+        "# base: water, earth, fire\nfirst,second,result,emoji\nwater,earth, mud ,🟤\nmud,fire,brick,\n",
+        "utf-8",
+    )
     graph = open_graph(path).graph
     assert icons_of(str(path), graph) == {graph.id_of("mud"): "🟤"}
     assert icons_of("kitchen", graph) == {}
+
+
+def test_a_book_in_which_everything_has_a_recipe_is_refused(tmp_path):
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("c", "c", "a"), ("c", "a", "b")])
+    with pytest.raises(ConfigError, match="has no base: found a recipe for each entity"):
+        export_game(graph, tmp_path / "game.html")

@@ -49,13 +49,14 @@ def icons_of(source: str, graph: RecipeGraph) -> dict[int, str]:
     if path.suffix.lower() != ".csv" or not path.is_file():
         return {}
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
-        table = csv.DictReader(lines)
+        # The line that names the base stands above the table.
+        table = csv.DictReader(line for line in lines if not line.startswith("#"))
         names = table.fieldnames or ()
         results = [name for name in names if words_of(name) & RESULT]
         emoji = [name for name in names if name.strip().lower() == "emoji"]
         if not results or not emoji:
             return {}
-        icons = {row[results[0]]: row[emoji[0]] for row in table}
+        icons = {(row[results[0]] or "").strip(): row[emoji[0]] for row in table}
     return {
         graph.id_of(label): icon.strip()[:LONGEST_ICON]
         for label, icon in icons.items()
@@ -72,8 +73,9 @@ def export_game(graph: RecipeGraph, path: Path, icons: Mapping[int, str] = NO_IC
         icons: icons by entity, as :func:`icons_of` reads them.
 
     Raises:
-        ConfigError: if the book has more than :data:`MOST_EXPORTED` recipes.
+        ConfigError: if the book has more than :data:`MOST_EXPORTED` recipes, or no base.
     """
+    _check_base(graph)
     if graph.num_recipes > MOST_EXPORTED:
         raise ConfigError(
             f"--export {path}: found {graph.num_recipes:,} recipes; a page holds at most "
@@ -89,7 +91,11 @@ def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_I
         graph: recipes of the game.
         host: host that the server listens on.
         icons: icons by entity, as :func:`icons_of` reads them.
+
+    Raises:
+        ConfigError: if the book has no base.
     """
+    _check_base(graph)
     page = _page(graph, icons, footer=SERVED, policy="")
 
     def missing(message: str) -> Response:
@@ -105,6 +111,15 @@ def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_I
     routes = [Route("/", game), Route("/files/{name}", files), Route("/{path:path}", elsewhere)]
     router = Router(routes, redirect_slashes=False)
     return Guard(router, host, (), lambda _, message: message, media_type="text/plain")
+
+
+def _check_base(graph: RecipeGraph) -> None:
+    """Refuse a book in which every entity has a recipe: a player could never begin."""
+    if not len(graph.base_ids):
+        raise ConfigError(
+            f"{graph.name} has no base: found a recipe for each entity. Name the entities that a "
+            "player begins with in a line above the table: # base: water, earth"
+        )
 
 
 def _exported_page(graph: RecipeGraph, icons: Mapping[int, str]) -> str:

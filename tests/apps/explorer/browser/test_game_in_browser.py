@@ -51,7 +51,15 @@ def test_damaged_storage_begins_a_new_game(open_page, exported):
     page = open_page()
     page.goto(exported(RECIPES))
     click(page, "water", "earth")
-    for text in ("no JSON", '{"known": [99]}', '{"known": 3, "attempts": {}, "hints": null}'):
+    start = '"known": [1, 2, 5], "attempts": 0, "hints": 0'
+    for text in (
+        "no JSON",
+        '{"known": [99]}',
+        '{"known": 3, "attempts": {}, "hints": null}',
+        f'{{{start}, "how": {{"4": "length"}}}}',
+        '{"known": [1, 2, 5, 5], "attempts": 0, "hints": 0, "how": {}}',
+        '{"known": [1, 2, 5], "attempts": -5, "hints": 0, "how": {}}',
+    ):
         page.evaluate(f"localStorage.setItem(Object.keys(localStorage)[0], {text!r})")
         page.reload()
         assert counts(page) == "3 of 6 items, 0 attempts."
@@ -62,7 +70,7 @@ def test_hints_name_an_item_then_the_set_and_cost_attempts(open_page, exported):
     page = open_page()
     page.goto(exported(RECIPES[:1]))
     page.get_by_role("button", name="Hint").click()
-    assert "makes something new with another item" in page.locator("#message").inner_text()
+    assert "is in a recipe of 2 that makes something new" in page.locator("#message").inner_text()
     page.get_by_role("button", name="Hint").click()
     assert page.locator("#message").inner_text() == "Try earth + water."
     assert counts(page) == "2 of 3 items, 10 attempts, 2 hints."
@@ -87,6 +95,20 @@ def test_a_lost_goal_shows_its_answer_and_a_goal_is_made_by_the_keyboard(open_pa
     page.keyboard.press("2")
     assert "You made mud." in outcome.inner_text()
     assert page.locator("#goal-counts").inner_text() == "Goals made: 1 of 2."
+
+
+@pytest.mark.browser
+def test_the_focus_stays_on_the_item_and_a_second_tab_learns_of_discoveries(open_page, exported):
+    page = open_page()
+    address = exported(RECIPES)
+    page.goto(address)
+    tab = page.context.new_page()
+    tab.goto(address)
+    click(page, "water", "earth")
+    assert page.evaluate("document.activeElement.textContent") == "earth"
+    click(tab, "water", "water")
+    page.reload()
+    assert counts(page) == "4 of 6 items, 2 attempts."
 
 
 @pytest.mark.browser

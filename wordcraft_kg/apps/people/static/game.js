@@ -6,7 +6,6 @@
   const HINT_COST = 5; // attempts that a hint counts for
   const SHOWN = 500; // items drawn at once: more make a page slow
   const KEYS = "1234567890";
-  const DISTRACTORS = { easy: 1, medium: 6, hard: 6 };
   const label = (item) => BOOK.labels[item];
   const named = (item) => (item in BOOK.icons ? `${BOOK.icons[item]} ${label(item)}` : label(item));
   const byId = (id) => document.getElementById(id);
@@ -26,13 +25,17 @@
   BOOK.recipes.forEach((recipe, row) => {
     const result = recipe.at(-1);
     const key = keyOf(recipe.slice(0, -1));
-    results.set(key, [...(results.get(key) || []), result]);
-    recipesOf.set(result, [...(recipesOf.get(result) || []), row]);
+    if (!results.has(key)) results.set(key, []);
+    results.get(key).push(result);
+    if (!recipesOf.has(result)) recipesOf.set(result, []);
+    recipesOf.get(result).push(row);
   });
   const sizes = new Set(BOOK.recipes.map((recipe) => recipe.length - 1));
   const most = Math.max(2, ...sizes);
   // With pairs alone a second pick ends the attempt; else a button says that the set is complete.
   const combinesBySize = most === 2 && !sizes.has(1);
+  // All tables of a level have one size, so that it tells nothing about the recipe.
+  const SIZES = { easy: most + 1, medium: most + 6, hard: 2 * most + 4 };
   const ingredients = (row) => BOOK.recipes[row].slice(0, -1);
   const made = (items) => results.get(keyOf(items)) || [];
 
@@ -53,6 +56,19 @@
     return known.size;
   };
   const all = reachable();
+
+  // Draw buttons anew, and keep the focus on the item that had it: a keyboard starts there again.
+  const draw = (list, items, buttonOf) => {
+    const focused = list.contains(document.activeElement) ? document.activeElement.dataset.item : undefined;
+    list.replaceChildren(...items.map((item, slot) => {
+      const button = buttonOf(item, slot);
+      button.dataset.item = item;
+      const entry = make("li");
+      entry.append(button);
+      return entry;
+    }));
+    if (focused !== undefined) list.querySelector(`[data-item="${focused}"]`)?.focus();
+  };
 
   // --- A row of picked items, for both games.
   const tray = (root, combine, changed) => {
@@ -96,8 +112,10 @@
       const state = JSON.parse(localStorage.getItem(place));
       const items = new Set(BOOK.labels.keys());
       const isSound = state && Array.isArray(state.known) && state.known.every((item) => items.has(item)) &&
-        [state.attempts, state.hints].every(Number.isInteger) && typeof state.how === "object" && state.how !== null &&
-        Object.values(state.how).every((row) => row in BOOK.recipes) && BOOK.base.every((item) => state.known.includes(item));
+        new Set(state.known).size === state.known.length && [state.attempts, state.hints].every((count) => Number.isInteger(count) && count >= 0) &&
+        typeof state.how === "object" && state.how !== null &&
+        Object.values(state.how).every((row) => Number.isInteger(row) && row >= 0 && row < BOOK.recipes.length) &&
+        BOOK.base.every((item) => state.known.includes(item));
       return isSound ? state : fresh();
     } catch { return fresh(); }
   };
@@ -122,15 +140,13 @@
   };
   const showItems = () => {
     const items = listed();
-    byId("items").replaceChildren(...items.slice(0, SHOWN).map((item) => {
+    draw(byId("items"), items.slice(0, SHOWN), (item) => {
       const button = make("button", named(item), { type: "button" });
       button.classList.toggle("fresh", newest.has(item));
       button.classList.toggle("hinted", hint.includes(item));
       button.addEventListener("click", () => discover.pick(item));
-      const entry = make("li");
-      entry.append(button);
-      return entry;
-    }));
+      return button;
+    });
     const hidden = items.length - SHOWN;
     byId("rest").textContent = hidden > 0 ? `${hidden} more: search for them.` : items.length ? "" : "No item has these letters.";
   };
@@ -169,14 +185,14 @@
     state.attempts += HINT_COST;
     state.hints += 1;
     save();
-    say(isSecond || items.length === 1 ? `Try ${plus(items)}.` : `${label(hint[0])} makes something new with another item.`);
+    say(isSecond || items.length === 1 ? `Try ${plus(items)}.` : `${label(hint[0])} is in a recipe of ${items.length} that makes something new.`);
     showCounts();
     showItems();
   });
   byId("search").addEventListener("input", showItems);
   byId("search").addEventListener("keydown", (event) => {
     const [first] = listed();
-    if (event.key !== "Enter" || first === undefined || !byId("search").value.trim()) return;
+    if (event.key !== "Enter" || event.isComposing || first === undefined || !byId("search").value.trim()) return;
     discover.pick(first);
     byId("search").value = "";
     showItems();
@@ -190,6 +206,12 @@
     showAll();
   });
   const showAll = () => { showCounts(); showItems(); showTree(); };
+  // Another tab of the same book has stored a discovery: this one goes on from there.
+  window.addEventListener("storage", (event) => {
+    if (event.key !== place) return;
+    state = stored();
+    showAll();
+  });
 
   // --- Goals.
   const random = (count) => Math.floor(Math.random() * count);
@@ -231,7 +253,7 @@
     const table = new Set(plan.table);
     // A distractor must not be the goal or a step on the way to it.
     const steps = new Set(plan.rows.map((row) => BOOK.recipes[row].at(-1)));
-    const wanted = Math.min(table.size + DISTRACTORS[level], BOOK.labels.length - steps.size);
+    const wanted = Math.min(SIZES[level], BOOK.labels.length - steps.size);
     for (let trial = 0; table.size < wanted && trial < 1000; trial += 1) {
       const item = random(BOOK.labels.length);
       if (!steps.has(item)) table.add(item);
@@ -246,15 +268,13 @@
     byId("goal").textContent = `Make: ${label(task.goal)}`;
     const left = task.over ? "" : ` Attempts left: ${task.left}.`;
     byId("goal-counts").textContent = `Goals made: ${tally.made} of ${tally.played}.${left}`;
-    byId("table").replaceChildren(...task.table.map((item, slot) => {
+    draw(byId("table"), task.table, (item, slot) => {
       const key = slot < KEYS.length ? `${KEYS[slot]} ` : "";
       const button = make("button", `${key}${named(item)}`, { type: "button" });
       button.disabled = task.over;
       button.addEventListener("click", () => game.pick(item));
-      const entry = make("li");
-      entry.append(button);
-      return entry;
-    }));
+      return button;
+    });
   };
   const attempt = (items) => {
     const outcome = made(items);
@@ -297,6 +317,9 @@
     if (event.key === "/" && isDiscovering) {
       event.preventDefault();
       byId("search").focus();
+    } else if (event.key === "Enter" && event.target === document.body && !combinesBySize) {
+      const row = isDiscovering ? discover : game;
+      if (row.count()) row.finish();
     } else if (event.key === "Escape") {
       (isDiscovering ? discover : game).clear();
     } else if (!isDiscovering && KEYS.includes(event.key) && !task.over) {
@@ -305,6 +328,9 @@
     }
   });
   if (!combinesBySize) byId("how").textContent = `Pick up to ${most} items, then combine them. Items are not used up.`;
+  byId("level").querySelector("[value=easy]").textContent = `easy: ${SIZES.easy} items`;
+  byId("level").querySelector("[value=medium]").textContent = `medium: ${SIZES.medium} items`;
+  byId("level").querySelector("[value=hard]").textContent = `hard: ${SIZES.hard} items, two steps`;
   if (!planOfTwo()) byId("level").querySelector("[value=hard]").disabled = true;
   showAll();
 })();

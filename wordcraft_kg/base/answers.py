@@ -96,6 +96,7 @@ _NAMED_LINE = re.compile(
 _LINE_MARKS = " \t*•+-"
 _VERB = re.compile(r"^(?:i\s+)?(?:combine|mix|try|answer)\b[\s:]*", re.IGNORECASE)
 _SEPARATOR = re.compile(r"\s*[&,;]\s*(?:and\s+)?|\s+(?:and|with|plus|then)\s+", re.IGNORECASE)
+_SIGN = re.compile(r"\s*\+\s*")
 _BOXED = re.compile(r"\\boxed\s*\{")
 _LATEX_TEXT = re.compile(r"\\(?:text|textbf|textit|mathrm|mathbf|mbox)\s*\{([^{}]*)\}")
 _LATEX_MARK = re.compile(r"\\[()\[\], ]|\\q?quad\b|\$")
@@ -171,8 +172,8 @@ def read_set(message: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
     r"""Return the places of the items that a message names, with repetitions, in written order.
 
     The last line counts, or a marked answer in it, as in :func:`read_answer`: items with ``+``
-    between them, or else with commas or ``and``. A result behind an arrow or equals sign is left
-    out.
+    between them, or else with commas or ``and``; a label may hold these, too. A result behind an
+    arrow or equals sign is left out.
 
     Args:
         message: text with any number of lines.
@@ -191,16 +192,51 @@ def read_set(message: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
     for text in _marked(line):
         line = _without_latex(text)
     line = _MADE.sub("", _VERB.sub("", line)).strip(_LINE_MARKS + ".`")
-    # A label may hold a sign, so the whole line is read first.
-    places = [index_of(tuple(labels)).find(line)] if line else []
-    if places == [None]:
-        parts = line.split("+") if "+" in line else _SEPARATOR.split(line)
-        places = [read_label(part, labels) for part in parts]
+    return _listed(line, labels, most)
+
+
+def _listed(line: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
+    """Return the places of the items that a line lists, the longest whole labels first.
+
+    So ``salt and pepper and oil`` has two items if the first one is on the table.
+
+    Args:
+        line: items with separators between them.
+        labels: distinct labels of the items on the table, in the order of their numbers.
+        most: most items of a set.
+
+    Raises:
+        ActionError: if there is no item or more than ``most``, or a text names no item.
+    """
+    index = index_of(tuple(labels))
+    separator = _SIGN if "+" in line else _SEPARATOR
+    cuts = [match.span() for match in separator.finditer(line)]
+    starts = [0, *(end for _, end in cuts)] if line else []
+    ends = [*(start for start, _ in cuts), len(line)]
+    places = []
+    piece = 0
+    while piece < len(starts):
+        # A label may hold separators: pieces are joined as far as they name it in full.
+        for last in range(min(len(starts), piece + index.most_words) - 1, piece - 1, -1):
+            text = " ".join(line[starts[piece] : ends[last]].split())
+            named = places_named(text, index, by_number=True)
+            if len(named) == 1:
+                break
+        else:
+            named = [read_label(text, labels)]
+            label = labels[named[0]]
+            if cuts and separator.search(label):
+                raise ActionError(
+                    f"'{text}' is only the beginning of '{label}', which is one item: expected "
+                    "whole names between the separators. Write the whole name, or the number."
+                )
+        places += named
+        piece = last + 1
     if not 0 < len(places) <= most:
         raise ActionError(
             f"{len(places)} items: expected 1 to {most}, such as '{labels[0]} + {labels[-1]}'."
         )
-    return tuple(place for place in places if place is not None)
+    return tuple(places)
 
 
 def answer_line(message: str, labels: Sequence[str]) -> str:

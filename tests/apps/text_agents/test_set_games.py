@@ -66,6 +66,24 @@ def test_an_answer_that_names_no_set_is_refused(message, says):
         read_set(message, TABLE, 4)
 
 
+@pytest.mark.parametrize(
+    ("message", "places"),
+    [
+        ("salt and pepper and oil", (0, 2)),
+        ("oil, salt and pepper, pepper", (2, 0, 1)),
+        ("salt and pepper + oil + C++ code", (0, 2, 3)),
+        ("salt", (0,)),
+    ],
+)
+def test_labels_that_hold_a_separator_are_read_whole(message, places):
+    assert read_set(message, ("salt and pepper", "pepper", "oil", "C++ code"), 4) == places
+
+
+def test_a_piece_of_a_list_is_no_beginning_of_a_label_with_a_separator():
+    with pytest.raises(ActionError, match="only the beginning of 'salt and pepper'"):
+        read_set("salt, pepper, oil", ("salt and pepper", "pepper", "oil"), 4)
+
+
 def test_a_player_by_text_has_the_evaluation_of_a_player_by_slots(world):
     games = TaskGames(world)
     records = []

@@ -46,6 +46,13 @@ def ingredients(game):
         (r"\boxed{water + salt and pepper}", (0, 4)),
         ("salt and pepper", (4,)),
         ("<think>fire</think>eggs", (3,)),
+        ('So:\n["water", "earth",\n"egg"]', (0, 1, 3)),
+        ('{"items": ["water", "salt and pepper", 2]}', (0, 4, 5)),
+        ('{"name": "combine", "arguments": {"items": ["egg", "egg", "fire"]}}', (3, 3, 2)),
+        ('combine("water", "egg", "fire")', (0, 3, 2)),
+        ('combine(items=["water", "egg", "fire"])', (0, 3, 2)),
+        ("I combine **water** and **egg** and **salt and pepper** now.", (0, 3, 4)),
+        ("1 4 3", (0, 3, 2)),
     ],
 )
 def test_an_answer_names_a_set(message, places):
@@ -59,6 +66,9 @@ def test_an_answer_names_a_set(message, places):
         ("water + earth + fire + egg + egg", "5 items: expected 1 to 4"),
         ("water + unicorn", "unknown item 'unicorn'"),
         ("water + + earth", "no answer"),
+        ("I combine water, earth and unicorn now.", "unknown item 'unicorn now'"),
+        ("I never combine **water** and **earth** today.", "unknown item"),
+        ("combine(water, egg) or combine(fire, egg)", "2 different sets: expected one"),
     ],
 )
 def test_an_answer_that_names_no_set_is_refused(message, says):

@@ -214,8 +214,14 @@ def _set_in(text: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
         most: most items of a set.
 
     Raises:
-        ActionError: if it lists no items, too many or unknown ones, and is no clear sentence.
+        ActionError: if it lists no items, too many or unknown ones, and is no clear sentence; or
+            if it is long.
     """
+    if len(text) > _LONGEST:
+        raise ActionError(
+            f"the answer has {len(text):,} characters: expected 1 to {most} items, such as "
+            f"'{labels[0]} + {labels[-1]}', in a short line."
+        )
     line = _MADE.sub("", _VERB.sub("", text)).strip(_LINE_MARKS + ".`")
     try:
         return _listed(line, labels, most)
@@ -232,7 +238,7 @@ def _joined_items(sentence: str, labels: Sequence[str]) -> tuple[int, ...]:
     Empty with a negation, question or alternative, and if a joiner leads to something unknown: a
     set that lacks an item is another attempt.
     """
-    text = _MADE.sub("", sentence[:_LONGEST])
+    text = _MADE.sub("", sentence)
     items = list(_items(text, index_of(tuple(labels))))
     mentions = _mentions(text, labels)
     if not items or len(mentions.pairs) != len(items) - 1 or not mentions.is_clear:

@@ -66,6 +66,7 @@ def test_an_answer_names_a_set(message, places):
         ("water + earth + fire + egg + egg", "5 items: expected 1 to 4"),
         ("water + unicorn", "unknown item 'unicorn'"),
         ("water + + earth", "no answer"),
+        ("1 " * 1000, "1,999 characters: expected 1 to 4 items"),
         ("I combine water, earth and unicorn now.", "unknown item 'unicorn now'"),
         ("I never combine **water** and **earth** today.", "unknown item"),
         ("combine(water, egg) or combine(fire, egg)", "2 different sets: expected one"),

@@ -115,7 +115,10 @@ def _serve() -> None:
 
         memory = int(size.read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (memory + _MEMORY, memory + _MEMORY))
-    template, tokens = json.loads(sys.stdin.readline())
+    try:
+        template, tokens = json.loads(sys.stdin.readline())
+    except (TypeError, ValueError):
+        sys.exit("no template on stdin: expected that of transformers_player.py. Run that.")
     _answer("")
     for line in sys.stdin:
         messages, is_asked = json.loads(line)

@@ -9,7 +9,7 @@ The training shows how the parts fit together and is too short to improve the po
 the steps reach only .352 [.273, .435] on the test tasks, from .330. Train agents for results with
 `train_agent`.
 
-Needs the extra interop. Run it in an empty folder: it writes models/kitchen and policies/ppo, in
+Needs the extra interop. Run it in an empty folder: it writes models/ppo and policies/ppo, in
 less than half a minute.
 """
 
@@ -41,10 +41,10 @@ def main() -> None:
         1
     )  # on networks this small more threads are slower, on a busy machine many times
     opened = open_graph("kitchen")
-    train_links(LinksConfig("kitchen", ComplExConfig(dim=32, epochs=20)), "models/kitchen")
+    train_links(LinksConfig("kitchen", ComplExConfig(dim=32, epochs=20)), "models/ppo")
     world = World(opened, WordCraftConfig(part="train", num_distractors=4))
     env = TaskObservation(gym.make("WordCraft-v0", graph=world))
-    scorer, seen = load_scorer("models/kitchen"), opened.split.partial
+    scorer, seen = load_scorer("models/ppo"), opened.split.partial
     policy, _ = make_policy(
         PolicyConfig(),
         opened.graph,

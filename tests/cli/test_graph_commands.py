@@ -772,6 +772,9 @@ def test_sets_are_built_described_exported_trained_on_and_ranked(run, folder, tm
     sizes = described["sets"]["recipes_by_number_of_ingredients"]
     assert sizes == {"2": 10, "3": 14, "4": 21, "5": 9, "6": 6}
     assert described["sets"]["inside_another_set"] == 2
+    for command in ("describe", "check-book"):
+        shown = text_of(command, "examples/kitchen-sets.csv")
+        assert re.search(r"^ingredient sets +60$", shown, re.MULTILINE), command
     assert described["reachability"]["reachable"] == described["entities"] == 91
     assert "pesto = basil + cheese + garlic + oil + salt + walnut" in text_of(
         "describe", folder, "--entity", "pasta with pesto"
@@ -814,7 +817,7 @@ def test_commands_play_sets(run, folder, tmp_path, monkeypatch):
 def test_open_ended_play_refuses_sets_with_one_line(run, folder):
     outcome = run("discover", folder)
     assert outcome.code == 1
-    assert "-> pesto has 6 ingredients; recipe scorers, the planner" in outcome.err
+    assert "-> pesto has 6 ingredients; the planner and the open-ended world" in outcome.err
 
 
 def test_published_parts_of_a_table_of_targets_are_a_split(run, tmp_path, caplog):

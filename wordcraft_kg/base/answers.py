@@ -96,6 +96,9 @@ _NAMED_LINE = re.compile(
 _LINE_MARKS = " \t*•+-"
 _VERB = re.compile(r"^(?:i\s+)?(?:combine|mix|try|answer)\b[\s:]*", re.IGNORECASE)
 _SEPARATOR = re.compile(r"\s*[&,;]\s*(?:and\s+)?|\s+(?:and|with|plus|then)\s+", re.IGNORECASE)
+_SIGN = re.compile(r"\s*\+\s*")
+_BLANK = re.compile(r"\s+")
+_NUMBERS = re.compile(r"\d+(?:\s+\d+)+", re.ASCII)
 _BOXED = re.compile(r"\\boxed\s*\{")
 _LATEX_TEXT = re.compile(r"\\(?:text|textbf|textit|mathrm|mathbf|mbox)\s*\{([^{}]*)\}")
 _LATEX_MARK = re.compile(r"\\[()\[\], ]|\\q?quad\b|\$")
@@ -105,6 +108,7 @@ _JOINER = re.compile(
     rf"|,?\s*\b(?:and|(?:(?:together|combined)\s+)?with|plus|then)\b){_AROUND}",
     re.IGNORECASE,
 )
+_JOINED_BEFORE = re.compile(rf"(?:{_JOINER.pattern})\Z", re.IGNORECASE)
 _ALTERNATIVE = re.compile(rf"{_AROUND}(?:,?\s*\bor\b|/){_AROUND}", re.IGNORECASE)
 _MADE = re.compile(r"(?:=>|->|=|→)[^+&]*$")
 _NEGATION = re.compile(
@@ -170,9 +174,11 @@ def read_answer(message: str, labels: Sequence[str]) -> Pair:
 def read_set(message: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
     r"""Return the places of the items that a message names, with repetitions, in written order.
 
-    The last line counts, or a marked answer in it, as in :func:`read_answer`: items with ``+``
-    between them, or else with commas or ``and``. A result behind an arrow or equals sign is left
-    out.
+    JSON at the end of the message counts (``["a", "b", "c"]``, ``{"items": ["a", "b", "c"]}``, a
+    tool call), else the last line, or a marked answer in it, as in :func:`read_answer`: items with
+    ``+`` between them, or else with commas or ``and``; a label may hold these, too. Blanks between
+    numbers are enough. A sentence counts if all its known items are joined. A result behind an
+    arrow or equals sign is left out.
 
     Args:
         message: text with any number of lines.
@@ -180,33 +186,120 @@ def read_set(message: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
         most: most items of a set.
 
     Raises:
-        ActionError: if there is no item or more than ``most``, or a text between two signs names
-            no item.
+        ActionError: if there is no item or more than ``most``, a text between two signs names no
+            item, or there are several sets.
 
     Example:
         >>> read_set("So:\n2 + doctor + 2 = number", ["orchard", "doctor", "number"], 8)
         (1, 1, 1)
     """
+    texts = _in_last_json(_plain(message, labels), are_sets=True)
     line = answer_line(message, labels)
-    for text in _marked(line):
-        line = _without_latex(text)
-    line = _MADE.sub("", _VERB.sub("", line)).strip(_LINE_MARKS + ".`")
-    # A label may hold a sign, so the whole line is read first.
-    places = [index_of(tuple(labels)).find(line)] if line else []
-    if places == [None]:
-        parts = line.split("+") if "+" in line else _SEPARATOR.split(line)
-        places = [read_label(part, labels) for part in parts]
+    for marked in [] if texts else _marked(line):
+        texts += _in_last_json(marked, are_sets=True) or [_without_latex(marked)]
+    found = [_set_in(text, labels, most) for text in texts or [line]]
+    if len({tuple(sorted(places)) for places in found}) > 1:
+        raise ActionError(
+            f"the answer has {len(found)} different sets: expected one. Write it in the last line."
+        )
+    return found[0]
+
+
+def _set_in(text: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
+    """Return the places of the items that a text lists, or of the joined ones in a sentence.
+
+    Args:
+        text: a line without markup around it.
+        labels: distinct labels of the items on the table, in the order of their numbers.
+        most: most items of a set.
+
+    Raises:
+        ActionError: if it lists no items, too many or unknown ones, and is no clear sentence; or
+            if it is long.
+    """
+    if len(text) > _LONGEST:
+        raise ActionError(
+            f"the answer has {len(text):,} characters: expected 1 to {most} items, such as "
+            f"'{labels[0]} + {labels[-1]}', in a short line."
+        )
+    line = _MADE.sub("", _VERB.sub("", text)).strip(_LINE_MARKS + ".`")
+    try:
+        return _listed(line, labels, most)
+    except ActionError:
+        places = _joined_items(text, labels)
+        if not 0 < len(places) <= most:
+            raise
+        return places
+
+
+def _joined_items(sentence: str, labels: Sequence[str]) -> tuple[int, ...]:
+    """Return the places of the known items in a sentence, if joiners connect all of them.
+
+    Empty with a negation, question or alternative, and if a joiner leads to something unknown: a
+    set that lacks an item is another attempt.
+    """
+    text = _MADE.sub("", sentence)
+    items = list(_items(text, index_of(tuple(labels))))
+    mentions = _mentions(text, labels)
+    if not items or len(mentions.pairs) != len(items) - 1 or not mentions.is_clear:
+        return ()
+    is_cut = _JOINED_BEFORE.search(text[: items[0].start]) or _JOINER.match(text, items[-1].end)
+    return () if is_cut or len(items) < 2 else tuple(item.place for item in items)
+
+
+def _listed(line: str, labels: Sequence[str], most: int) -> tuple[int, ...]:
+    """Return the places of the items that a line lists, the longest whole labels first.
+
+    So ``salt and pepper and oil`` has two items if the first one is on the table.
+
+    Args:
+        line: items with separators between them.
+        labels: distinct labels of the items on the table, in the order of their numbers.
+        most: most items of a set.
+
+    Raises:
+        ActionError: if there is no item or more than ``most``, or a text names no item.
+    """
+    index = index_of(tuple(labels))
+    separator = _BLANK if _NUMBERS.fullmatch(line) else _SIGN if "+" in line else _SEPARATOR
+    cuts = [match.span() for match in separator.finditer(line)]
+    starts = [0, *(end for _, end in cuts)] if line else []
+    ends = [*(start for start, _ in cuts), len(line)]
+    places = []
+    piece = 0
+    while piece < len(starts):
+        # A label may hold separators: pieces are joined as far as they name it in full.
+        for last in range(min(len(starts), piece + index.most_words) - 1, piece - 1, -1):
+            text = " ".join(line[starts[piece] : ends[last]].split())
+            named = places_named(text, index, by_number=True)
+            if len(named) == 1:
+                break
+        else:
+            named = [read_label(text, labels)]
+            label = labels[named[0]]
+            if cuts and separator.search(label):
+                raise ActionError(
+                    f"'{text}' is only the beginning of '{label}', which is one item: expected "
+                    "whole names between the separators. Write the whole name, or the number."
+                )
+        places += named
+        piece = last + 1
     if not 0 < len(places) <= most:
         raise ActionError(
             f"{len(places)} items: expected 1 to {most}, such as '{labels[0]} + {labels[-1]}'."
         )
-    return tuple(place for place in places if place is not None)
+    return tuple(places)
 
 
 def answer_line(message: str, labels: Sequence[str]) -> str:
     """Return the last line of a message, without reasoning in tags, marks of turns and markup."""
+    return last_line(_plain(message, labels))
+
+
+def _plain(message: str, labels: Sequence[str]) -> str:
+    """Return a message without reasoning in tags, marks of turns and markup."""
     text = _without_reasoning(_with_plain_signs(message, labels))
-    return last_line(_without_tags(text, labels))
+    return _without_tags(text, labels)
 
 
 def _with_plain_signs(message: str, labels: Sequence[str]) -> str:
@@ -480,14 +573,14 @@ def _items(text: str, index: LabelIndex) -> Iterator[_Item]:
             start += 1
 
 
-def _in_last_json(text: str) -> list[str]:
-    """Return the pairs in a JSON value at the end of a message, as texts."""
+def _in_last_json(text: str, *, are_sets: bool = False) -> list[str]:
+    """Return the pairs, or sets of any size, in a JSON value at the end of a message, as texts."""
     end = text.strip().removesuffix("```").rstrip()[-_LONGEST:]
     if not end.endswith(("}", "]")):
         return []
     for place, value in _json_values(end):
         if place == len(end):
-            return list(_pairs_in_value(value))
+            return list(_pairs_in_value(value, are_sets=are_sets))
     return []
 
 
@@ -512,23 +605,29 @@ class _Pairs(list[tuple[str, Any]]):
     """The members of a JSON object in order; a name may be repeated."""
 
 
-def _pairs_in_value(value: Any) -> Iterator[str]:
-    """Yield the pairs in a JSON value, as texts; names that are repeated give several pairs."""
+def _pairs_in_value(value: Any, *, are_sets: bool = False) -> Iterator[str]:
+    """Yield the pairs in a JSON value, as texts; names that are repeated give several pairs.
+
+    Args:
+        value: a value of :func:`_json_values`.
+        are_sets: whether a list may have more than two items, and no item has a name of its own.
+    """
     if isinstance(value, _Pairs):
         members = [(name.casefold().strip().replace(" ", "_"), member) for name, member in value]
-        yield from _named_pairs(members)
+        if not are_sets:
+            yield from _named_pairs(members)
         for name, member in members:
-            yield from _pairs_in_member(name, member)
+            yield from _pairs_in_member(name, member, are_sets=are_sets)
     elif isinstance(value, list):
         items = [_item(member) for member in value]
-        if len(items) == 2 and all(items):
-            yield f"{items[0]} + {items[1]}"
+        if all(items) and (len(items) == 2 or (are_sets and len(items) > 2)):
+            yield " + ".join(items)
         elif len(value) == 1 and isinstance(value[0], str):
             yield value[0]
         else:
             for member in value:
                 if isinstance(member, _Pairs):
-                    yield from _pairs_in_value(member)
+                    yield from _pairs_in_value(member, are_sets=are_sets)
 
 
 def _named_pairs(members: Sequence[tuple[str, Any]]) -> Iterator[str]:
@@ -541,21 +640,22 @@ def _named_pairs(members: Sequence[tuple[str, Any]]) -> Iterator[str]:
                 yield f"{first} + {second}"
 
 
-def _pairs_in_member(name: str, member: Any) -> Iterator[str]:
+def _pairs_in_member(name: str, member: Any, *, are_sets: bool = False) -> Iterator[str]:
     """Yield the pairs in a member of a JSON object: an answer, or an object or list of objects."""
     is_answer = name in _ANSWER_KEYS
     if isinstance(member, str):
         if is_answer or name in _CALL_KEYS:
             values = [value for _, value in _json_values(member[:_LONGEST])]
             for value in values:
-                yield from _pairs_in_value(value)
+                yield from _pairs_in_value(value, are_sets=are_sets)
             if is_answer and not values:
                 yield member
     elif is_answer or isinstance(member, _Pairs):
-        yield from _pairs_in_value(member)
+        yield from _pairs_in_value(member, are_sets=are_sets)
     elif isinstance(member, list):
         # The calls of a message; other lists of texts, such as the table, are no answers.
-        yield from _pairs_in_value([call for call in member if isinstance(call, _Pairs)])
+        calls = [call for call in member if isinstance(call, _Pairs)]
+        yield from _pairs_in_value(calls, are_sets=are_sets)
 
 
 def _item(value: Any) -> str:

@@ -160,7 +160,8 @@ def _text_of_check(view: "CheckedBook", limit: int) -> Iterator[str]:
     # The base is what a user has to see as a whole: a slip in a label makes a base entity.
     if figures.get("base"):
         figures["base"] = ", ".join(map(quoted, figures["base"]))
-    yield from lines_of(figures)
+    has_sets = view.reading is not None and bool(view.reading.arities.keys() - {"2"})
+    yield from lines_of(figures, of_sets=has_sets)
     if view.fixed is not None:
         yield f"wrote the mended book to {view.fixed}"
         yield from _left_out(view)

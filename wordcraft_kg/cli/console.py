@@ -6,7 +6,7 @@ import logging
 import re
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from itertools import chain, zip_longest
@@ -262,24 +262,39 @@ def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str
     return ["  ".join(map(format, row, formats)).rstrip() for row in zip(*columns, strict=True)]
 
 
-def lines_of(values: Any) -> list[str]:
-    """Return a record as text, one line for each field; nested fields are indented."""
+def lines_of(values: Any, *, of_sets: bool = False) -> list[str]:
+    """Return a record as text, one line for each field; nested fields are indented.
+
+    Args:
+        values: the record.
+        of_sets: whether it is about recipes of other sizes than two, whose ingredients are no
+            pairs.
+    """
     from wordcraft_kg.base.records import as_values
 
-    return aligned(_rows(as_values(values), ""))
+    return aligned(_rows(as_values(values), "", _OF_SETS if of_sets else {}))
 
 
+_OF_SETS = {
+    "pairs": "ingredient sets",
+    "pairs_by_number_of_results": "sets by number of results",
+    "pairs_with_several_results": "sets with several results",
+    "pairs_on_both_sides": "sets on both sides",
+}
+"""Fields that count sets of ingredients, by words for books with other sets than pairs."""
 _COUNTS = {"examples": "pairs_with_several_results"}
 """Fields that count a list's elements, by the list's field, where the names do not say it."""
 
 
-def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
+def _rows(
+    values: dict[str, Any], indent: str, words: Mapping[str, str]
+) -> Iterator[tuple[str, str]]:
     for name, value in values.items():
-        label = indent + name.replace("_", " ")
+        label = indent + words.get(name, name.replace("_", " "))
         # Records within the record are indented below their name.
         if isinstance(value, dict):
             yield label, ""
-            yield from _rows(value, f"{indent}  ")
+            yield from _rows(value, f"{indent}  ", words)
         elif isinstance(value, list):
             if value:
                 cells = [_cell(item, in_list=True) for item in value]

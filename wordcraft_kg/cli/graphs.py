@@ -237,7 +237,8 @@ def lines_of_graph(view: "Audit | BuiltGraph") -> Iterator[str]:
 
     if view.reading is not None:
         yield view.reading.line()
-    yield from lines_of(msgspec.structs.replace(view, reading=None))
+    shown = msgspec.structs.replace(view, reading=None)
+    yield from lines_of(shown, of_sets=view.sets is not None)
 
 
 def warn_of_base(audited: "Audit") -> None:

@@ -101,11 +101,16 @@ class SetQuery:
         """Read ``a + b + c -> d`` or ``_ + _ + _ -> d``.
 
         Raises:
-            ConfigError: for any other query.
+            ConfigError: for any other query, such as one without a result.
         """
         ingredients, result = pieces_of_recipe(words, entities)
+        if result is None:
+            raise ConfigError(
+                f"no result in '{' '.join(words)}': a model of sets scores whole recipes; expected "
+                "a + b + c = d. Add the result."
+            )
         is_open = [label in OPEN and label not in entities for label in ingredients]
-        if result is None or result in OPEN or (any(is_open) and not all(is_open)):
+        if result in OPEN or (any(is_open) and not all(is_open)):
             raise ConfigError(
                 f"cannot parse recipe '{' '.join(words)}' for a model of sets; expected "
                 "a + b + c -> d, or _ + _ + _ -> d for the best sets of three."

@@ -257,8 +257,8 @@ class RecipeGraph:
             row = other_sizes[np.argmax(size[other_sizes])]
             (recipe,) = self.recipe_labels(self.sets[[row]])
             raise GraphError(
-                f"the recipe {recipe} has {counted(int(size[row]), 'ingredient')}; recipe scorers, "
-                "the planner and the open-ended world take recipes of 2 so far. Tasks, link "
+                f"the recipe {recipe} has {counted(int(size[row]), 'ingredient')}; the planner and "
+                "the open-ended world take recipes of 2 so far. Tasks, `train-recipes`, link "
                 "predictors and agents of `policy` attention take all."
             )
         return self.sets

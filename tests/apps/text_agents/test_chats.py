@@ -192,6 +192,15 @@ def test_bad_options_are_refused(run, tmp_path):
         assert (outcome.code, fragment in outcome.err) == (code, True), (options, outcome.err)
 
 
+@pytest.mark.parametrize("player", ["votes", "planner"])
+def test_players_of_pairs_refuse_a_book_of_sets(run, tmp_path, player):
+    out = tmp_path / "sft.jsonl"
+    outcome = run("chats", "examples/kitchen-sets.csv", "--player", player, "--out", out)
+    assert outcome.code == 1
+    assert "expected a book of pairs, but kitchen-sets has recipes" in outcome.err
+    assert not out.exists()
+
+
 @pytest.mark.slow
 def test_a_model_plays(run, tmp_path, recipes_folder):
     for kind in ("scorer", "planner"):

@@ -46,6 +46,13 @@ def ingredients(game):
         (r"\boxed{water + salt and pepper}", (0, 4)),
         ("salt and pepper", (4,)),
         ("<think>fire</think>eggs", (3,)),
+        ('So:\n["water", "earth",\n"egg"]', (0, 1, 3)),
+        ('{"items": ["water", "salt and pepper", 2]}', (0, 4, 5)),
+        ('{"name": "combine", "arguments": {"items": ["egg", "egg", "fire"]}}', (3, 3, 2)),
+        ('combine("water", "egg", "fire")', (0, 3, 2)),
+        ('combine(items=["water", "egg", "fire"])', (0, 3, 2)),
+        ("I combine **water** and **egg** and **salt and pepper** now.", (0, 3, 4)),
+        ("1 4 3", (0, 3, 2)),
     ],
 )
 def test_an_answer_names_a_set(message, places):
@@ -59,11 +66,33 @@ def test_an_answer_names_a_set(message, places):
         ("water + earth + fire + egg + egg", "5 items: expected 1 to 4"),
         ("water + unicorn", "unknown item 'unicorn'"),
         ("water + + earth", "no answer"),
+        ("1 " * 1000, "1,999 characters: expected 1 to 4 items"),
+        ("I combine water, earth and unicorn now.", "unknown item 'unicorn now'"),
+        ("I never combine **water** and **earth** today.", "unknown item"),
+        ("combine(water, egg) or combine(fire, egg)", "2 different sets: expected one"),
     ],
 )
 def test_an_answer_that_names_no_set_is_refused(message, says):
     with pytest.raises(ActionError, match=says):
         read_set(message, TABLE, 4)
+
+
+@pytest.mark.parametrize(
+    ("message", "places"),
+    [
+        ("salt and pepper and oil", (0, 2)),
+        ("oil, salt and pepper, pepper", (2, 0, 1)),
+        ("salt and pepper + oil + C++ code", (0, 2, 3)),
+        ("salt", (0,)),
+    ],
+)
+def test_labels_that_hold_a_separator_are_read_whole(message, places):
+    assert read_set(message, ("salt and pepper", "pepper", "oil", "C++ code"), 4) == places
+
+
+def test_a_piece_of_a_list_is_no_beginning_of_a_label_with_a_separator():
+    with pytest.raises(ActionError, match="only the beginning of 'salt and pepper'"):
+        read_set("salt, pepper, oil", ("salt and pepper", "pepper", "oil"), 4)
 
 
 def test_a_player_by_text_has_the_evaluation_of_a_player_by_slots(world):

@@ -441,6 +441,7 @@ def test_suggest_and_score_answer_with_probability_part_and_support(run, book, m
         ("ax + _ -> Gab", "cannot parse recipe"),
         (" + ".join(["ax"] * 9) + " -> Gab", "9 ingredients"),
         ("ax + nothing -> Gab", "'nothing'"),
+        ("ax + bx", "Add the result"),
     ],
 )
 def test_queries_that_no_model_of_sets_can_answer_are_refused(run, book, model, query, fault):

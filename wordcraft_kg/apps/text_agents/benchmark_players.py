@@ -291,7 +291,8 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
         that has not seen the task's recipes, as in training.
 
     Raises:
-        ConfigError: for an unknown name, or a missing or needless argument.
+        ConfigError: for an unknown name, a missing or needless argument, or a player of pairs on a
+            book with recipes of other sizes.
         GraphMismatchError: for a model or an agent of another graph or split.
     """
     from wordcraft_kg.agents.players import knowledge_players, words_player  # these load torch
@@ -303,7 +304,13 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
         ((title, player),) = words_player(opened.graph).items()
         return title, player
     if not colon and kind in scripted:
-        return scripted[kind], knowledge_players(opened.split)[scripted[kind]]
+        players = knowledge_players(opened.split)
+        if scripted[kind] not in players:
+            raise ConfigError(
+                f"`player` '{kind}': expected a book of pairs, but {opened.graph.name} has recipes "
+                "of other sizes. Choose random, nearest-words, graph or oracle."
+            )
+        return scripted[kind], players[scripted[kind]]
     if not folder or kind not in ("agent", "planner", "scorer"):
         raise ConfigError(
             f"`player` '{name[:100]}': expected one of {', '.join(scripted)}, planner:MODEL, "

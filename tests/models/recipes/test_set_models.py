@@ -25,6 +25,7 @@ from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_enti
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.sets import loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
+from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
 from wordcraft_kg.models.scorers.sets.parts import read_parts
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
@@ -171,6 +172,20 @@ def test_links_are_scored_by_shares_and_by_how_often_ingredients_meet(scorer):
     assert scorer.score("ax", "combinesWith", "bx") > scorer.score("ax", "combinesWith", "cy")
     table = scorer.table("combinesWith")
     torch.testing.assert_close(table, table.T)
+
+
+def test_a_part_that_is_lost_in_some_folds_alone_changes_no_number_of_features(scorer, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
+    knowledge = scorer.knowledge
+    has_a = knowledge.amounts[:, scorer.part_labels.index("a")] > 0
+    goals = np.flatnonzero(has_a & np.isin(np.arange(len(has_a)), knowledge.goal_ids))
+    # One recipe in some twenty loses the part; in a half of the recipes, one in ten, or none.
+    has_a[goals[0]] = False
+    amounts = np.column_stack([knowledge.amounts, 0.1 * has_a]).astype(np.float32)
+    fitted = set_fitting.fit_sets(knowledge.recipes, amounts, knowledge.words, seed=0, folds=2)
+    whole = SetKnowledge(knowledge.recipes, amounts, knowledge.words)
+    assert whole.is_key[-1]
+    assert len(fitted.mean) == whole.num_features
 
 
 # --- loops against slow references ----------------------------------------------------------------

@@ -28,6 +28,7 @@ _LISTED = 10
 """Most sets in a file of predictions."""
 _MOST_BYTES = 2**27
 _BINS = 10
+_BASELINES = ("most frequent sets", "statistics of parts", "sets of the nearest goal")
 Set = frozenset[str]
 Predictions = Mapping[str, Sequence[Sequence[str]]]
 """Sets of ingredients by goal, best first."""
@@ -106,10 +107,18 @@ def rank_sets(
         the record, and the model's own predictions.
 
     Raises:
-        ConfigError: if the split has no test recipes, or a file no predictions.
+        ConfigError: if the split has no test recipes, a file no predictions, or two methods the
+            same name.
     """
     scorer = model.scorer
     assert isinstance(scorer, SetScorer)
+    names = [name, *_BASELINES, *(path.name for path in files)]
+    for number, method in enumerate(names):
+        if method in names[:number]:
+            raise ConfigError(
+                f"two methods are called '{method}'; expected a name of its own for the model and "
+                "each file of predictions. Rename the file."
+            )
     predictions_of_files = {path.name: read_predictions(path) for path in files}
     goals = _test_goals(model, scorer)
     predictions: dict[str, list[list[str]]] = {}
@@ -221,11 +230,7 @@ def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
     lists = knowledge.lists
     frequent = np.argsort(-knowledge.set_counts, kind="stable")[:_LISTED]
     most_frequent = [_labels(scorer, lists.sets[number]) for number in frequent]
-    predictions: dict[str, dict[str, list[list[str]]]] = {
-        "most frequent sets": {},
-        "statistics of parts": {},
-        "sets of the nearest goal": {},
-    }
+    predictions: dict[str, dict[str, list[list[str]]]] = {name: {} for name in _BASELINES}
     of_frequency, of_parts, of_nearest = predictions.values()
     for entity, label in zip(goals.ids, goals.labels, strict=True):
         of_frequency[label] = most_frequent

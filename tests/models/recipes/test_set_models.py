@@ -435,6 +435,18 @@ def test_a_file_without_predictions_is_refused(tmp_path, text):
         read_predictions(path)
 
 
+@pytest.mark.parametrize(
+    "files", [["letters"], ["a/x.json", "b/x.json"], ["statistics of parts"]], ids=len
+)
+def test_two_methods_of_the_same_name_are_refused(model, tmp_path, files):
+    paths = [tmp_path / file for file in files]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text('{"Gab": [["ax", "bx"]]}')
+    with pytest.raises(ConfigError, match=f"two methods are called '{paths[0].name}'"):
+        rank_sets(model, "letters", paths)
+
+
 # --- the command line -----------------------------------------------------------------------------
 
 

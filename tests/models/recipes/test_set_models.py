@@ -424,6 +424,8 @@ def test_predictions_of_others_are_read_and_scored_alike(run, book, model, ranke
     written = json.loads((out / "sets.json").read_text())
     assert written["methods"][0]["columns"] == written["methods"][-1]["columns"]
     assert json.loads((out / "predictions.json").read_text()) == predictions
+    assert run("evaluate-links", book / "model", "--out", out).code == 1
+    assert run("evaluate-links", book / "model", "--out", out, "--force").code == 0
     assert written["calibration_error"] == pytest.approx(record.calibration_error)
 
 

@@ -129,7 +129,10 @@ class SetKnowledge:
         # An ingredient that is needed twice is in the set once.
         is_in.data[:] = 1
         has_part = amounts[self.ingredient_ids] > 0
-        self._count_parts(is_in @ has_part.astype(np.float32), amounts[recipes[:, -1]] > 0)
+        is_in_goal = amounts[recipes[:, -1]] > 0
+        # A goal without parts tells nothing of what recipes lose.
+        is_told = is_in_goal.any(1)
+        self._count_parts((is_in @ has_part.astype(np.float32))[is_told], is_in_goal[is_told])
         self.is_key = self.is_kept & (self.shared <= _SHARED_FROM) | (not self.has_parts)
         self.style_parts = ~self.is_key if style_parts is None else style_parts
         self.styles = self.style(has_part)

@@ -127,6 +127,20 @@ def test_scores_of_sets_are_their_probabilities_in_any_order_and_batch(scorer):
     np.testing.assert_array_equal(scores, singles)
 
 
+def test_sets_of_any_parts_have_the_probabilities_of_their_scores(scorer):
+    suggestions = scorer.recipes("Gbdh", 99, has_coverage=False)
+    sets = np.full((len(suggestions), 8), -1)
+    for row, suggestion in enumerate(suggestions):
+        sets[row, : len(suggestion.ingredients)] = suggestion.ingredients
+    goals = np.repeat(scorer.entity_ids(["Gbdh"]).numpy(), len(sets))
+    scores = scorer.score_sets(sets, goals)
+    np.testing.assert_allclose([each.score for each in suggestions], scores, rtol=1e-5)
+    assert sorted(scores, reverse=True) == scores.tolist()
+    best = scorer.recipes("Gbdh", 1)[0]
+    assert suggestions[0].ingredients == best.ingredients
+    assert suggestions[0].score == pytest.approx(best.score, rel=1e-4)
+
+
 def test_new_goals_and_ingredients_are_known_by_their_parts(book, scorer):
     parts = str(book / "parts.csv")
     wider = with_new_entities(scorer, ["Gnew", "new card"], parts, "one-hot")
@@ -186,6 +200,15 @@ def test_a_part_that_is_lost_in_some_folds_alone_changes_no_number_of_features(s
     whole = SetKnowledge(knowledge.recipes, amounts, knowledge.words)
     assert whole.is_key[-1]
     assert len(fitted.mean) == whole.num_features
+
+
+def test_goals_without_parts_do_not_count_as_having_lost_all(scorer):
+    knowledge = scorer.knowledge
+    amounts = knowledge.amounts.copy()
+    amounts[knowledge.goal_ids[::3]] = 0
+    some = SetKnowledge(knowledge.recipes, amounts, knowledge.words)
+    np.testing.assert_array_equal(some.lost, knowledge.lost)
+    np.testing.assert_array_equal(some.is_key, knowledge.is_key)
 
 
 # --- loops against slow references ----------------------------------------------------------------

@@ -193,10 +193,14 @@ class SetScorer(StoredScorer):
         sets, features = self.knowledge.candidates(evidence, has_coverage=has_coverage)
         if not len(sets):
             raise self._no_recipe(entity, evidence)
-        scores = self._scores(features)
-        scores = scores - self._total(scores)
-        rows = np.argsort(-scores, kind="stable")[:limit]
         members = np.where(sets >= 0, self.knowledge.ingredient_ids[sets], NO_INGREDIENT)
+        if has_coverage:
+            scores = self._scores(features)
+            scores = scores - self._total(scores)
+        else:
+            # Sets that break the rule have the probabilities of any set.
+            scores = self._score_for(entity, members)
+        rows = np.argsort(-scores, kind="stable")[:limit]
         return [RankedSet(_ids(members[row]), float(scores[row])) for row in rows]
 
     def score_sets(self, sets: Ids, goals: Ids) -> Vector:

@@ -130,7 +130,10 @@ def _evaluate_sets(
         rows.append((method.name, *cells))
     calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
     unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
-    output.result(view, [*aligned(rows), calibration + unanswered, f"wrote {folder}/"])
+    lines = [*aligned(rows), calibration + unanswered, f"wrote {folder}/"]
+    if view.trained_on == "full":
+        lines.insert(0, "all goals were seen in training: memory, not prediction")
+    output.result(view, lines)
 
 
 def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:

@@ -14,6 +14,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT
@@ -74,6 +75,8 @@ class RankedSets(Record):
         calibration_error: mean distance between probabilities and shares of right sets, in ten
             bins of the model's first five suggestions.
         unanswered: test goals without a suggestion of the model.
+        trained_on: training graph of the model; full if all goals were seen in training, so that
+            the shares are memory, not prediction.
     """
 
     model: str
@@ -82,6 +85,7 @@ class RankedSets(Record):
     methods: tuple[RankedMethod, ...]
     calibration_error: Share
     unanswered: Count
+    trained_on: TrainedOn = "partial"
 
 
 class _Goals(NamedTuple):
@@ -159,6 +163,7 @@ def rank_sets(
         methods=tuple(rows),
         calibration_error=_calibration_error(np.array(chances), np.array(is_right)),
         unanswered=sum(not sets for sets in predictions.values()),
+        trained_on=model.kg,
     )
     return record, predictions
 

@@ -172,6 +172,15 @@ def test_a_goal_whose_part_no_train_recipe_brings_is_refused_by_its_name(scorer)
         other.recipes("Gab")
 
 
+def test_a_model_whose_table_of_parts_has_moved_answers_for_its_own(run, book, model, tmp_path):
+    shutil.copytree(book, tmp_path / "moved")
+    (tmp_path / "moved" / "parts.csv").unlink()
+    folder = tmp_path / "moved" / "model"
+    assert "ax + bx -> Gab" in run("suggest", folder, "--goal", "Gab").out
+    refused = run("suggest", folder, "--goal", "Gnew")
+    assert "the table of parts that the model was trained with" in refused.err
+
+
 def test_supporting_recipes_are_of_similar_goals_and_never_the_recipe_itself(scorer):
     best = scorer.recipes("Gab", 1)[0]
     near = scorer.near_recipes("Gab", best.ingredients)
@@ -450,6 +459,16 @@ def test_predictions_of_others_are_read_and_scored_alike(run, book, model, ranke
     assert run("evaluate-links", book / "model", "--out", out).code == 1
     assert run("evaluate-links", book / "model", "--out", out, "--force").code == 0
     assert written["calibration_error"] == pytest.approx(record.calibration_error)
+
+
+def test_a_model_of_the_full_graph_shows_memory_not_prediction(run, book, tmp_path, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
+    settings = RecipeScorerConfig(kg="full", folds=2, parts=str(book / "parts.csv"))
+    train_recipes(RecipesConfig(str(book / "graph"), settings), tmp_path / "model")
+    shown = run("evaluate-links", tmp_path / "model")
+    assert shown.out.startswith("all goals were seen in training: memory, not prediction")
+    record = json.loads((tmp_path / "model" / "report" / "sets.json").read_text())
+    assert record["trained_on"] == "full"
 
 
 @pytest.mark.parametrize("text", ["[]", "{", '{"a": [1]}', '{"a": ["b"]}'])

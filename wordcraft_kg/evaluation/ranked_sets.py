@@ -2,7 +2,7 @@
 
 import gzip
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +30,8 @@ _LISTED = 10
 _MOST_BYTES = 2**27
 _BINS = 10
 _BASELINES = ("most frequent sets", "statistics of parts", "sets of the nearest goal")
-Set = frozenset[str]
+Set = tuple[str, ...]
+"""Labels of ingredients, sorted; one that is needed twice is named twice."""
 Predictions = Mapping[str, Sequence[Sequence[str]]]
 """Sets of ingredients by goal, best first."""
 
@@ -89,12 +90,34 @@ class RankedSets(Record):
 
 
 class _Goals(NamedTuple):
-    """Test goals, the sets that make them, and which goals each column has."""
+    """Test goals, the sets that make them, and which goals each column has.
+
+    Attributes:
+        ids: entities.
+        labels: their labels.
+        right: their test sets.
+        taken: their train sets, which are no answers.
+        columns: which goals each column has.
+        has_repeats: whether a recipe of the book needs an ingredient twice; if not, an ingredient
+            that an answer names twice counts once.
+    """
 
     ids: list[int]
     labels: list[str]
     right: list[frozenset[Set]]
+    taken: list[frozenset[Set]]
     columns: dict[str, np.ndarray[Any, Any]]
+    has_repeats: bool
+
+    def answers(self, row: int, sets: Iterable[Sequence[str]]) -> list[Set]:
+        """Return the sets that are answers for a goal, best first, each once.
+
+        Args:
+            row: number of the goal.
+            sets: labels of ingredients.
+        """
+        ordered = (tuple(sorted(each if self.has_repeats else set(each))) for each in sets)
+        return [each for each in dict.fromkeys(ordered) if each not in self.taken[row]]
 
 
 def rank_sets(
@@ -103,7 +126,7 @@ def rank_sets(
     """Evaluate a model of sets on the goals of its test recipes.
 
     Args:
-        model: the model, of a split by goal: a test goal's train recipes are not left out.
+        model: the model; a test goal's train sets are no answers of any method.
         name: name of the model.
         files: predictions of others, see :func:`read_predictions`.
 
@@ -128,17 +151,21 @@ def rank_sets(
     predictions: dict[str, list[list[str]]] = {}
     chances: list[float] = []
     is_right: list[bool] = []
-    for entity, label, right in zip(goals.ids, goals.labels, goals.right, strict=True):
+    for row, (entity, label) in enumerate(zip(goals.ids, goals.labels, strict=True)):
         try:
-            ranked = scorer.recipes(entity, _LISTED)
+            ranked = scorer.recipes(entity, _LISTED + len(goals.taken[row]))
         except ConfigError:
             ranked = []
-        sets = [
-            [scorer.entities[member] for member in suggestion.ingredients] for suggestion in ranked
-        ]
-        predictions[label] = sets
-        chances += [suggestion.probability for suggestion in ranked[:5]]
-        is_right += [frozenset(labels) in right for labels in sets[:5]]
+        chance_of = {
+            tuple(sorted(scorer.entities[member] for member in suggestion.ingredients)): (
+                suggestion.probability
+            )
+            for suggestion in ranked
+        }
+        sets = goals.answers(row, chance_of)[:_LISTED]
+        predictions[label] = [list(each) for each in sets]
+        chances += [chance_of[each] for each in sets[:5]]
+        is_right += [each in goals.right[row] for each in sets[:5]]
     methods: dict[str, Predictions] = {
         name: predictions,
         **_baselines(scorer, goals),
@@ -202,19 +229,15 @@ def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
         raise ConfigError(
             f"{graph.name} has no test recipes; build it with a split such as by-goal."
         )
-    sets_of_goal: dict[int, set[Set]] = {}
-    for row in rows.tolist():
-        members = (graph.entities[entity] for entity in row[:-1] if entity != NO_INGREDIENT)
-        sets_of_goal.setdefault(row[-1], set()).add(frozenset(members))
+    sets_of_goal = _sets_of_goals(graph.entities, rows)
+    train_sets = _sets_of_goals(graph.entities, rows_of_sets(graph, split.is_in("train")))
     ids = sorted(sets_of_goal)
     right = [frozenset(sets_of_goal[goal]) for goal in ids]
+    taken = [frozenset(train_sets.get(goal, ())) for goal in ids]
     knowledge = scorer.knowledge
     has_part = knowledge.amounts > 0
     seen_parts = {has_part[goal].tobytes() for goal in knowledge.goal_ids}
-    seen_sets = {
-        frozenset(graph.entities[entity] for entity in row if entity != NO_INGREDIENT)
-        for row in knowledge.recipes[:, :-1].tolist()
-    }
+    seen_sets = set().union(*_sets_of_goals(graph.entities, knowledge.recipes).values())
     columns = {ALL: np.ones(len(ids), dtype=bool)}
     if knowledge.has_parts:
         is_new = [has_part[goal].tobytes() not in seen_parts for goal in ids]
@@ -223,7 +246,19 @@ def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
     columns = {
         column: is_in_column for column, is_in_column in columns.items() if is_in_column.any()
     }
-    return _Goals(ids, [graph.entities[goal] for goal in ids], right, columns)
+    labels = [graph.entities[goal] for goal in ids]
+    every = _sets_of_goals(graph.entities, rows_of_sets(graph, slice(None))).values()
+    has_repeats = any(len(set(each)) < len(each) for sets in every for each in sets)
+    return _Goals(ids, labels, right, taken, columns, has_repeats)
+
+
+def _sets_of_goals(entities: Sequence[str], rows: Ids) -> dict[int, set[Set]]:
+    """Return the sets that make each goal, from rows (ingredients, padding -1, goal)."""
+    sets_of_goal: dict[int, set[Set]] = {}
+    for row in rows.tolist():
+        members = (entities[entity] for entity in row[:-1] if entity != NO_INGREDIENT)
+        sets_of_goal.setdefault(row[-1], set()).add(tuple(sorted(members)))
+    return sets_of_goal
 
 
 def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
@@ -233,16 +268,16 @@ def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
     """
     knowledge = scorer.knowledge
     lists = knowledge.lists
-    frequent = np.argsort(-knowledge.set_counts, kind="stable")[:_LISTED]
-    most_frequent = [_labels(scorer, lists.sets[number]) for number in frequent]
+    frequent = np.argsort(-knowledge.set_counts, kind="stable")
     predictions: dict[str, dict[str, list[list[str]]]] = {name: {} for name in _BASELINES}
     of_frequency, of_parts, of_nearest = predictions.values()
-    for entity, label in zip(goals.ids, goals.labels, strict=True):
-        of_frequency[label] = most_frequent
+    for entity, label, taken in zip(goals.ids, goals.labels, goals.taken, strict=True):
+        most = _LISTED + len(taken)
+        of_frequency[label] = [_labels(scorer, lists.sets[number]) for number in frequent[:most]]
         evidence = scorer.evidence(entity)
-        near = np.argsort(-evidence.set_votes[2], kind="stable")[:_LISTED]
+        near = np.argsort(-evidence.set_votes[2], kind="stable")[:most]
         of_nearest[label] = [_labels(scorer, lists.sets[number]) for number in near]
-        sets = knowledge.sets_by_frequency(evidence)[:_LISTED]
+        sets = knowledge.sets_by_frequency(evidence)[:most]
         of_parts[label] = [_labels(scorer, row) for row in sets]
     return dict(predictions)
 
@@ -256,8 +291,7 @@ def _hits(goals: _Goals, predictions: Predictions) -> np.ndarray[Any, Any]:
     """Return whether a right set is among the first k of a goal, shape (goals, len(TOP)), bool."""
     hits = np.zeros((len(goals.ids), len(TOP)), dtype=bool)
     for row, (label, right) in enumerate(zip(goals.labels, goals.right, strict=True)):
-        # A set that is named twice counts once.
-        ranked = list(dict.fromkeys(map(frozenset, predictions.get(label, ()))))
+        ranked = goals.answers(row, predictions.get(label, ()))
         for column, k in enumerate(TOP):
             hits[row, column] = not right.isdisjoint(ranked[:k])
     return hits

@@ -7,6 +7,7 @@ import json
 import math
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import torch
 
 from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
+from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book
@@ -477,6 +479,37 @@ def test_a_file_without_predictions_is_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(ConfigError, match="no predictions"):
         read_predictions(path)
+
+
+def test_train_sets_of_a_goal_are_no_answers_and_repeats_count_if_the_book_has_some(model):
+    taken = [frozenset({("ax", "bx")})]
+    answers = [["bx", "ax"], ["bx", "ax", "ax"], ["cx", "ax"], ["ax", "cx"]]
+    goals = ranked_sets._Goals([0], ["G"], [frozenset({("ax", "cx")})], taken, {}, True)
+    assert goals.answers(0, answers) == [("ax", "ax", "bx"), ("ax", "cx")]
+    np.testing.assert_array_equal(
+        ranked_sets._hits(goals, {"G": answers}), [[False, True, True, True]]
+    )
+    # Without repeats in the book, the second answer is the first.
+    assert goals._replace(has_repeats=False).answers(0, answers) == [("ax", "cx")]
+
+
+def test_known_sets_of_a_goal_take_no_place_in_a_split_by_recipe(model):
+    graph = model.opened.graph
+    extra = [("ay", "bx", "Gab"), ("ax", "by", "Gab"), ("ay", "by", "Gab")]
+    rows = [(*recipe.ingredients, recipe.result) for recipe in graph.recipe_labels(graph.sets)]
+    wider = RecipeGraph.from_recipes([*rows, *extra])
+    is_test = np.array(
+        [
+            str(recipe.result) == "Gab" and "ax" in recipe.ingredients
+            for recipe in wider.recipe_labels(wider.sets)
+        ]
+    )
+    split = SimpleNamespace(is_in=lambda part: is_test if part == "test" else ~is_test)
+    shown = SimpleNamespace(opened=SimpleNamespace(graph=wider, split=split))
+    goals = ranked_sets._test_goals(shown, model.scorer)
+    assert goals.labels == ["Gab"]
+    assert goals.right == [{("ax", "bx"), ("ax", "by")}]
+    assert goals.taken == [{("ay", "bx"), ("ay", "by")}]
 
 
 @pytest.mark.parametrize(

@@ -271,10 +271,15 @@ class SetScorer(StoredScorer):
     def _no_recipe(self, entity: int, evidence: GoalEvidence) -> ConfigError:
         label = self.entities[entity]
         if evidence.missing >= 0:
+            part = self.part_labels[evidence.missing]
+            fault = (
+                f"no train recipe brings {part}, a part of '{label}', without parts that it lacks"
+            )
+            # An ingredient brings all of its own parts as a goal.
+            if self.knowledge.number_of[entity] >= 0:
+                fault = f"only '{label}' itself brings its part {part} without parts that it lacks"
             return ConfigError(
-                f"no train recipe brings {self.part_labels[evidence.missing]}, a part of "
-                f"'{label}', without parts that it lacks. Add such recipes to the book, or suggest "
-                "with `any_parts`."
+                f"{fault}. Add recipes that bring it to the book, or suggest with `any_parts`."
             )
         return ConfigError(f"no set is likely for '{label}': it has no known part, and no words.")
 

@@ -130,7 +130,13 @@ def _evaluate_sets(
         rows.append((method.name, *cells))
     calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
     unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
-    lines = [*aligned(rows), calibration + unanswered, f"wrote {folder}/"]
+    num_goals = columns["all"].goals
+    few = [
+        f"{method.name}: answers for {method.answered:,} of {num_goals:,} goals"
+        for method in view.methods[1:]
+        if method.answered is not None and method.answered < num_goals
+    ]
+    lines = [*aligned(rows), *few, calibration + unanswered, f"wrote {folder}/"]
     if view.trained_on == "full":
         lines.insert(0, "all goals were seen in training: memory, not prediction")
     output.result(view, lines)

@@ -58,11 +58,13 @@ class RankedMethod(Record):
         columns: all goals, goals whose parts no train goal has together, goals of which no right
             set is that of a train recipe.
         lead: the model's share minus the method's, with its paired interval, by k; all goals.
+        answered: number of goals for which the method names a set; None in older records.
     """
 
     name: str
     columns: dict[str, TopShares]
     lead: dict[int, tuple[float, float, float]]
+    answered: Count | None = None
 
 
 class RankedSets(Record):
@@ -134,8 +136,8 @@ def rank_sets(
         the record, and the model's own predictions.
 
     Raises:
-        ConfigError: if the split has no test recipes, a file no predictions, or two methods the
-            same name.
+        ConfigError: if the split has no test recipes, a file no predictions of test goals, or two
+            methods the same name.
     """
     scorer = model.scorer
     assert isinstance(scorer, SetScorer)
@@ -148,6 +150,13 @@ def rank_sets(
             )
     predictions_of_files = {path.name: read_predictions(path) for path in files}
     goals = _test_goals(model, scorer)
+    for path in files:
+        if not _num_answered(goals, predictions_of_files[path.name]):
+            found = next(iter(predictions_of_files[path.name]), "nothing")
+            raise ConfigError(
+                f"{path}: answers for '{found}' and none of the test goals; expected goals such as "
+                f"'{goals.labels[0]}'. Give the predictions for this split."
+            )
     predictions: dict[str, list[list[str]]] = {}
     chances: list[float] = []
     is_right: list[bool] = []
@@ -180,6 +189,7 @@ def rank_sets(
                 for column, is_in_column in goals.columns.items()
             },
             {} if method == name else _leads(hits[name], table),
+            _num_answered(goals, methods[method]),
         )
         for method, table in hits.items()
     ]
@@ -203,8 +213,13 @@ def read_predictions(path: Path) -> Predictions:
 
     Raises:
         ConfigError: if it is no such file.
-        ArtefactError: if it is missing or too large.
+        ArtefactError: if it is too large.
     """
+    if not path.is_file():
+        raise ConfigError(
+            f"no file '{path}'; expected predictions as JSON, sets of ingredients by goal. Check "
+            "the path."
+        )
     check_file(path, _MOST_BYTES)
     data = path.read_bytes()
     try:
@@ -285,6 +300,11 @@ def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
 def _labels(scorer: SetScorer, row: Ids) -> list[str]:
     """Return the labels of a set by numbers of ingredients."""
     return [scorer.entities[entity] for entity in scorer.knowledge.ingredient_ids[row[row >= 0]]]
+
+
+def _num_answered(goals: _Goals, predictions: Predictions) -> int:
+    """Return the number of test goals for which predictions have a set."""
+    return sum(bool(predictions.get(label)) for label in goals.labels)
 
 
 def _hits(goals: _Goals, predictions: Predictions) -> np.ndarray[Any, Any]:

@@ -29,7 +29,7 @@ from wordcraft_kg.models.scorers.sets import loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
 from wordcraft_kg.models.scorers.sets.parts import read_parts
-from wordcraft_kg.models.scorers.sets.scorer import SetScorer
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
 
 LETTERS = "abcdefgh"
 ROOT = Path(__file__).parents[3]
@@ -181,6 +181,25 @@ def test_a_model_whose_table_of_parts_has_moved_answers_for_its_own(run, book, m
     assert "ax + bx -> Gab" in run("suggest", folder, "--goal", "Gab").out
     refused = run("suggest", folder, "--goal", "Gnew")
     assert "the table of parts that the model was trained with" in refused.err
+
+
+def test_a_goal_that_alone_brings_its_part_is_told_so(scorer):
+    """The card of a letter that no other card has, asked for as a goal."""
+    knowledge = scorer.knowledge
+    amounts = knowledge.amounts.copy()
+    ax = int(scorer.entity_ids("ax"))
+    amounts[ax] = 0
+    amounts = np.column_stack([amounts, np.arange(len(amounts)) == ax]).astype(np.float32)
+    tensors = dict(scorer.tensors()) | {
+        "amounts": torch.from_numpy(amounts),
+        "part_names": stored_names([*scorer.part_labels, "z"]),
+    }
+    tensors["network.first"] = torch.nn.functional.pad(tensors["network.first"], (0, 0, 0, 2))
+    goals = [row for row in knowledge.recipes.tolist() if ax in row[:-1]]
+    amounts[[row[-1] for row in goals], -1] = 0.5
+    other = SetScorer(tensors, scorer.entities, scorer.graph_hash)
+    with pytest.raises(ConfigError, match="only 'ax' itself brings its part z"):
+        other.recipes("ax")
 
 
 def test_supporting_recipes_are_of_similar_goals_and_never_the_recipe_itself(scorer):
@@ -510,6 +529,19 @@ def test_known_sets_of_a_goal_take_no_place_in_a_split_by_recipe(model):
     assert goals.labels == ["Gab"]
     assert goals.right == [{("ax", "bx"), ("ax", "by")}]
     assert goals.taken == [{("ay", "bx"), ("ay", "by")}]
+
+
+def test_predictions_for_few_goals_say_so_and_for_none_are_refused(run, book, model, tmp_path):
+    (tmp_path / "none.json").write_text('{"Gother": [["ax", "bx"]]}')
+    with pytest.raises(ConfigError, match=r"none\.json: answers for 'Gother' and none of the test"):
+        rank_sets(model, "letters", [tmp_path / "none.json"])
+    with pytest.raises(ConfigError, match="no file"):
+        read_predictions(tmp_path / "missing.json")
+    graph = model.opened.graph
+    goal = graph.entities[int(graph.sets[model.opened.split.is_in("test")][0, -1])]
+    (tmp_path / "few.json").write_text(json.dumps({goal: [["ax", "bx"]]}))
+    files = ("--predictions", tmp_path / "few.json", "--out", tmp_path / "report")
+    assert "few.json: answers for 1 of " in run("evaluate-links", book / "model", *files).out
 
 
 @pytest.mark.parametrize(

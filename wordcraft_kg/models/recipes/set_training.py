@@ -109,7 +109,16 @@ def with_new_entities(
             f"no entity '{labels[0]}'.{nearest(labels[0], scorer.entities)} The model knows the "
             "graph's entities alone: train with `parts` or words for new ones."
         )
-    words = word_vectors(features, labels, allow_missing=False)
+    try:
+        words = word_vectors(features, labels, allow_missing=False)
+    except ConfigError:
+        if features != "minilm":
+            raise
+        names = ", ".join(f"'{label}'" for label in labels)
+        raise ConfigError(
+            f"no words for {names}: a model of minilm words knows the labels of built-in books "
+            "alone. Train with `features` glove for other labels."
+        ) from None
     return scorer.with_entities(labels, shares, words)
 
 

@@ -570,9 +570,37 @@ def test_suggest_and_score_answer_with_probability_part_and_support(run, book, m
     assert "ax + bx -> Gab" in run("score", book / "model", "ax + bx -> Gab").out
 
 
+def test_open_queries_for_new_recipes_leave_out_those_of_the_book(run, book, model):
+    query = ("score", book / "model", "_ + _ -> Gbd", "--top", 1)
+    assert "bx + dx -> Gbd" in run(*query).out
+    new = run(*query, "--new-only").out.splitlines()[1]
+    assert " new " in new
+    assert "-> Gbd" in new
+    assert "bx + dx" not in new
+    assert "--new-only filters a ranking" in run(*query[:2], "ax + bx -> Gab", "--new-only").err
+    # Blanks around a label are no part of it.
+    assert "ax + cx -> Gnew" in run("suggest", book / "model", "--goal", " Gnew ").out
+
+
+def test_files_of_recipes_and_links_of_new_entities_are_refused_with_the_reason(
+    run, book, model, tmp_path
+):
+    (tmp_path / "q.csv").write_text("ingredient_a,ingredient_b,result\nax,bx,Gab\n")
+    assert "one at a time" in run("score", book / "model", "--in", tmp_path / "q.csv").err
+    outcome = run("score", book / "model", "Gnew", "componentOf", "Gab")
+    assert "no entity 'Gnew'" in outcome.err
+    assert "links of the graph's entities alone" in outcome.err
+
+
+def test_words_of_minilm_are_of_built_in_books(scorer):
+    with pytest.raises(ConfigError, match="no words for 'zzqx': a model of minilm words"):
+        with_new_entities(scorer, ["zzqx"], "none", "minilm")
+
+
 @pytest.mark.parametrize(
     ("query", "fault"),
     [
+        ("ax + b\tx -> Gab", "control character"),
         ("Gab -> Gab", "among its own ingredients"),
         ("ax + _ -> Gab", "cannot parse recipe"),
         (" + ".join(["ax"] * 9) + " -> Gab", "9 ingredients"),

@@ -312,6 +312,8 @@ def test_equal_seeds_give_equal_bits_and_no_global_generator_changes(model, monk
         ("part_names", lambda t: torch.tensor([97, 10, 97], dtype=torch.uint8)),
         ("part_names", lambda t: torch.tensor([255], dtype=torch.uint8)),
         ("network.second", lambda t: t[..., 1:]),
+        ("network", lambda t: t[:0]),
+        ("committee", lambda t: t[:0]),
         ("mean", lambda t: t[1:]),
         ("deviation", torch.zeros_like),
         ("calibration", lambda t: -t),
@@ -320,7 +322,9 @@ def test_equal_seeds_give_equal_bits_and_no_global_generator_changes(model, monk
 )
 def test_forged_tensors_are_refused(scorer, name, change):
     tensors = dict(scorer.tensors())
-    tensors[name] = change(tensors[name])
+    # A change of a whole network, or of one tensor.
+    for each in [key for key in tensors if key == name or key.startswith(f"{name}.")]:
+        tensors[each] = change(tensors[each])
 
     def load():
         SetScorer.check(tensors, len(scorer.entities))
@@ -399,7 +403,7 @@ def test_settings_of_models_of_pairs_are_refused(book, tmp_path, setting):
     ("text", "fault"),
     [
         ("label,part\nax,a\n", "header"),
-        ("label,part,amount\nax,a,much\n", "could not convert"),
+        ("label,part,amount\nax,a,much\n", "line 2 is 'ax', 'a', 'much'"),
         ("label,part,amount\nax,a,-1\n", "line 2"),
         ("label,part,amount\nax,a,nan\n", "line 2"),
         ('label,part,amount\nax,"a\nb",1\n', "line"),
@@ -414,12 +418,19 @@ def test_a_wrong_table_of_parts_is_refused_with_its_fault(tmp_path, text, fault)
         read_parts(str(path), ["ax"])
 
 
+def test_a_table_of_a_single_part_is_refused(tmp_path):
+    path = tmp_path / "parts.csv"
+    path.write_text("label,part,amount\nax,a,1\nbx,a,2\n")
+    with pytest.raises(ConfigError, match="'a' is the only part, which tells no entities apart"):
+        read_parts(str(path), ["ax", "bx"])
+
+
 def test_formulas_are_read_with_brackets_decimals_and_hydrates_or_refused():
     pytest.importorskip("periodictable")
     assert parse_formula("BaTi0.9Zr0.1O3") == {"Ba": 1, "Ti": 0.9, "Zr": 0.1, "O": 3}
     assert parse_formula("K4[Fe(CN)6]") == {"K": 4, "Fe": 1, "C": 6, "N": 6}
     assert parse_formula("CuSO4·5H2O") == {"Cu": 1, "S": 1, "O": 9, "H": 10}
-    for nonsense in ("LixCoO2", "pizza", "", "Foo"):
+    for nonsense in ("LixCoO2", "pizza", "", "Foo", "NaCl@2", "5%NaCl//H2O", "Fe[56]2O3"):
         with pytest.raises(ConfigError, match="no chemical formula"):
             parse_formula(nonsense)
 

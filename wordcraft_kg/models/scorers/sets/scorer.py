@@ -149,6 +149,8 @@ class SetScorer(StoredScorer):
         amounts = tensors["amounts"]
         if not is_sound:
             raise ValueError("a recipe has no ingredient, or ids out of order or range")
+        if 0 in (*tensors["network.second"].shape, *tensors["committee.first"].shape):
+            raise ValueError("no network, or one without weights")
         if tensors["network.second"].shape[2] > MOST_KINDS:
             raise ValueError(f"more than {MOST_KINDS:,} different ingredients")
         if float(amounts.min()) < 0 or float(amounts.max()) > 1:

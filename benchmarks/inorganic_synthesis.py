@@ -4,9 +4,12 @@
     python -m benchmarks.inorganic_synthesis --out synthesis --predictions published.json.gz
 
 Each of the five published folds is built, trained on and evaluated in a folder of OUT; what is there
-is used again. PREDICTIONS holds the published methods' answers, ``{method: {fold: {target: sets}}}``
-with the sets best first, from the folder `results` of the data's repository. The table pools the
-targets of all folds. A fold takes about 75 CPU seconds.
+is used again. The table pools the targets of all folds. A fold takes about 75 CPU seconds.
+
+PREDICTIONS holds the published methods' answers and is made by hand: the files
+``results/METHOD/top5_random_cvFOLD.json`` of the data's repository, https://github.com/jschrier/SynthGPT
+at the commit of the book, packed into one gzipped JSON file ``{method: {fold: {target: sets}}}``,
+with folds "1" to "5" and the sets best first. Without it the table has this toolkit's rows alone.
 """
 
 import argparse

@@ -313,7 +313,7 @@ IS = {
     "model": "was written by train-complex",
     "report": "is the folder of a report",
     "words": "is the folder of a text agent",
-    "own": "has none of graph.json, run.json, report.json, site.json, submission.json",
+    "own": "has none of graph.json, run.json, report.json, sets.json, site.json, submission.json",
     "empty": "is an empty folder",
     "file": "is a file",
     "nothing": "does not exist",

@@ -234,7 +234,7 @@ def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, s
     assert f"could not download '{NAME}'" in message
     assert reason in message
     assert f"save {published.url} as {cache_folder() / 'alchemy2.json'}" in message
-    assert DATA_VARIABLE in message
+    assert f"or as alchemy2.json into the folder that {DATA_VARIABLE} names" in message
     assert not cache_folder().exists()
 
 
@@ -272,6 +272,7 @@ def test_a_file_in_the_data_folder_has_the_published_name(data, published):
     """A file placed in the data folder by hand is known by the published name."""
     (data / "alchemy2.json").write_bytes(PUBLISHED)
     assert origins()[NAME] == "data folder"
+    assert fetch_book(NAME) == data / "alchemy2.json"
     assert RecipeGraph.from_book(open_book(NAME)).base == BASE
 
 

@@ -101,7 +101,14 @@ def in_use(folder: Path, use: str = "trained") -> ArtefactError:
     )
 
 
-_OWN_FILES = ("graph.json", "run.json", "report.json", "site.json", "submission.json")
+_OWN_FILES = (
+    "graph.json",
+    "run.json",
+    "report.json",
+    "sets.json",
+    "site.json",
+    "submission.json",
+)
 """Files that mark a folder as written by this package; ``force`` may replace such a folder."""
 TEMPORARY = ".wordcraft-kg"
 """Suffix of hidden temporary files and folders; later commands remove those of killed processes."""
@@ -114,6 +121,7 @@ _KINDS = {
     "graph.json": "is a graph folder",
     "run.json": "is the folder of a run whose run.json is damaged",
     "report.json": "is the folder of a report",
+    "sets.json": "is the report of a model of sets",
     "study.json": "is the folder of a study with people",
     "games.jsonl": "is the folder of a text agent",
 }

@@ -130,7 +130,16 @@ def _evaluate_sets(
         rows.append((method.name, *cells))
     calibration = f"calibration error {view.calibration_error:.3f} of the first five sets"
     unanswered = f"; no set for {view.unanswered:,} goals" if view.unanswered else ""
-    output.result(view, [*aligned(rows), calibration + unanswered, f"wrote {folder}/"])
+    num_goals = columns["all"].goals
+    few = [
+        f"{method.name}: answers for {method.answered:,} of {num_goals:,} goals"
+        for method in view.methods[1:]
+        if method.answered is not None and method.answered < num_goals
+    ]
+    lines = [*aligned(rows), *few, calibration + unanswered, f"wrote {folder}/"]
+    if view.trained_on == "full":
+        lines.insert(0, "all goals were seen in training: memory, not prediction")
+    output.result(view, lines)
 
 
 def _text_of_evaluation(view: "LinkView", folder: Path) -> list[str]:
@@ -241,7 +250,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         view_file,
         with_new_words,
     )
-    from wordcraft_kg.evaluation.suggestions import is_set_query
+    from wordcraft_kg.evaluation.suggestions import check_file_query, is_set_query
 
     whole("top", top, 1)
     words = [word for word in (head, relation) if word is not None] + [
@@ -250,7 +259,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     _check_query(words, has_relation=relation is not None, file=queries, out=out)
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
     if queries is None and is_set_query(loaded.scorer, words):
-        output.result(*_scored_set(model, graph, words, top))
+        output.result(*_scored_set(model, graph, words, top, new_only=new_only))
         return
     if loaded.split is None:
         logging.getLogger(__name__).warning(
@@ -259,6 +268,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
     entities = frozenset(loaded.scorer.entities)
     if queries is not None:
         file_queries = read_queries(queries, entities)
+        check_file_query(loaded.scorer, file_queries[0])
         loaded = with_new_words(loaded, model, file_queries, queries)
         check_file(out, force=force)
         scoring = scoring_of(loaded, file_queries[0])
@@ -274,9 +284,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         return
     query = parse_query(words, entities)
     if new_only and not query.is_open:
-        raise ConfigError(
-            "--new-only filters a ranking; leave a slot open, or give a query file with --in."
-        )
+        raise _no_ranking()
     loaded = with_new_words(loaded, model, [query])
     scoring = scoring_of(loaded, query)
     view: Any
@@ -291,7 +299,7 @@ def score(  # noqa: PLR0913 - parameters are the command's options
 
 
 def _scored_set(
-    folder: Path, graph: str | None, words: list[str], top: int
+    folder: Path, graph: str | None, words: list[str], top: int, *, new_only: bool
 ) -> "tuple[Suggestions, list[str]]":
     """Return the answer of a model of sets to a recipe, and its lines of text."""
     from wordcraft_kg.cli.suggest import suggestion_lines
@@ -305,10 +313,18 @@ def _scored_set(
     model = open_suggesting(folder, graph)
     query = SetQuery.parse(words, frozenset(model.opened.graph.entities))
     if query.ingredients:
+        if new_only:
+            raise _no_ranking()
         view = score_set(model, query)
     else:
-        view = suggest_recipes(model, query.result, top, size=query.size)
+        view = suggest_recipes(model, query.result, top, size=query.size, new_only=new_only)
     return view, list(suggestion_lines(view))
+
+
+def _no_ranking() -> ConfigError:
+    return ConfigError(
+        "--new-only filters a ranking; leave a slot open, or give a query file with --in."
+    )
 
 
 def _check_query(

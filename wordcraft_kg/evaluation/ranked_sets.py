@@ -2,7 +2,7 @@
 
 import gzip
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT
@@ -28,7 +29,9 @@ _LISTED = 10
 """Most sets in a file of predictions."""
 _MOST_BYTES = 2**27
 _BINS = 10
-Set = frozenset[str]
+_BASELINES = ("most frequent sets", "statistics of parts", "sets of the nearest goal")
+Set = tuple[str, ...]
+"""Labels of ingredients, sorted; one that is needed twice is named twice."""
 Predictions = Mapping[str, Sequence[Sequence[str]]]
 """Sets of ingredients by goal, best first."""
 
@@ -55,11 +58,13 @@ class RankedMethod(Record):
         columns: all goals, goals whose parts no train goal has together, goals of which no right
             set is that of a train recipe.
         lead: the model's share minus the method's, with its paired interval, by k; all goals.
+        answered: number of goals for which the method names a set; None in older records.
     """
 
     name: str
     columns: dict[str, TopShares]
     lead: dict[int, tuple[float, float, float]]
+    answered: Count | None = None
 
 
 class RankedSets(Record):
@@ -73,6 +78,8 @@ class RankedSets(Record):
         calibration_error: mean distance between probabilities and shares of right sets, in ten
             bins of the model's first five suggestions.
         unanswered: test goals without a suggestion of the model.
+        trained_on: training graph of the model; full if all goals were seen in training, so that
+            the shares are memory, not prediction.
     """
 
     model: str
@@ -81,15 +88,38 @@ class RankedSets(Record):
     methods: tuple[RankedMethod, ...]
     calibration_error: Share
     unanswered: Count
+    trained_on: TrainedOn = "partial"
 
 
 class _Goals(NamedTuple):
-    """Test goals, the sets that make them, and which goals each column has."""
+    """Test goals, the sets that make them, and which goals each column has.
+
+    Attributes:
+        ids: entities.
+        labels: their labels.
+        right: their test sets.
+        taken: their train sets, which are no answers.
+        columns: which goals each column has.
+        has_repeats: whether a recipe of the book needs an ingredient twice; if not, an ingredient
+            that an answer names twice counts once.
+    """
 
     ids: list[int]
     labels: list[str]
     right: list[frozenset[Set]]
+    taken: list[frozenset[Set]]
     columns: dict[str, np.ndarray[Any, Any]]
+    has_repeats: bool
+
+    def answers(self, row: int, sets: Iterable[Sequence[str]]) -> list[Set]:
+        """Return the sets that are answers for a goal, best first, each once.
+
+        Args:
+            row: number of the goal.
+            sets: labels of ingredients.
+        """
+        ordered = (tuple(sorted(each if self.has_repeats else set(each))) for each in sets)
+        return [each for each in dict.fromkeys(ordered) if each not in self.taken[row]]
 
 
 def rank_sets(
@@ -98,7 +128,7 @@ def rank_sets(
     """Evaluate a model of sets on the goals of its test recipes.
 
     Args:
-        model: the model, of a split by goal: a test goal's train recipes are not left out.
+        model: the model; a test goal's train sets are no answers of any method.
         name: name of the model.
         files: predictions of others, see :func:`read_predictions`.
 
@@ -106,26 +136,45 @@ def rank_sets(
         the record, and the model's own predictions.
 
     Raises:
-        ConfigError: if the split has no test recipes, or a file no predictions.
+        ConfigError: if the split has no test recipes, a file no predictions of test goals, or two
+            methods the same name.
     """
     scorer = model.scorer
     assert isinstance(scorer, SetScorer)
+    names = [name, *_BASELINES, *(path.name for path in files)]
+    for number, method in enumerate(names):
+        if method in names[:number]:
+            raise ConfigError(
+                f"two methods are called '{method}'; expected a name of its own for the model and "
+                "each file of predictions. Rename the file."
+            )
     predictions_of_files = {path.name: read_predictions(path) for path in files}
     goals = _test_goals(model, scorer)
+    for path in files:
+        if not _num_answered(goals, predictions_of_files[path.name]):
+            found = next(iter(predictions_of_files[path.name]), "nothing")
+            raise ConfigError(
+                f"{path}: answers for '{found}' and none of the test goals; expected goals such as "
+                f"'{goals.labels[0]}'. Give the predictions for this split."
+            )
     predictions: dict[str, list[list[str]]] = {}
     chances: list[float] = []
     is_right: list[bool] = []
-    for entity, label, right in zip(goals.ids, goals.labels, goals.right, strict=True):
+    for row, (entity, label) in enumerate(zip(goals.ids, goals.labels, strict=True)):
         try:
-            ranked = scorer.recipes(entity, _LISTED)
+            ranked = scorer.recipes(entity, _LISTED + len(goals.taken[row]))
         except ConfigError:
             ranked = []
-        sets = [
-            [scorer.entities[member] for member in suggestion.ingredients] for suggestion in ranked
-        ]
-        predictions[label] = sets
-        chances += [suggestion.probability for suggestion in ranked[:5]]
-        is_right += [frozenset(labels) in right for labels in sets[:5]]
+        chance_of = {
+            tuple(sorted(scorer.entities[member] for member in suggestion.ingredients)): (
+                suggestion.probability
+            )
+            for suggestion in ranked
+        }
+        sets = goals.answers(row, chance_of)[:_LISTED]
+        predictions[label] = [list(each) for each in sets]
+        chances += [chance_of[each] for each in sets[:5]]
+        is_right += [each in goals.right[row] for each in sets[:5]]
     methods: dict[str, Predictions] = {
         name: predictions,
         **_baselines(scorer, goals),
@@ -140,6 +189,7 @@ def rank_sets(
                 for column, is_in_column in goals.columns.items()
             },
             {} if method == name else _leads(hits[name], table),
+            _num_answered(goals, methods[method]),
         )
         for method, table in hits.items()
     ]
@@ -150,6 +200,7 @@ def rank_sets(
         methods=tuple(rows),
         calibration_error=_calibration_error(np.array(chances), np.array(is_right)),
         unanswered=sum(not sets for sets in predictions.values()),
+        trained_on=model.kg,
     )
     return record, predictions
 
@@ -162,8 +213,13 @@ def read_predictions(path: Path) -> Predictions:
 
     Raises:
         ConfigError: if it is no such file.
-        ArtefactError: if it is missing or too large.
+        ArtefactError: if it is too large.
     """
+    if not path.is_file():
+        raise ConfigError(
+            f"no file '{path}'; expected predictions as JSON, sets of ingredients by goal. Check "
+            "the path."
+        )
     check_file(path, _MOST_BYTES)
     data = path.read_bytes()
     try:
@@ -188,19 +244,15 @@ def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
         raise ConfigError(
             f"{graph.name} has no test recipes; build it with a split such as by-goal."
         )
-    sets_of_goal: dict[int, set[Set]] = {}
-    for row in rows.tolist():
-        members = (graph.entities[entity] for entity in row[:-1] if entity != NO_INGREDIENT)
-        sets_of_goal.setdefault(row[-1], set()).add(frozenset(members))
+    sets_of_goal = _sets_of_goals(graph.entities, rows)
+    train_sets = _sets_of_goals(graph.entities, rows_of_sets(graph, split.is_in("train")))
     ids = sorted(sets_of_goal)
     right = [frozenset(sets_of_goal[goal]) for goal in ids]
+    taken = [frozenset(train_sets.get(goal, ())) for goal in ids]
     knowledge = scorer.knowledge
     has_part = knowledge.amounts > 0
     seen_parts = {has_part[goal].tobytes() for goal in knowledge.goal_ids}
-    seen_sets = {
-        frozenset(graph.entities[entity] for entity in row if entity != NO_INGREDIENT)
-        for row in knowledge.recipes[:, :-1].tolist()
-    }
+    seen_sets = set().union(*_sets_of_goals(graph.entities, knowledge.recipes).values())
     columns = {ALL: np.ones(len(ids), dtype=bool)}
     if knowledge.has_parts:
         is_new = [has_part[goal].tobytes() not in seen_parts for goal in ids]
@@ -209,7 +261,19 @@ def _test_goals(model: Model, scorer: SetScorer) -> _Goals:
     columns = {
         column: is_in_column for column, is_in_column in columns.items() if is_in_column.any()
     }
-    return _Goals(ids, [graph.entities[goal] for goal in ids], right, columns)
+    labels = [graph.entities[goal] for goal in ids]
+    every = _sets_of_goals(graph.entities, rows_of_sets(graph, slice(None))).values()
+    has_repeats = any(len(set(each)) < len(each) for sets in every for each in sets)
+    return _Goals(ids, labels, right, taken, columns, has_repeats)
+
+
+def _sets_of_goals(entities: Sequence[str], rows: Ids) -> dict[int, set[Set]]:
+    """Return the sets that make each goal, from rows (ingredients, padding -1, goal)."""
+    sets_of_goal: dict[int, set[Set]] = {}
+    for row in rows.tolist():
+        members = (entities[entity] for entity in row[:-1] if entity != NO_INGREDIENT)
+        sets_of_goal.setdefault(row[-1], set()).add(tuple(sorted(members)))
+    return sets_of_goal
 
 
 def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
@@ -219,20 +283,16 @@ def _baselines(scorer: SetScorer, goals: _Goals) -> dict[str, Predictions]:
     """
     knowledge = scorer.knowledge
     lists = knowledge.lists
-    frequent = np.argsort(-knowledge.set_counts, kind="stable")[:_LISTED]
-    most_frequent = [_labels(scorer, lists.sets[number]) for number in frequent]
-    predictions: dict[str, dict[str, list[list[str]]]] = {
-        "most frequent sets": {},
-        "statistics of parts": {},
-        "sets of the nearest goal": {},
-    }
+    frequent = np.argsort(-knowledge.set_counts, kind="stable")
+    predictions: dict[str, dict[str, list[list[str]]]] = {name: {} for name in _BASELINES}
     of_frequency, of_parts, of_nearest = predictions.values()
-    for entity, label in zip(goals.ids, goals.labels, strict=True):
-        of_frequency[label] = most_frequent
+    for entity, label, taken in zip(goals.ids, goals.labels, goals.taken, strict=True):
+        most = _LISTED + len(taken)
+        of_frequency[label] = [_labels(scorer, lists.sets[number]) for number in frequent[:most]]
         evidence = scorer.evidence(entity)
-        near = np.argsort(-evidence.set_votes[2], kind="stable")[:_LISTED]
+        near = np.argsort(-evidence.set_votes[2], kind="stable")[:most]
         of_nearest[label] = [_labels(scorer, lists.sets[number]) for number in near]
-        sets = knowledge.sets_by_frequency(evidence)[:_LISTED]
+        sets = knowledge.sets_by_frequency(evidence)[:most]
         of_parts[label] = [_labels(scorer, row) for row in sets]
     return dict(predictions)
 
@@ -242,12 +302,16 @@ def _labels(scorer: SetScorer, row: Ids) -> list[str]:
     return [scorer.entities[entity] for entity in scorer.knowledge.ingredient_ids[row[row >= 0]]]
 
 
+def _num_answered(goals: _Goals, predictions: Predictions) -> int:
+    """Return the number of test goals for which predictions have a set."""
+    return sum(bool(predictions.get(label)) for label in goals.labels)
+
+
 def _hits(goals: _Goals, predictions: Predictions) -> np.ndarray[Any, Any]:
     """Return whether a right set is among the first k of a goal, shape (goals, len(TOP)), bool."""
     hits = np.zeros((len(goals.ids), len(TOP)), dtype=bool)
     for row, (label, right) in enumerate(zip(goals.labels, goals.right, strict=True)):
-        # A set that is named twice counts once.
-        ranked = list(dict.fromkeys(map(frozenset, predictions.get(label, ()))))
+        ranked = goals.answers(row, predictions.get(label, ()))
         for column, k in enumerate(TOP):
             hits[row, column] = not right.isdisjoint(ranked[:k])
     return hits

@@ -10,10 +10,10 @@ import torch
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Record, Share
-from wordcraft_kg.evaluation.queries import OPEN, pieces_of_recipe
+from wordcraft_kg.evaluation.queries import OPEN, Query, RecipeQuery, pieces_of_recipe
 from wordcraft_kg.evaluation.scores import Known
 from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, label_fault
 from wordcraft_kg.graphs.splits import Part, Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.models.folder import open_model
@@ -138,6 +138,24 @@ def is_set_query(scorer: object, words: Sequence[str]) -> bool:
     return isinstance(scorer, SetScorer) and any(sign in word for word in words for sign in signs)
 
 
+def check_file_query(scorer: object, query: Query) -> None:
+    """Refuse a file of recipes for a model of sets.
+
+    Args:
+        scorer: the model's scorer.
+        query: the first query of the file.
+
+    Raises:
+        ConfigError: if the model is of sets, and the query a recipe.
+    """
+    if isinstance(scorer, SetScorer) and isinstance(query, RecipeQuery):
+        raise ConfigError(
+            "a file of recipes for a model of sets, which scores recipes one at a time; expected "
+            "triples. Give each recipe as an argument, a + b + c -> d, or use `score_sets` in "
+            "Python."
+        )
+
+
 def open_suggesting(folder: Path, graph: str | None = None) -> Model:
     """Open a model that can suggest recipes.
 
@@ -156,7 +174,13 @@ def open_suggesting(folder: Path, graph: str | None = None) -> Model:
 
 
 def suggest_recipes(
-    model: Model, goal: str, top: int, *, has_coverage: bool = True, size: int | None = None
+    model: Model,
+    goal: str,
+    top: int,
+    *,
+    has_coverage: bool = True,
+    size: int | None = None,
+    new_only: bool = False,
 ) -> Suggestions:
     """Suggest recipes for a goal, also for one that the graph lacks if the model knows its parts.
 
@@ -166,6 +190,7 @@ def suggest_recipes(
         top: most recipes.
         has_coverage: whether ingredients must bring the goal's parts, and no others.
         size: number of ingredients; None for any.
+        new_only: whether recipes of the book are left out, by a model of sets.
 
     Raises:
         ConfigError: if nothing is known of the goal.
@@ -173,15 +198,19 @@ def suggest_recipes(
     """
     if not is_set_model(model):
         return _suggest_pairs(model, goal, top)
+    goal = goal if goal in model.opened.graph else goal.strip()
     scorer, new = _scorer_of(model, [goal])
     ranked = scorer.recipes(goal, 10**6, has_coverage=has_coverage)
-    sets = [ranked_set for ranked_set in ranked if size in (None, len(ranked_set.ingredients))][
-        :top
-    ]
     split = model.opened.split
+    sets = []
+    for ranked_set in ranked:
+        labels = [scorer.entities[entity] for entity in ranked_set.ingredients]
+        is_new = not new_only or _known(split, labels, goal) == "new"
+        if is_new and size in (None, len(labels)):
+            sets.append(ranked_set)
     suggestions = [
         _suggestion(split, scorer, ranked_set.ingredients, goal, ranked_set.score)
-        for ranked_set in sets
+        for ranked_set in sets[:top]
     ]
     return Suggestions(goal, _parts(scorer, goal), new, tuple(suggestions), model.kg)
 
@@ -208,6 +237,10 @@ def _scorer_of(model: Model, labels: Sequence[str]) -> tuple[SetScorer, tuple[st
     assert isinstance(scorer, SetScorer)
     assert isinstance(metrics, SetMetrics)
     new = tuple(dict.fromkeys(label for label in labels if label not in model.opened.graph))
+    for label in new:
+        fault = label_fault(label)
+        if fault is not None:
+            raise ConfigError(f"{fault} Expected the name of an entity; correct the label.")
     if new:
         parts = model.settings.get("parts", metrics.parts)
         scorer = with_new_entities(scorer, new, parts, metrics.features)

@@ -414,6 +414,8 @@ def open_book(
 def fetch_book(name: str) -> Path:
     """Download a published recipe book into the cache, once.
 
+    A published file in the data folder is used as it is.
+
     Returns:
         Path of the file.
 
@@ -428,8 +430,20 @@ def fetch_book(name: str) -> Path:
             f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{hint}"
         )
     for fold in book.folds:
-        fetch_file(name, fold.url, fold.sha256, cache_folder() / fold.file_name)
-    return fetch_file(name, book.url, book.sha256, cache_folder() / book.file_name)
+        _present_or_fetched(name, fold.url, fold.sha256, fold.file_name)
+    return _present_or_fetched(name, book.url, book.sha256, book.file_name)
+
+
+def _present_or_fetched(name: str, url: str, sha256: str, file_name: str) -> Path:
+    """Return the path of a published file, downloaded if neither cache nor data folder has it."""
+    target = cache_folder() / file_name
+    folder = data_folder()
+    # A file in the cache takes precedence wherever books are opened, so it must be the right one.
+    if folder is not None and not target.exists():
+        placed = folder / file_name
+        if placed.is_file() and sha256_of(placed) == sha256:
+            return placed
+    return fetch_file(name, url, sha256, target, file_name)
 
 
 def fetch_file(
@@ -437,6 +451,7 @@ def fetch_file(
     url: str,
     sha256: str,
     target: Path,
+    file_name: str | None = None,
 ) -> Path:
     """Download a published file with a pinned hash, once.
 
@@ -445,6 +460,7 @@ def fetch_file(
         url: address; a redirect is refused.
         sha256: expected hash of the bytes: the content is trusted, whatever the server.
         target: file to write; if it has the hash already, nothing is downloaded.
+        file_name: path in the data folder, for errors; None for the name of ``target``.
 
     Returns:
         ``target``.
@@ -457,7 +473,7 @@ def fetch_file(
         return target
     by_hand = (
         f"Or place the file by hand: save {url} as {target}, "
-        f"or into the folder that {DATA_VARIABLE} names."
+        f"or as {file_name or target.name} into the folder that {DATA_VARIABLE} names."
     )
     try:
         data = _downloaded(url)

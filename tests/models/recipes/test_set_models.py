@@ -7,6 +7,7 @@ import json
 import math
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import torch
 
 from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
+from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book
@@ -25,8 +27,9 @@ from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_enti
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.sets import loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
+from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
 from wordcraft_kg.models.scorers.sets.parts import read_parts
-from wordcraft_kg.models.scorers.sets.scorer import SetScorer
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
 
 LETTERS = "abcdefgh"
 ROOT = Path(__file__).parents[3]
@@ -126,6 +129,20 @@ def test_scores_of_sets_are_their_probabilities_in_any_order_and_batch(scorer):
     np.testing.assert_array_equal(scores, singles)
 
 
+def test_sets_of_any_parts_have_the_probabilities_of_their_scores(scorer):
+    suggestions = scorer.recipes("Gbdh", 99, has_coverage=False)
+    sets = np.full((len(suggestions), 8), -1)
+    for row, suggestion in enumerate(suggestions):
+        sets[row, : len(suggestion.ingredients)] = suggestion.ingredients
+    goals = np.repeat(scorer.entity_ids(["Gbdh"]).numpy(), len(sets))
+    scores = scorer.score_sets(sets, goals)
+    np.testing.assert_allclose([each.score for each in suggestions], scores, rtol=1e-5)
+    assert sorted(scores, reverse=True) == scores.tolist()
+    best = scorer.recipes("Gbdh", 1)[0]
+    assert suggestions[0].ingredients == best.ingredients
+    assert suggestions[0].score == pytest.approx(best.score, rel=1e-4)
+
+
 def test_new_goals_and_ingredients_are_known_by_their_parts(book, scorer):
     parts = str(book / "parts.csv")
     wider = with_new_entities(scorer, ["Gnew", "new card"], parts, "one-hot")
@@ -157,6 +174,34 @@ def test_a_goal_whose_part_no_train_recipe_brings_is_refused_by_its_name(scorer)
         other.recipes("Gab")
 
 
+def test_a_model_whose_table_of_parts_has_moved_answers_for_its_own(run, book, model, tmp_path):
+    shutil.copytree(book, tmp_path / "moved")
+    (tmp_path / "moved" / "parts.csv").unlink()
+    folder = tmp_path / "moved" / "model"
+    assert "ax + bx -> Gab" in run("suggest", folder, "--goal", "Gab").out
+    refused = run("suggest", folder, "--goal", "Gnew")
+    assert "the table of parts that the model was trained with" in refused.err
+
+
+def test_a_goal_that_alone_brings_its_part_is_told_so(scorer):
+    """The card of a letter that no other card has, asked for as a goal."""
+    knowledge = scorer.knowledge
+    amounts = knowledge.amounts.copy()
+    ax = int(scorer.entity_ids("ax"))
+    amounts[ax] = 0
+    amounts = np.column_stack([amounts, np.arange(len(amounts)) == ax]).astype(np.float32)
+    tensors = dict(scorer.tensors()) | {
+        "amounts": torch.from_numpy(amounts),
+        "part_names": stored_names([*scorer.part_labels, "z"]),
+    }
+    tensors["network.first"] = torch.nn.functional.pad(tensors["network.first"], (0, 0, 0, 2))
+    goals = [row for row in knowledge.recipes.tolist() if ax in row[:-1]]
+    amounts[[row[-1] for row in goals], -1] = 0.5
+    other = SetScorer(tensors, scorer.entities, scorer.graph_hash)
+    with pytest.raises(ConfigError, match="only 'ax' itself brings its part z"):
+        other.recipes("ax")
+
+
 def test_supporting_recipes_are_of_similar_goals_and_never_the_recipe_itself(scorer):
     best = scorer.recipes("Gab", 1)[0]
     near = scorer.near_recipes("Gab", best.ingredients)
@@ -171,6 +216,29 @@ def test_links_are_scored_by_shares_and_by_how_often_ingredients_meet(scorer):
     assert scorer.score("ax", "combinesWith", "bx") > scorer.score("ax", "combinesWith", "cy")
     table = scorer.table("combinesWith")
     torch.testing.assert_close(table, table.T)
+
+
+def test_a_part_that_is_lost_in_some_folds_alone_changes_no_number_of_features(scorer, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
+    knowledge = scorer.knowledge
+    has_a = knowledge.amounts[:, scorer.part_labels.index("a")] > 0
+    goals = np.flatnonzero(has_a & np.isin(np.arange(len(has_a)), knowledge.goal_ids))
+    # One recipe in some twenty loses the part; in a half of the recipes, one in ten, or none.
+    has_a[goals[0]] = False
+    amounts = np.column_stack([knowledge.amounts, 0.1 * has_a]).astype(np.float32)
+    fitted = set_fitting.fit_sets(knowledge.recipes, amounts, knowledge.words, seed=0, folds=2)
+    whole = SetKnowledge(knowledge.recipes, amounts, knowledge.words)
+    assert whole.is_key[-1]
+    assert len(fitted.mean) == whole.num_features
+
+
+def test_goals_without_parts_do_not_count_as_having_lost_all(scorer):
+    knowledge = scorer.knowledge
+    amounts = knowledge.amounts.copy()
+    amounts[knowledge.goal_ids[::3]] = 0
+    some = SetKnowledge(knowledge.recipes, amounts, knowledge.words)
+    np.testing.assert_array_equal(some.lost, knowledge.lost)
+    np.testing.assert_array_equal(some.is_key, knowledge.is_key)
 
 
 # --- loops against slow references ----------------------------------------------------------------
@@ -244,6 +312,8 @@ def test_equal_seeds_give_equal_bits_and_no_global_generator_changes(model, monk
         ("part_names", lambda t: torch.tensor([97, 10, 97], dtype=torch.uint8)),
         ("part_names", lambda t: torch.tensor([255], dtype=torch.uint8)),
         ("network.second", lambda t: t[..., 1:]),
+        ("network", lambda t: t[:0]),
+        ("committee", lambda t: t[:0]),
         ("mean", lambda t: t[1:]),
         ("deviation", torch.zeros_like),
         ("calibration", lambda t: -t),
@@ -252,7 +322,9 @@ def test_equal_seeds_give_equal_bits_and_no_global_generator_changes(model, monk
 )
 def test_forged_tensors_are_refused(scorer, name, change):
     tensors = dict(scorer.tensors())
-    tensors[name] = change(tensors[name])
+    # A change of a whole network, or of one tensor.
+    for each in [key for key in tensors if key == name or key.startswith(f"{name}.")]:
+        tensors[each] = change(tensors[each])
 
     def load():
         SetScorer.check(tensors, len(scorer.entities))
@@ -331,7 +403,7 @@ def test_settings_of_models_of_pairs_are_refused(book, tmp_path, setting):
     ("text", "fault"),
     [
         ("label,part\nax,a\n", "header"),
-        ("label,part,amount\nax,a,much\n", "could not convert"),
+        ("label,part,amount\nax,a,much\n", "line 2 is 'ax', 'a', 'much'"),
         ("label,part,amount\nax,a,-1\n", "line 2"),
         ("label,part,amount\nax,a,nan\n", "line 2"),
         ('label,part,amount\nax,"a\nb",1\n', "line"),
@@ -346,12 +418,19 @@ def test_a_wrong_table_of_parts_is_refused_with_its_fault(tmp_path, text, fault)
         read_parts(str(path), ["ax"])
 
 
+def test_a_table_of_a_single_part_is_refused(tmp_path):
+    path = tmp_path / "parts.csv"
+    path.write_text("label,part,amount\nax,a,1\nbx,a,2\n")
+    with pytest.raises(ConfigError, match="'a' is the only part, which tells no entities apart"):
+        read_parts(str(path), ["ax", "bx"])
+
+
 def test_formulas_are_read_with_brackets_decimals_and_hydrates_or_refused():
     pytest.importorskip("periodictable")
     assert parse_formula("BaTi0.9Zr0.1O3") == {"Ba": 1, "Ti": 0.9, "Zr": 0.1, "O": 3}
     assert parse_formula("K4[Fe(CN)6]") == {"K": 4, "Fe": 1, "C": 6, "N": 6}
     assert parse_formula("CuSO4·5H2O") == {"Cu": 1, "S": 1, "O": 9, "H": 10}
-    for nonsense in ("LixCoO2", "pizza", "", "Foo"):
+    for nonsense in ("LixCoO2", "pizza", "", "Foo", "NaCl@2", "5%NaCl//H2O", "Fe[56]2O3"):
         with pytest.raises(ConfigError, match="no chemical formula"):
             parse_formula(nonsense)
 
@@ -409,7 +488,19 @@ def test_predictions_of_others_are_read_and_scored_alike(run, book, model, ranke
     written = json.loads((out / "sets.json").read_text())
     assert written["methods"][0]["columns"] == written["methods"][-1]["columns"]
     assert json.loads((out / "predictions.json").read_text()) == predictions
+    assert run("evaluate-links", book / "model", "--out", out).code == 1
+    assert run("evaluate-links", book / "model", "--out", out, "--force").code == 0
     assert written["calibration_error"] == pytest.approx(record.calibration_error)
+
+
+def test_a_model_of_the_full_graph_shows_memory_not_prediction(run, book, tmp_path, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
+    settings = RecipeScorerConfig(kg="full", folds=2, parts=str(book / "parts.csv"))
+    train_recipes(RecipesConfig(str(book / "graph"), settings), tmp_path / "model")
+    shown = run("evaluate-links", tmp_path / "model")
+    assert shown.out.startswith("all goals were seen in training: memory, not prediction")
+    record = json.loads((tmp_path / "model" / "report" / "sets.json").read_text())
+    assert record["trained_on"] == "full"
 
 
 @pytest.mark.parametrize("text", ["[]", "{", '{"a": [1]}', '{"a": ["b"]}'])
@@ -418,6 +509,62 @@ def test_a_file_without_predictions_is_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(ConfigError, match="no predictions"):
         read_predictions(path)
+
+
+def test_train_sets_of_a_goal_are_no_answers_and_repeats_count_if_the_book_has_some(model):
+    taken = [frozenset({("ax", "bx")})]
+    answers = [["bx", "ax"], ["bx", "ax", "ax"], ["cx", "ax"], ["ax", "cx"]]
+    goals = ranked_sets._Goals([0], ["G"], [frozenset({("ax", "cx")})], taken, {}, True)
+    assert goals.answers(0, answers) == [("ax", "ax", "bx"), ("ax", "cx")]
+    np.testing.assert_array_equal(
+        ranked_sets._hits(goals, {"G": answers}), [[False, True, True, True]]
+    )
+    # Without repeats in the book, the second answer is the first.
+    assert goals._replace(has_repeats=False).answers(0, answers) == [("ax", "cx")]
+
+
+def test_known_sets_of_a_goal_take_no_place_in_a_split_by_recipe(model):
+    graph = model.opened.graph
+    extra = [("ay", "bx", "Gab"), ("ax", "by", "Gab"), ("ay", "by", "Gab")]
+    rows = [(*recipe.ingredients, recipe.result) for recipe in graph.recipe_labels(graph.sets)]
+    wider = RecipeGraph.from_recipes([*rows, *extra])
+    is_test = np.array(
+        [
+            str(recipe.result) == "Gab" and "ax" in recipe.ingredients
+            for recipe in wider.recipe_labels(wider.sets)
+        ]
+    )
+    split = SimpleNamespace(is_in=lambda part: is_test if part == "test" else ~is_test)
+    shown = SimpleNamespace(opened=SimpleNamespace(graph=wider, split=split))
+    goals = ranked_sets._test_goals(shown, model.scorer)
+    assert goals.labels == ["Gab"]
+    assert goals.right == [{("ax", "bx"), ("ax", "by")}]
+    assert goals.taken == [{("ay", "bx"), ("ay", "by")}]
+
+
+def test_predictions_for_few_goals_say_so_and_for_none_are_refused(run, book, model, tmp_path):
+    (tmp_path / "none.json").write_text('{"Gother": [["ax", "bx"]]}')
+    with pytest.raises(ConfigError, match=r"none\.json: answers for 'Gother' and none of the test"):
+        rank_sets(model, "letters", [tmp_path / "none.json"])
+    with pytest.raises(ConfigError, match="no file"):
+        read_predictions(tmp_path / "missing.json")
+    graph = model.opened.graph
+    goal = graph.entities[int(graph.sets[model.opened.split.is_in("test")][0, -1])]
+    (tmp_path / "few.json").write_text(json.dumps({goal: [["ax", "bx"]]}))
+    files = ("--predictions", tmp_path / "few.json", "--out", tmp_path / "report")
+    assert "few.json: answers for 1 of " in run("evaluate-links", book / "model", *files).out
+
+
+@pytest.mark.parametrize(
+    "files", [["letters"], ["a/x.json", "b/x.json"], ["statistics of parts"]], ids=len
+)
+def test_two_methods_of_the_same_name_are_refused(model, tmp_path, files):
+    paths = [tmp_path / file for file in files]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text('{"Gab": [["ax", "bx"]]}')
+    with pytest.raises(ConfigError, match=f"two methods are called '{paths[0].name}'"):
+        rank_sets(model, "letters", paths)
 
 
 # --- the command line -----------------------------------------------------------------------------
@@ -434,9 +581,37 @@ def test_suggest_and_score_answer_with_probability_part_and_support(run, book, m
     assert "ax + bx -> Gab" in run("score", book / "model", "ax + bx -> Gab").out
 
 
+def test_open_queries_for_new_recipes_leave_out_those_of_the_book(run, book, model):
+    query = ("score", book / "model", "_ + _ -> Gbd", "--top", 1)
+    assert "bx + dx -> Gbd" in run(*query).out
+    new = run(*query, "--new-only").out.splitlines()[1]
+    assert " new " in new
+    assert "-> Gbd" in new
+    assert "bx + dx" not in new
+    assert "--new-only filters a ranking" in run(*query[:2], "ax + bx -> Gab", "--new-only").err
+    # Blanks around a label are no part of it.
+    assert "ax + cx -> Gnew" in run("suggest", book / "model", "--goal", " Gnew ").out
+
+
+def test_files_of_recipes_and_links_of_new_entities_are_refused_with_the_reason(
+    run, book, model, tmp_path
+):
+    (tmp_path / "q.csv").write_text("ingredient_a,ingredient_b,result\nax,bx,Gab\n")
+    assert "one at a time" in run("score", book / "model", "--in", tmp_path / "q.csv").err
+    outcome = run("score", book / "model", "Gnew", "componentOf", "Gab")
+    assert "no entity 'Gnew'" in outcome.err
+    assert "links of the graph's entities alone" in outcome.err
+
+
+def test_words_of_minilm_are_of_built_in_books(scorer):
+    with pytest.raises(ConfigError, match="no words for 'zzqx': a model of minilm words"):
+        with_new_entities(scorer, ["zzqx"], "none", "minilm")
+
+
 @pytest.mark.parametrize(
     ("query", "fault"),
     [
+        ("ax + b\tx -> Gab", "control character"),
         ("Gab -> Gab", "among its own ingredients"),
         ("ax + _ -> Gab", "cannot parse recipe"),
         (" + ".join(["ax"] * 9) + " -> Gab", "9 ingredients"),

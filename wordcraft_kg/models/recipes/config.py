@@ -7,7 +7,6 @@ from typing import ClassVar, Literal, get_args
 from wordcraft_kg.base.settings import MAX_THREADS, one_of, refuse, require, whole
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.train_samples import check_train_sample
-from wordcraft_kg.models.scorers.sets.parts import check_parts
 from wordcraft_kg.runs.config_file import RunConfig
 
 UseEncoder = Literal["auto", "on", "off"]
@@ -101,8 +100,6 @@ class RecipeScorerConfig:
         one_of("encoder", self.encoder, get_args(UseEncoder))
         # Outside knowledge is tables of all pairs: the two are for books of other sizes.
         is_apart = self.encoder != "on" or (not self.with_ and self.kg != "none")
-        if self.parts is not None:
-            check_parts(self.parts)
         require(self, "encoder", is_apart, "auto or off with outside knowledge (`with`)")
 
     def has_encoder(self, num_recipes: int) -> bool:

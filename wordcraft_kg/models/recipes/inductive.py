@@ -28,6 +28,7 @@ from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.neighbours.storage import LINK_TABLES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
@@ -220,6 +221,12 @@ def with_words(
             f"{where(label)}no entity '{label}'.{nearest(label, scorer.entities)} {reason}"
         )
 
+    if isinstance(scorer, SetScorer):
+        raise unknown(
+            labels[0],
+            "A model of sets scores links of the graph's entities alone; ask for a whole recipe, "
+            "such as a + b -> c.",
+        )
     folder = Path(folder)
     run = read_finished_run(folder, "a model of train-recipes", "model.safetensors")
     if run.kind != RecipeScorerConfig.command:

@@ -91,14 +91,15 @@ def fit_sets(
     fold_of_entity[goals] = fold_of_goal
     fold_of_recipe = fold_of_entity[recipes[:, -1]]
     lessons: list[Candidates] = []
+    whole = SetKnowledge(recipes, amounts, words)
     for fold in range(folds):
-        knowledge = SetKnowledge(recipes[fold_of_recipe != fold], amounts, words)
+        others = recipes[fold_of_recipe != fold]
+        knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
         network = fit_network(knowledge, seed * 1_000 + fold, members=1)
         held_out = recipes[fold_of_recipe == fold]
         lessons += candidates_of(knowledge, network, held_out)
         after()
-    knowledge = SetKnowledge(recipes, amounts, words)
-    network = fit_network(knowledge, seed * 1_000 + folds, members=_MEMBERS)
+    network = fit_network(whole, seed * 1_000 + folds, members=_MEMBERS)
     fitted = _fit_committee(lessons, seed)
     after()
     return FittedSets(network, *fitted)

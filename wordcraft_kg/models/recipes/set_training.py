@@ -36,6 +36,7 @@ from wordcraft_kg.models.scorers.sets.knowledge import (
 )
 from wordcraft_kg.models.scorers.sets.parts import (
     NO_PARTS,
+    PARSERS,
     Parts,
     parts_of_labels,
     read_parts,
@@ -88,6 +89,11 @@ def with_new_entities(
         ConfigError: if a label has no parts or words, or a part that the model's graph lacks.
     """
     shares = Parts.nothing(len(labels))
+    if parts not in (NO_PARTS, *PARSERS) and not Path(parts).is_file():
+        raise ConfigError(
+            f"no file '{parts}', the table of parts that the model was trained with; expected it "
+            f"for '{labels[0]}', which the graph lacks. Put the table back."
+        )
     if parts != NO_PARTS:
         amounts = parts_of_labels(parts, labels)
         for label, amounts_of_label in zip(labels, amounts, strict=True):
@@ -103,7 +109,16 @@ def with_new_entities(
             f"no entity '{labels[0]}'.{nearest(labels[0], scorer.entities)} The model knows the "
             "graph's entities alone: train with `parts` or words for new ones."
         )
-    words = word_vectors(features, labels, allow_missing=False)
+    try:
+        words = word_vectors(features, labels, allow_missing=False)
+    except ConfigError:
+        if features != "minilm":
+            raise
+        names = ", ".join(f"'{label}'" for label in labels)
+        raise ConfigError(
+            f"no words for {names}: a model of minilm words knows the labels of built-in books "
+            "alone. Train with `features` glove for other labels."
+        ) from None
     return scorer.with_entities(labels, shares, words)
 
 

@@ -10,6 +10,8 @@ from wordcraft_kg.base.extras import check_extra
 
 _HYDRATE = re.compile(r"[·•∙⋅*]\s*")
 """Signs before the water of a hydrate; the library writes a plus."""
+_NOT_OF_FORMULAS = re.compile(r"[/%:@]|\[\d+\]")
+"""Signs of mixtures, densities and isotopes, which the library reads as something else."""
 _BRACKETS = str.maketrans("[]", "()")
 
 
@@ -28,6 +30,9 @@ def parse_formula(label: str) -> Mapping[str, float]:
         >>> parse_formula("BaTi0.9Zr0.1O3")
         {'Ba': 1, 'Ti': 0.9, 'Zr': 0.1, 'O': 3}
     """
+    sign = _NOT_OF_FORMULAS.search(label)
+    if sign:
+        raise _unreadable(label, f"it has {sign[0]}")
     text = _HYDRATE.sub("+", label.translate(_BRACKETS))
     # Not within: a missing library is no fault of the formula.
     parse = _formula()

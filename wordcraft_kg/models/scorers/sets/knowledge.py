@@ -91,6 +91,7 @@ class SetKnowledge:
         unmet: share of goals with each part that no ingredient brings, shape (P,).
         shared: mean number of ingredients that bring each part, shape (P,).
         is_key: whether a part is a key part, shape (P,).
+        style_parts: whether a part is in the kind of an ingredient, shape (P,).
         counts: number of recipes of each ingredient, shape (N,).
         lift: how much more often ingredients occur together than by chance, nats, shape (N, N).
         lists: the recipes as arrays for loops.
@@ -98,13 +99,17 @@ class SetKnowledge:
         set_counts: number of recipes of each set in the lists, shape (S,).
     """
 
-    def __init__(self, recipes: Ids, amounts: Vector, words: Vector):
+    def __init__(
+        self, recipes: Ids, amounts: Vector, words: Vector, style_parts: Flags | None = None
+    ):
         """Count parts and recipes.
 
         Args:
             recipes: shape (R, 9), entities (ingredients, padding -1, goal).
             amounts: shape (E, P).
             words: shape (E, D).
+            style_parts: parts in the kinds of ingredients, shape (P,), so that some of the recipes
+                give features of the same number as all; None for all but the key parts.
         """
         self.recipes = recipes
         self.amounts = amounts
@@ -124,8 +129,12 @@ class SetKnowledge:
         # An ingredient that is needed twice is in the set once.
         is_in.data[:] = 1
         has_part = amounts[self.ingredient_ids] > 0
-        self._count_parts(is_in @ has_part.astype(np.float32), amounts[recipes[:, -1]] > 0)
+        is_in_goal = amounts[recipes[:, -1]] > 0
+        # A goal without parts tells nothing of what recipes lose.
+        is_told = is_in_goal.any(1)
+        self._count_parts((is_in @ has_part.astype(np.float32))[is_told], is_in_goal[is_told])
         self.is_key = self.is_kept & (self.shared <= _SHARED_FROM) | (not self.has_parts)
+        self.style_parts = ~self.is_key if style_parts is None else style_parts
         self.styles = self.style(has_part)
         self.counts: Vector = np.asarray(is_in.sum(0)).ravel()
         together = (is_in.T @ is_in).toarray()
@@ -170,7 +179,7 @@ class SetKnowledge:
             shape (n, K).
         """
         kinds = [
-            has_part[:, ~self.is_key],
+            has_part[:, self.style_parts],
             has_part.sum(1, keepdims=True) == 1,
             has_part[:, self.is_key].sum(1, keepdims=True) > 1,
         ]

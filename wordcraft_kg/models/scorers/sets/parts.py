@@ -102,10 +102,20 @@ def check_parts(source: str) -> None:
 
 
 def read_parts(source: str, labels: Sequence[str], *, allow_missing: bool = False) -> Parts:
-    """Return the shares of parts of entities by their labels, see :func:`parts_of_labels`."""
+    """Return the shares of parts of entities by their labels, see :func:`parts_of_labels`.
+
+    Raises:
+        ConfigError: also if all entities have the same single part, which tells none apart.
+    """
     if source == NO_PARTS:
         return Parts.nothing(len(labels))
-    return Parts.of(parts_of_labels(source, labels, allow_missing=allow_missing))
+    parts = Parts.of(parts_of_labels(source, labels, allow_missing=allow_missing))
+    if len(parts.labels) == 1:
+        raise ConfigError(
+            f"`parts` {source}: '{parts.labels[0]}' is the only part, which tells no entities "
+            f"apart; expected two parts or more. Use `parts` {NO_PARTS} to train without."
+        )
+    return parts
 
 
 def parts_of_labels(
@@ -157,7 +167,10 @@ def _read_table(path: Path) -> dict[str, dict[str, float]]:
         table: dict[str, dict[str, float]] = {}
         for row in rows:
             label, part, amount = (row[name] or "" for name in _COLUMNS)
-            number = float(amount)
+            try:
+                number = float(amount)
+            except ValueError:
+                number = math.nan
             is_sound = label and label_fault(part) is None and 0 < number < math.inf
             if not is_sound or None in row:
                 raise ValueError(f"line {rows.line_num} is {label!r}, {part!r}, {amount!r}")

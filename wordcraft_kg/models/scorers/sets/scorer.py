@@ -149,6 +149,8 @@ class SetScorer(StoredScorer):
         amounts = tensors["amounts"]
         if not is_sound:
             raise ValueError("a recipe has no ingredient, or ids out of order or range")
+        if 0 in (*tensors["network.second"].shape, *tensors["committee.first"].shape):
+            raise ValueError("no network, or one without weights")
         if tensors["network.second"].shape[2] > MOST_KINDS:
             raise ValueError(f"more than {MOST_KINDS:,} different ingredients")
         if float(amounts.min()) < 0 or float(amounts.max()) > 1:
@@ -193,10 +195,14 @@ class SetScorer(StoredScorer):
         sets, features = self.knowledge.candidates(evidence, has_coverage=has_coverage)
         if not len(sets):
             raise self._no_recipe(entity, evidence)
-        scores = self._scores(features)
-        scores = scores - self._total(scores)
-        rows = np.argsort(-scores, kind="stable")[:limit]
         members = np.where(sets >= 0, self.knowledge.ingredient_ids[sets], NO_INGREDIENT)
+        if has_coverage:
+            scores = self._scores(features)
+            scores = scores - self._total(scores)
+        else:
+            # Sets that break the rule have the probabilities of any set.
+            scores = self._score_for(entity, members)
+        rows = np.argsort(-scores, kind="stable")[:limit]
         return [RankedSet(_ids(members[row]), float(scores[row])) for row in rows]
 
     def score_sets(self, sets: Ids, goals: Ids) -> Vector:
@@ -267,10 +273,15 @@ class SetScorer(StoredScorer):
     def _no_recipe(self, entity: int, evidence: GoalEvidence) -> ConfigError:
         label = self.entities[entity]
         if evidence.missing >= 0:
+            part = self.part_labels[evidence.missing]
+            fault = (
+                f"no train recipe brings {part}, a part of '{label}', without parts that it lacks"
+            )
+            # An ingredient brings all of its own parts as a goal.
+            if self.knowledge.number_of[entity] >= 0:
+                fault = f"only '{label}' itself brings its part {part} without parts that it lacks"
             return ConfigError(
-                f"no train recipe brings {self.part_labels[evidence.missing]}, a part of "
-                f"'{label}', without parts that it lacks. Add such recipes to the book, or suggest "
-                "with `any_parts`."
+                f"{fault}. Add recipes that bring it to the book, or suggest with `any_parts`."
             )
         return ConfigError(f"no set is likely for '{label}': it has no known part, and no words.")
 

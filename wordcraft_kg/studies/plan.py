@@ -121,8 +121,8 @@ SCORER_VERSIONS = {RecipeScorerConfig.command: 7}
 
 2: recipe scorers compute features by neighbour lists, before by tables of all pairs. 4: gradients
 of rankers are rounded in another order, which changes the third digit of success. 5: scores are
-rounded in another order, so that an agent's seed may learn something else. 6: rankers have other
-features.
+rounded in another order, so that an agent's seed may learn something else. 6 and 7: rankers
+have other features.
 """
 NOISE_VERSION = 2
 """Version of wrong results, where a scorer learns from some: wrong by train recipes alone."""

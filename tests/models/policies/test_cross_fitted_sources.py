@@ -70,12 +70,18 @@ def folds_of(world):
     """The fold to leave out for each task: none, one, or several if no fold has a recipe of each
     plan."""
     of_recipe = make_folds(world.split, FOLDS).of_recipe
+    # A choice among shared folds counts train recipes alone.
+    number = np.cumsum(of_recipe >= 0)
 
     def left_out(plans):
         of_plans = [{int(of_recipe[row]) for row in plan} for plan in plans]
         of_plans = [folds for folds in of_plans if -1 not in folds]
         shared = sorted(set.intersection(*of_plans)) if of_plans else []
-        return {shared[sum(plans[0]) % len(shared)]} if shared else set().union(*of_plans)
+        return (
+            {shared[number[list(plans[0])].sum() % len(shared)]}
+            if shared
+            else set().union(*of_plans)
+        )
 
     return list(map(left_out, world.tasks.plans))
 

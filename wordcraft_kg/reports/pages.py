@@ -159,6 +159,11 @@ def make_environment(*packages: str) -> jinja2.Environment:
     return environment
 
 
+def policy_hash(text: str) -> str:
+    """Return a script's or style's SHA-256 as a content security policy writes it, in base64."""
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
 @cache
 def _environment(package: str) -> jinja2.Environment:
     # Templates of other packages extend the page of this one.
@@ -166,11 +171,10 @@ def _environment(package: str) -> jinja2.Environment:
     environment = make_environment(*packages, "wordcraft_kg.reports")
     templates = files("wordcraft_kg.reports") / "templates"
     script = (templates / "page.js").read_text(encoding="utf-8")
-    digest = hashlib.sha256(script.encode()).digest()
     environment.globals |= {
         "script": Markup(script),
         # The page's content security policy admits this script only.
-        "script_hash": base64.b64encode(digest).decode(),
+        "script_hash": policy_hash(script),
     }
     return environment
 

@@ -110,3 +110,24 @@ def test_a_book_in_which_everything_has_a_recipe_is_refused(tmp_path):
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("c", "c", "a"), ("c", "a", "b")])
     with pytest.raises(ConfigError, match="has no base: found a recipe for each entity"):
         export_game(graph, tmp_path / "game.html")
+
+
+def test_a_file_that_exists_is_replaced_only_by_force(run, tmp_path):
+    """The file may be the book itself."""
+    book = tmp_path / "book.csv"
+    book.write_text("a,b,result\nwater,earth,mud\nmud,fire,brick\n", "utf-8")
+    before = book.read_bytes()
+    refused = run("play", book, "--export", book)
+    assert (refused.code, refused.kind, book.read_bytes()) == (1, "OutputExistsError", before)
+    page = tmp_path / "game.html"
+    page.write_text("mine")
+    assert run("play", book, "--export", page).code == 1
+    assert page.read_text() == "mine"
+    assert run("play", book, "--export", page, "--force").code == 0
+    assert book_on(page.read_text("utf-8"))["labels"]
+
+
+def test_a_port_without_a_server_is_refused(run):
+    outcome = run("play", "kitchen", "--port", "9000")
+    assert outcome.code == 1
+    assert "--host and --port are for a server; add --browser" in outcome.err

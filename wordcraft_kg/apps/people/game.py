@@ -4,9 +4,7 @@ The page plays alone: the server gives it out and learns nothing, and an exporte
 disk. Found items stay in the player's browser, under the graph's hash.
 """
 
-import base64
 import csv
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,11 +17,11 @@ from starlette.routing import Route, Router
 from starlette.types import ASGIApp
 
 from wordcraft_kg.apps.web.guard import Guard, file_endpoint, static_texts
-from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.artefacts import staged_file
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.book_files.words import RESULT, words_of
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.reports.pages import make_environment
+from wordcraft_kg.reports.pages import make_environment, policy_hash
 
 PACKAGE = "wordcraft_kg.apps.people"
 FILES = ("game.css", "game.js")
@@ -64,16 +62,20 @@ def icons_of(source: str, graph: RecipeGraph) -> dict[int, str]:
     }
 
 
-def export_game(graph: RecipeGraph, path: Path, icons: Mapping[int, str] = NO_ICONS) -> None:
+def export_game(
+    graph: RecipeGraph, path: Path, icons: Mapping[int, str] = NO_ICONS, *, force: bool = False
+) -> None:
     """Write a book's game as one file that opens from disk.
 
     Args:
         graph: recipes of the game.
         path: HTML file to write.
         icons: icons by entity, as :func:`icons_of` reads them.
+        force: whether an existing file may be replaced.
 
     Raises:
         ConfigError: if the book has more than :data:`MOST_EXPORTED` recipes, or no base.
+        OutputExistsError: if the file exists and ``force`` is False, or ``path`` is a folder.
     """
     _check_base(graph)
     if graph.num_recipes > MOST_EXPORTED:
@@ -81,7 +83,8 @@ def export_game(graph: RecipeGraph, path: Path, icons: Mapping[int, str] = NO_IC
             f"--export {path}: found {graph.num_recipes:,} recipes; a page holds at most "
             f"{MOST_EXPORTED:,}. Use --browser instead."
         )
-    write_atomically(path, _exported_page(graph, icons))
+    with staged_file(path, force=force) as staged:
+        staged.write_text(_exported_page(graph, icons), encoding="utf-8", newline="\n")
 
 
 def make_game_app(graph: RecipeGraph, host: str, icons: Mapping[int, str] = NO_ICONS) -> ASGIApp:
@@ -127,7 +130,8 @@ def _exported_page(graph: RecipeGraph, icons: Mapping[int, str]) -> str:
     style, script = texts["game.css"], texts["game.js"]
     # Nothing but this style and this script works on the page, whatever the labels are.
     policy = (
-        f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; "
+        f"default-src 'none'; style-src 'sha256-{policy_hash(style)}'; "
+        f"script-src 'sha256-{policy_hash(script)}'; "
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
     # Markup: the texts are the package's own; escaping would change the script.
@@ -140,7 +144,7 @@ def _page(graph: RecipeGraph, icons: Mapping[int, str], **values: Any) -> str:
     book = {
         "key": graph.hash,
         "labels": list(graph.entities),
-        "base": [int(entity) for entity in graph.ids_of(graph.base)],
+        "base": graph.base_ids.tolist(),
         "recipes": _rows(graph),
         "icons": dict(icons),
     }
@@ -154,9 +158,3 @@ def _rows(graph: RecipeGraph) -> list[list[int]]:
     """Return the ids of each recipe's ingredients and result, as the page reads them."""
     rows = graph.sets.tolist()
     return [[entity for entity in row if entity != graph.num_entities] for row in rows]
-
-
-def _hash(text: str) -> str:
-    """Return a text's hash as a content security policy names it."""
-    digest = base64.b64encode(hashlib.sha256(text.encode()).digest())
-    return f"sha256-{digest.decode()}"

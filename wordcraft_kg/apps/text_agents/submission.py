@@ -643,11 +643,6 @@ ARCHIVE = ".zip"
 """Ending of an archive; ``python -m zipfile -c ARCHIVE FILES`` makes one."""
 
 
-def is_submission(path: Path) -> bool:
-    """Return whether a path is a folder with a submission, or could be an archive's submission."""
-    return _archive_of(path) is not None or (path / SUBMISSION_FILE).is_file()
-
-
 def submissions_at(path: Path) -> list[Path]:
     """Return the submissions at a path, in folders and archives at any depth, in order.
 

@@ -18,7 +18,7 @@ from wordcraft_kg.base.labels import read_pair
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import for_terminal
 from wordcraft_kg.cli.console import Flag, Output, split_labels
-from wordcraft_kg.cli.options import Book
+from wordcraft_kg.cli.options import Book, Force
 from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -45,7 +45,14 @@ help, q quits."""
 ATTEMPTS = 100
 """Default number of attempts in open-ended mode."""
 TASK_DEFAULTS = (
-    *(WordCraftConfig.depth, WordCraftConfig.num_distractors, "all", None, None, 0, False, None),
+    WordCraftConfig.depth,
+    WordCraftConfig.num_distractors,
+    "all",
+    None,
+    None,
+    0,
+    False,
+    None,
 )
 """Options of tasks if none is set: depth, distractors, part, attempts, seed, episodes, open-ended
 and base."""
@@ -141,6 +148,7 @@ def play(  # noqa: PLR0913 - parameters are the command's options
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     browser: Flag = False,
     export: Path | None = None,
+    force: Force = False,
     host: str = HOST,
     port: int = PORT,
     output: Output = Output(),
@@ -170,8 +178,13 @@ def play(  # noqa: PLR0913 - parameters are the command's options
         tasks = (depth, distractors, part, attempts, seed, episodes, open_ended, base)
         if tasks != TASK_DEFAULTS:
             raise ConfigError("--browser and --export have their own tasks: leave out the options.")
-        _play_in_browser(graph, export, host, port, browser, output)
+        if export:
+            _export(graph, export, force, output)
+        if browser:
+            _serve(graph, host, port, output)
         return
+    if (host, port) != (HOST, PORT):
+        raise ConfigError("--host and --port are for a server; add --browser.")
     # With --json, stdout is for the result alone.
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
     if open_ended:
@@ -191,30 +204,35 @@ def play(  # noqa: PLR0913 - parameters are the command's options
         _play_tasks(terminal, graph, settings, seed, episodes, output)
 
 
-def _play_in_browser(
-    source: str, export: Path | None, host: str, port: int, is_served: bool, output: Output
-) -> None:
+def _export(source: str, path: Path, force: bool, output: Output) -> None:
     from wordcraft_kg.base.extras import check_extra
     from wordcraft_kg.graphs.folder import open_graph
 
     check_extra("explore")
-    from wordcraft_kg.apps.people.game import export_game, icons_of, make_game_app
+    from wordcraft_kg.apps.people.game import export_game, icons_of
+
+    graph = open_graph(source).graph
+    export_game(graph, path, icons_of(source, graph), force=force)
+    output.result({"game": str(path)}, [f"wrote {path}: open it in a browser"])
+
+
+def _serve(source: str, host: str, port: int, output: Output) -> None:
+    from wordcraft_kg.base.extras import check_extra
+    from wordcraft_kg.graphs.folder import open_graph
+
+    check_extra("explore")
+    from wordcraft_kg.apps.people.game import icons_of, make_game_app
     from wordcraft_kg.apps.web.serving import listen, serve
 
     graph = open_graph(source).graph
-    icons = icons_of(source, graph)
-    if export:
-        export_game(graph, export, icons)
-        output.result({"game": str(export)}, [f"wrote {export}: open it in a browser"])
-    if not is_served:
-        return
+    app = make_game_app(graph, host, icons_of(source, graph))
 
     def started(address: str) -> None:
         output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
 
     listening = listen(host, port)
     try:
-        serve(make_game_app(graph, host, icons), listening, started, in_browser=True)
+        serve(app, listening, started, in_browser=True)
     finally:
         listening.close()
 

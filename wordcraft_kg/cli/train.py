@@ -472,10 +472,11 @@ def train_recipes(
     force: Force = False,
     output: Output = Output(),
 ) -> int:
-    """Fit a recipe scorer: how plausible is a result for a pair, and which recipes support it?
+    """Fit a recipe scorer: how plausible is a result for its ingredients, and why?
 
-    Agents can use the scorer as a third knowledge source (train-agent --use
-    combines,component,recipe), and link commands accept it too. Only train recipes support a score.
+    For pairs, agents can use it as a third knowledge source (train-agent --use
+    combines,component,recipe), and link commands accept it too. On a book of larger sets, or with
+    --parts, it ranks whole sets for a goal (suggest). Only train recipes support a score.
 
     Args:
         out: model folder to write. Default: models/<graph name>-recipes.

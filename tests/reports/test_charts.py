@@ -10,8 +10,7 @@ from markupsafe import Markup, escape
 
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_report import contribution_bar
-from wordcraft_kg.reports.charts import colour_of
-from wordcraft_kg.reports.charts.chart import COLOURS, DARK_SERIES, LIGHT_SERIES
+from wordcraft_kg.reports.charts import COLOURS, DARK_SERIES, LIGHT_SERIES
 
 LABEL = "<b>&\"'$x$</b>\u202e"
 NO_ESTIMATE = (0.0, None, None)
@@ -234,15 +233,3 @@ def test_all_series_stand_out_from_the_page_and_the_first_four_clearly(
     assert len(set(palette)) == COLOURS
     assert all(contrast(colour, page) > least for colour in palette)
     assert all(contrast(colour, page) > of_first for colour in palette[:4])
-
-
-HOSTILE = '<script>alert("x")</script>&'
-
-
-def test_groups_beyond_the_colours_and_none_are_grey():
-    assert [colour_of(number) for number in (-1, 0, 7, 8)] == [
-        "series-other",
-        "series-0",
-        "series-7",
-        "series-other",
-    ]

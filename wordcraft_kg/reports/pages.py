@@ -20,8 +20,7 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
 from wordcraft_kg.base.wording import for_html
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
-from wordcraft_kg.reports.charts import COLOURS, Chart
-from wordcraft_kg.reports.charts.chart import DARK, LIGHT
+from wordcraft_kg.reports.charts import COLOURS, DARK, LIGHT, Chart
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.runs.run_folder import locked
 

@@ -9,8 +9,8 @@ from tests.apps.explorer.shown import HOSTILE, explored_graph
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.apps.explorer.site import export_site
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.models.folder import open_model

@@ -10,8 +10,7 @@ from starlette.testclient import TestClient
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
-from wordcraft_kg.apps.explorer.rendering import Site
-from wordcraft_kg.apps.explorer.server import make_app
+from wordcraft_kg.apps.explorer.site import Site, make_app
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split

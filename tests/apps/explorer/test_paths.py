@@ -3,13 +3,12 @@
 import pytest
 
 from tests.apps.explorer.shown import client_of, explored_graph, look, view_of
-from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
-from wordcraft_kg.apps.explorer.rendering import Site
+from wordcraft_kg.apps.explorer.site import Site, export_site
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import Planner, SplitConfig, make_split

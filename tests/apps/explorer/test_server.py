@@ -17,11 +17,10 @@ from starlette.testclient import TestClient
 
 from tests.apps.explorer.shown import HOSTILE, Shown, client_of
 from tests.apps.people.stored import refused
-from wordcraft_kg.apps.explorer import export
+from wordcraft_kg.apps.explorer import site
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.server import make_app
+from wordcraft_kg.apps.explorer.site import export_site, make_app
 from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS
 from wordcraft_kg.apps.web.serving import listen
 from wordcraft_kg.base.errors import (
@@ -376,7 +375,7 @@ def test_no_file_says_where_folders_are_on_this_machine(
         name: replace(page, exported=lambda _: ()) if page.subject else page
         for name, page in PAGES.items()
     }
-    monkeypatch.setattr(export, "PAGES", few)
+    monkeypatch.setattr(site, "PAGES", few)
     export_site(broken, tmp_path / "site")
     pages = [page for page in (tmp_path / "site").rglob("*.*") if page.is_file()]
     assert any("episodes.jsonl" in page.read_text() for page in pages), "the reason itself is said"

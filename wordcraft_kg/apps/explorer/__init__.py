@@ -11,8 +11,8 @@ server and the static site render the same pages and differ only in their addres
 - ``explored``: opened folders, and values that are computed once, by the first page that needs them
   (``Explored.once``): tasks, the planner, a policy bound to tasks.
 - ``predictor``: a link predictor's scores, ranks and reasons, for the pages about links.
-- ``rendering``: templates and links between pages, for the server and for static sites.
-- ``server``, ``export``: the two ways to publish the pages; ``commands``: ``wordcraft-kg explore``.
+- ``site``: pages from templates with links between them, and the two ways to publish them, a server
+  and a static folder; ``commands``: ``wordcraft-kg explore``.
 - ``templates``, ``static``: HTML and the two scripts.
 
 Free to change without asking: templates, texts, drawings, limits of lists. Others rely on the names

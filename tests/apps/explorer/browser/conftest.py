@@ -11,7 +11,7 @@ import pytest
 import uvicorn
 
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.server import make_app
+from wordcraft_kg.apps.explorer.site import make_app
 from wordcraft_kg.apps.web.serving import address_of, listen
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")

@@ -11,7 +11,7 @@ from tests.apps.explorer.browser.conftest import served
 from tests.apps.explorer.shown import HOSTILE
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.server import make_app
+from wordcraft_kg.apps.explorer.site import make_app
 
 PHONE = {"width": 360, "height": 640}
 

@@ -67,7 +67,7 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
     if export is not None:
         _export(opened, export, force, output)
         return
-    from wordcraft_kg.apps.explorer.server import end_process, make_app, warm
+    from wordcraft_kg.apps.explorer.site import end_process, make_app, warm
     from wordcraft_kg.apps.web.serving import listen, serve
 
     # Before the work, which takes seconds: a port in use is reported at once.
@@ -88,7 +88,7 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
 
 
 def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Output) -> None:
-    from wordcraft_kg.apps.explorer.export import export_site
+    from wordcraft_kg.apps.explorer.site import export_site
     from wordcraft_kg.base.artefacts import check_output
 
     check_output(out, force=force)

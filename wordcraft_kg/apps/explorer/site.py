@@ -1,0 +1,493 @@
+"""The site: pages rendered from templates, served on a port, or written as a static folder.
+
+Both ways render the same pages by :class:`Site` and differ only in the addresses of pages.
+"""
+
+import asyncio
+import json
+import os
+import re
+import sys
+import threading
+import time
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import cache, lru_cache, partial
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import parse_qsl
+
+import jinja2
+import msgspec
+import torch
+from markupsafe import Markup
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+from starlette.routing import Route, Router
+from starlette.types import ASGIApp
+
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
+from wordcraft_kg.apps.explorer.pages import HOME, PAGES
+from wordcraft_kg.apps.explorer.pages.entities import search_entities
+from wordcraft_kg.apps.web.guard import Guard, file_endpoint, static_texts, style_sheet
+from wordcraft_kg.base.artefacts import (
+    dump_json,
+    json_text,
+    sha256_of,
+    staged_folder,
+    write_atomically,
+)
+from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.records import Count, Hash, Record, as_values
+from wordcraft_kg.base.wording import for_html
+from wordcraft_kg.reports.agent_report import ACTIONS
+from wordcraft_kg.reports.pages import Outline, make_environment
+from wordcraft_kg.runs.record import RUN_FILE
+
+
+class Site:
+    """Renders pages.
+
+    Attributes:
+        explored: content of the pages.
+        address: returns the address of a page; empty where the site does not have it.
+        file: returns the address of the site's own files, such as the style sheet, by file name.
+        is_static: whether the site has no server, so that pages have no forms.
+    """
+
+    def __init__(
+        self,
+        explored: Explored,
+        address: Addresses,
+        file: Callable[[str], str],
+        *,
+        is_static: bool = False,
+    ):
+        """Take the content and address forms; the class describes the arguments."""
+        self.explored = explored
+        self.address = address
+        self.file = file
+        self.is_static = is_static
+
+    @property
+    def menu(self) -> list[tuple[Page[Any], str]]:
+        """Pages in the menu with something to show, and their addresses."""
+        pages = [page for page in PAGES.values() if page.title and page.is_there(self.explored)]
+        entries = [(page, self.address(page, page.state())) for page in pages]
+        # A static site lacks the pages that need a server.
+        return [entry for entry in entries if entry[1]]
+
+    def page(self, page: Page[Any], state: PageState) -> str:
+        """Return a page as HTML.
+
+        Raises:
+            WordCraftKGError: if the settings ask for something that is not there, or a folder has
+                changed.
+        """
+        view = page.view(self.explored, state)
+        pictures = page.draw(view, state, self.address) if page.draw else {}
+        return self._render(f"{page.name}.html.j2", page, state, view=view, pictures=pictures)
+
+    def error(self, status: int, message: str, suggestions: Mapping[str, str] | None = None) -> str:
+        """Return an error page.
+
+        Args:
+            status: HTTP status, such as 404.
+            message: sentence about the problem; any text, since templates escape it.
+            suggestions: addresses of pages that may have been meant, by label; None for none.
+
+        Returns:
+            the page as HTML.
+        """
+        values = {"status": status, "message": message, "suggestions": suggestions or {}}
+        return self._render("error.html.j2", None, None, **values)
+
+    def _render(
+        self, template: str, page: Page[Any] | None, state: PageState | None, **values: Any
+    ) -> str:
+        outline = Outline()
+
+        def link(name: str, **fields: Any) -> str:
+            return self.address(PAGES[name], PAGES[name].state(**fields))
+
+        def here(**changes: Any) -> str:
+            assert page is not None
+            assert state is not None
+            return self.address(page, msgspec.structs.replace(state, **changes))
+
+        def entity(label: str) -> Markup:
+            # The chosen model stays chosen on the pages that follow.
+            model = getattr(state, "model", "")
+            settings = {"model": model} if model else {}
+            return _anchor(link("entity", entity=label, **settings), label)
+
+        shown = {
+            "site": self,
+            "page": page,
+            "state": state,
+            "outline": outline,
+            "heading": outline.heading,
+        }
+        functions = {
+            "term": outline.term,
+            "link": link,
+            "here": here,
+            "entity": entity,
+            "a": _anchor,
+        }
+        environment = _environment(HOME.package if page is None else page.package)
+        return environment.get_template(template).render(**shown, **functions, **values)
+
+
+def _anchor(address: str, text: str) -> Markup:
+    """Return a link, or only its text where there is no address."""
+    shown = for_html(text)
+    # Markup.format escapes the address, for_html the text: both may hold labels from a stranger's
+    # book.
+    return Markup('<a href="{}">{}</a>').format(address, shown) if address else shown
+
+
+@cache
+def _environment(package: str) -> jinja2.Environment:
+    # Charts look as in reports, and templates share their macros. The page's own package comes
+    # first, so that a page from outside may replace a shared template; dict.fromkeys drops the
+    # explorer's second mention.
+    packages = dict.fromkeys(
+        (package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports")
+    )
+    environment = make_environment(*packages)
+    environment.globals["actions"] = ACTIONS
+    return environment
+
+
+# --- served ---------------------------------------------------------------------------------------
+
+T = TypeVar("T")
+PACKAGE = "wordcraft_kg.apps.explorer"
+SCRIPTS = ("explorer.js",)
+_KEPT = 256
+"""Rendered pages in memory, 50 KB each."""
+_THREADS = 8
+"""Concurrently rendered pages: more threads compete, fewer may all wait for one value."""
+_THREAD_NAME = "pages"
+"""Beginning of the names of all threads that compute pages."""
+_QUIET = 1.0
+"""Seconds after the start, reserved for the first page."""
+
+
+def make_app(
+    explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()
+) -> ASGIApp:
+    """Return the web application for this content.
+
+    Args:
+        explored: the content of all pages.
+        host: name or address of this host; requests that name another host are refused, so that
+            a foreign web page cannot read the answers (DNS rebinding).
+        more_hosts: further names under which the server is reached, as behind a proxy.
+
+    Returns:
+        an ASGI application, for uvicorn or a test client.
+    """
+    server = _Server(explored)
+    routes = [
+        Route("/", server.home),
+        Route("/search", server.search),
+        Route(
+            "/files/{name}",
+            file_endpoint(PACKAGE, SCRIPTS, lambda message: server.error(404, message)),
+        ),
+        Route("/{name}", server.page),
+        Route("/{name}/{subject:path}", server.page),
+    ]
+    return Guard(Router(routes), host, more_hosts, server.site.error)
+
+
+class _Server:
+    def __init__(self, explored: Explored) -> None:
+        self.explored = explored
+        self.site = Site(
+            explored, lambda page, state: page.address(state), lambda name: f"/files/{name}"
+        )
+        # More torch threads would only compete: a table has ten rows.
+        self._threads = ThreadPoolExecutor(_THREADS, _THREAD_NAME, torch.set_num_threads, (1,))
+        self._kept = lru_cache(_KEPT)(self._rendered)
+        self._page(HOME, "", [])  # so that the first page is ready with the address
+
+    async def home(self, _: Request) -> Response:
+        return RedirectResponse(HOME.address(HOME.state()))
+
+    async def search(self, request: Request) -> Response:
+        matches = await self._in_thread(self._suggestions, request.query_params.get("q", "")[:200])
+        return _json(list(matches.items()))
+
+    async def page(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        subject = request.path_params.get("subject", "")
+        page = PAGES.get(name)
+        if page is None or (subject and not page.subject):
+            return self.error(404, f"The page '{name[:60]}' does not exist.")
+        try:
+            # The parser of Starlette accepts invalid bytes and any number of fields.
+            query = parse_qsl(
+                request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200
+            )
+        except (ValueError, UnicodeError):
+            message = (
+                "The address is not well-formed: its query cannot be read as UTF-8 names and "
+                "values."
+            )
+            return self.error(400, message)
+        return await self._in_thread(self._page, page, subject, query)
+
+    async def _in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
+        return await asyncio.get_running_loop().run_in_executor(self._threads, work, *arguments)
+
+    def _page(self, page: Page[Any], subject: str, query: list[tuple[str, str]]) -> Response:
+        as_json = ("format", "json") in query
+        try:
+            state = page.read(subject, [entry for entry in query if entry != ("format", "json")])
+            if as_json:
+                return _json(as_values(page.view(self.explored, state)))
+            is_live = page.is_live(self.explored, state)
+            text = self._rendered(page, state) if is_live else self._kept(page, state)
+            headers = {"Cache-Control": "no-store" if is_live else "no-cache"}
+            return Response(text, media_type="text/html", headers=headers)
+        except UnknownEntityError as error:
+            # Labels that do not fit a path are in the query; the unknown name may also be a run or
+            # a model.
+            label = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
+            is_other = label in self.explored.opened.graph
+            return self.error(404, str(error), {} if is_other else self._suggestions(label[:200]))
+        except ConfigError as error:
+            return self.error(400, str(error))
+        except WordCraftKGError as error:
+            # An opened folder has changed on disk, or does not support the query.
+            return self.error(409, str(error))
+
+    def _suggestions(self, wanted: str) -> dict[str, str]:
+        entity = PAGES["entity"]
+        labels = search_entities(self.explored.opened.graph, wanted)
+        return {label: entity.address(entity.state(entity=label)) for label in labels}
+
+    def error(
+        self, status: int, message: str, suggestions: dict[str, str] | None = None
+    ) -> Response:
+        return Response(
+            self.site.error(status, message, suggestions), status, media_type="text/html"
+        )
+
+    def _rendered(self, page: Page[Any], state: PageState) -> bytes:
+        return self.site.page(page, state).encode()
+
+
+def warm(explored: Explored) -> threading.Thread:
+    """Compute all menu pages' values in the background, for the first visitor."""
+
+    def make() -> None:
+        time.sleep(_QUIET)
+        for page in PAGES.values():
+            if page.title and page.is_there(explored):
+                with suppress(WordCraftKGError):  # errors are reported when the page is opened
+                    page.view(explored, page.state())
+
+    thread = threading.Thread(target=make, name=f"{_THREAD_NAME}-first", daemon=True)
+    thread.start()
+    return thread
+
+
+def end_process() -> None:
+    """End the process with exit code 0, if threads have computed pages, without waiting for them.
+
+    A thread in torch cannot be interrupted, and Python would wait for its page. Nothing is lost:
+    the server writes no files.
+    """
+    if any(thread.name.startswith(_THREAD_NAME) for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
+
+
+def _json(values: Any) -> Response:
+    return Response(json_text(values), media_type="application/json")
+
+
+# --- as a static folder ---------------------------------------------------------------------------
+
+SITE_FILE = "site.json"
+LONGEST_NAME = 60
+"""Letters of a file name that come from page settings: file systems allow 255 bytes."""
+
+
+class ExportedSite(Record):
+    """A static site (``site.json``).
+
+    Attributes:
+        graph: name of the graph.
+        graph_hash: content hash of the graph.
+        split_hash: hash of the split.
+        pages: number of pages.
+        largest: bytes of the largest page.
+        bytes: bytes of all pages.
+        models: SHA-256 of each model's weights, by name.
+        runs: SHA-256 of each run's record, by name.
+        skipped: messages of the errors that took the place of pages, by the page's address.
+    """
+
+    graph: str
+    graph_hash: Hash
+    split_hash: Hash
+    pages: Count
+    largest: Count
+    bytes: Count
+    models: dict[str, str]
+    runs: dict[str, str]
+    skipped: dict[str, str]
+
+
+def export_site(explored: Explored, out: Path, *, force: bool = False) -> ExportedSite:
+    """Write the pages that need no server into a folder, with ``index.html`` as the first.
+
+    A page that cannot be computed becomes a page with the message, so that links to it work.
+
+    Args:
+        explored: content of the pages.
+        out: folder to write; it appears when all pages are written.
+        force: replace the folder if it exists.
+
+    Returns:
+        numbers of pages and bytes, hashes of the inputs, and skipped pages, as in ``site.json``.
+
+    Raises:
+        OutputExistsError: if the folder exists and ``force`` is False.
+    """
+    files = _Files(explored)
+    sizes = []
+    skipped = {}
+    with staged_folder(out, force=force) as folder:
+        texts = {
+            "explorer.css": style_sheet(),
+            "search.js": files.search(),
+            **static_texts(PACKAGE, SCRIPTS),
+        }
+        for name, text in texts.items():
+            write_atomically(folder / name, text)
+        for (page, state), name in steps("writing pages", list(files.names.items())):
+            # Links are relative to the file that they are in, so each file has a site of its own.
+            site = Site(
+                explored,
+                partial(files.address, seen_from=name),
+                partial(_relative, to=name),
+                is_static=True,
+            )
+            try:
+                text = site.page(PAGES[page], state)
+            except WordCraftKGError as error:
+                skipped[PAGES[page].address(state)] = _without_paths(str(error), explored)
+                text = site.error(404, str(error))
+            content = _without_paths(text, explored).encode()
+            (folder / name).parent.mkdir(exist_ok=True)
+            write_atomically(folder / name, content)
+            sizes.append(len(content))
+        weights = {
+            name: predictor.model.run.outputs["model.safetensors"]
+            for name, predictor in explored.models.items()
+        }
+        exported = ExportedSite(
+            graph=explored.opened.graph.name,
+            graph_hash=explored.opened.graph.hash,
+            split_hash=explored.opened.split.hash,
+            pages=len(sizes),
+            largest=max(sizes),
+            bytes=sum(sizes),
+            models=weights,
+            runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
+            skipped=skipped,
+        )
+        write_atomically(folder / SITE_FILE, dump_json(as_values(exported)))
+    return exported
+
+
+class _Files:
+    """File names of a site: ``names`` has each page's file by page name and settings."""
+
+    def __init__(self, explored: Explored):
+        self.explored = explored
+        # Servers and disks open index.html first, so the first page has no name of its own.
+        self.names: dict[tuple[str, PageState], str] = {(HOME.name, HOME.state()): "index.html"}
+        file_names = {"index.html"}
+        for page in PAGES.values():
+            for state in page.states(explored):
+                if (page.name, state) not in self.names:
+                    name = _unused(f"{page.name}/{_stem(page, state)}", file_names)
+                    self.names[page.name, state] = name
+                    file_names.add(name)
+
+    def address(self, page: Page[Any], state: PageState, *, seen_from: str) -> str:
+        target = self.names.get((page.name, state))
+        return "" if target is None else _relative(target, seen_from)
+
+    def search(self) -> str:
+        """Return the script with the entities and their files, the most used entities first."""
+        graph = self.explored.opened.graph
+        entity = PAGES["entity"]
+        by_use = sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i])
+        files = {
+            label: self.names.get((entity.name, entity.state(entity=label)))
+            for label in graph.labels(by_use)
+        }
+        entries = [(label, file) for label, file in files.items() if file]
+        # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from
+        # a disk. ASCII only, so that the file's encoding does not matter.
+        return f"window.entities = {json.dumps(entries, ensure_ascii=True)};\n"
+
+
+def _unused(stem: str, taken: set[str]) -> str:
+    """Return a file name that no page has.
+
+    Labels may differ only in characters that file names cannot have.
+    """
+    name = f"{stem}.html"
+    number = 1
+    while name in taken:
+        number += 1
+        name = f"{stem}-{number}.html"
+    return name
+
+
+def _without_paths(text: str, explored: Explored) -> str:
+    """Replace folders by names: paths on this machine are private."""
+    folders = {
+        name: predictor.folder for name, predictor in explored.models.items()
+    } | explored.runs
+    for name, folder in folders.items():
+        # A relative path such as `run` tells nothing, and may be a word of a page.
+        if folder.is_absolute():
+            text = text.replace(str(folder), name)
+            # Pages hold the path as HTML.
+            text = text.replace(str(for_html(folder)), str(for_html(name)))
+    return text
+
+
+def _stem(page: Page[Any], state: PageState) -> str:
+    """Return a file name from the settings other than the defaults; others may have the same.
+
+    Only lower-case letters and digits: some file systems ignore case, and labels may have any
+    characters, such as those that lead to another folder.
+    """
+    usual = page.state()
+    values = [
+        str(getattr(state, field))
+        for field in state.__struct_fields__
+        if getattr(state, field) != getattr(usual, field)
+    ]
+    plain = re.sub(r"[^a-z0-9]+", "-", "-".join(values).lower()).strip("-")
+    # The cut may end with a hyphen.
+    return plain[:LONGEST_NAME].strip("-") or page.name
+
+
+def _relative(file: str, to: str) -> str:
+    return os.path.relpath(file, os.path.dirname(to) or ".")

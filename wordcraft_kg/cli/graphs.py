@@ -292,7 +292,7 @@ def warn_of_cases(labels: Sequence[str]) -> None:
 
 def warn_of_missing(labels: Sequence[str]) -> None:
     """Log a warning about labels that often stand for nothing, such as NA, and are entities."""
-    from wordcraft_kg.graphs.label_notes import note_of_missing
+    from wordcraft_kg.graphs.recipes import note_of_missing
 
     for note in note_of_missing(labels):
         logging.getLogger(__name__).warning(

@@ -34,17 +34,19 @@ from wordcraft_kg.graphs.book_files.reader import (
 )
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
 from wordcraft_kg.graphs.book_files.writing import csv_line
-from wordcraft_kg.graphs.label_notes import (
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.reading import Reading
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import (
     HTML_ENTITY,
     NOTHING,
+    Recipe,
+    RecipeBook,
+    alike_labels,
     is_missing,
     note_of_marks,
     note_of_numbers,
 )
-from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
 
 FAULTY = "with a problem"
 """Reason of rows that are no recipe because of a fault."""

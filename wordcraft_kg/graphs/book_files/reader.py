@@ -51,7 +51,6 @@ from wordcraft_kg.graphs.book_files.texts import (
     read_lines,
     read_table,
 )
-from wordcraft_kg.graphs.label_notes import notes_about
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import (
     MOST_INGREDIENTS,
@@ -60,6 +59,7 @@ from wordcraft_kg.graphs.recipes import (
     RecipeRows,
     check_label,
     label_fault,
+    notes_about,
 )
 
 CASES = ("keep", "fold")

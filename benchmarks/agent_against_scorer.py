@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from split_intervals import split_interval
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import split_interval
 from wordcraft_kg.evaluation.players import view_evaluation
 
 

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, ndtri
+from split_intervals import split_interval
 
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import (
@@ -35,7 +36,6 @@ from wordcraft_kg.base.statistics import (
     interval,
     paired_difference,
     rate_interval,
-    split_interval,
     student_interval,
     task_bootstrap,
 )

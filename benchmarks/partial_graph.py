@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from split_intervals import split_interval
 
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import split_interval
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph

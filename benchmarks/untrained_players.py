@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from split_intervals import split_interval
 
 from wordcraft_kg.agents.evaluation import play_all
 from wordcraft_kg.agents.players import (
@@ -32,7 +33,6 @@ from wordcraft_kg.agents.players import (
     scorer_players,
 )
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import split_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World

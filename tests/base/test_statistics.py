@@ -19,7 +19,6 @@ from wordcraft_kg.base.statistics import (
     holm,
     paired_difference,
     rate_interval,
-    split_interval,
     student_interval,
     task_bootstrap,
     wilson_interval,
@@ -147,27 +146,6 @@ def test_few_groups_get_students_t_and_one_group_says_nothing_of_others():
     assert task_bootstrap(table, one) == pytest.approx(wilson_interval(rate, 1))
     assert crossed_difference(table.T - 0.4, one)[0][1:] == (-1.0, 1.0)
     assert paired_difference(table, ~table, one)[1:] == (-1.0, 1.0)
-
-
-def test_the_mean_over_splits_is_never_surer_than_the_tasks_of_one_split():
-    noise = 0.02
-    low, high = split_interval([0.2200, 0.2205, 0.2195], [noise] * 3)
-    assert (low, high) == pytest.approx((0.22 - 1.959964 * noise, 0.22 + 1.959964 * noise))
-    student = student_interval([0.2200, 0.2205, 0.2195])
-    assert student[1] - student[0] < 0.1 * (high - low)
-    wide = [0.18, 0.22, 0.20]
-    between = 4.302653**2 * (0.02**2 - 0.019**2) / 3 + 1.959964**2 * 0.019**2
-    low, high = split_interval(wide, [0.019] * 3)
-    student = 4.302653 * 0.02 / 3**0.5
-    assert (0.2 - low, high - 0.2) == pytest.approx([max(between**0.5, student)] * 2)
-    near = [0.195, 0.205, 0.20]
-    between = 4.302653**2 * (0.005**2 - 0.004**2) / 3 + 1.959964**2 * 0.004**2
-    assert between**0.5 < 4.302653 * 0.005 / 3**0.5, "Student's t is the wider one"
-    assert split_interval(near, [0.004] * 3) == pytest.approx(student_interval(near))
-    assert split_interval([0.4], [0.1]) == pytest.approx((0.4 - 0.1959964, 0.4 + 0.1959964))
-    assert split_interval([-0.9, -0.9], [0.1, 0.1], within=(-1, 1))[0] == -1
-    with pytest.raises(ConfigError, match="2 errors of 3 scores"):
-        split_interval([0.1, 0.2, 0.3], [0.1, 0.1])
 
 
 @pytest.mark.parametrize("attempts", [1, 3])

@@ -2,9 +2,11 @@
 # lazy_loader. To add a name, add a line, and an example of it to its docstring.
 
 from .agents.agent_folder import open_agent as open_agent
-from .agents.config import AgentConfig as AgentConfig
-from .agents.config import ImpalaConfig as ImpalaConfig
-from .agents.config import TaskConfig as TaskConfig
+from .agents.config import (
+    AgentConfig as AgentConfig,
+    ImpalaConfig as ImpalaConfig,
+    TaskConfig as TaskConfig,
+)
 from .agents.evaluation import evaluate as evaluate
 from .agents.training import train_agent as train_agent
 from .envs.config import WordCraftConfig as WordCraftConfig
@@ -12,27 +14,28 @@ from .envs.world import World as World
 from .graphs.folder import open_graph as open_graph
 from .graphs.library import open_book as open_book
 from .graphs.recipe_graph import RecipeGraph as RecipeGraph
-from .graphs.splits import SplitConfig as SplitConfig
-from .graphs.splits import make_split as make_split
+from .graphs.splits import SplitConfig as SplitConfig, make_split as make_split
 from .models.folder import open_model as open_model
-from .models.links.config import ComplExConfig as ComplExConfig
-from .models.links.config import LinkModelConfig as LinkModelConfig
-from .models.links.config import LinksConfig as LinksConfig
+from .models.links.config import (
+    ComplExConfig as ComplExConfig,
+    LinkModelConfig as LinkModelConfig,
+    LinksConfig as LinksConfig,
+)
 from .models.links.pykeen_bridge import from_pykeen as from_pykeen
 from .models.links.training import train_links as train_links
 from .models.policies.config import PolicyConfig as PolicyConfig
-from .models.policies.folder import load_policy as load_policy
-from .models.policies.folder import save_policy as save_policy
+from .models.policies.folder import load_policy as load_policy, save_policy as save_policy
 from .models.policies.sources.registry import make_sources as make_sources
-from .models.recipes.config import RecipesConfig as RecipesConfig
-from .models.recipes.config import RecipeScorerConfig as RecipeScorerConfig
+from .models.recipes.config import (
+    RecipesConfig as RecipesConfig,
+    RecipeScorerConfig as RecipeScorerConfig,
+)
 from .models.recipes.training import train_recipes as train_recipes
 from .models.saving import save_scorer as save_scorer
 from .models.scorers.cross_fitting import cross_fit as cross_fit
 from .models.scorers.folder import load_scorer as load_scorer
 from .runs.trackers import Tracker as Tracker
 from .studies.engine import run_study as run_study
-from .studies.study import Study as Study
-from .studies.study import read_study as read_study
+from .studies.study import Study as Study, read_study as read_study
 
 __version__: str

@@ -3,8 +3,7 @@ import time
 from itertools import pairwise
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from wordcraft_kg.base.answers import read_answer
 from wordcraft_kg.base.errors import ActionError

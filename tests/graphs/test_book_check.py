@@ -3,8 +3,7 @@ from itertools import pairwise
 
 import pytest
 from graph_strategies import books
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from wordcraft_kg.graphs import RecipeGraph, open_book, read_book, write_book
 from wordcraft_kg.graphs.book_check import check_book

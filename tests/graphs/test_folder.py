@@ -18,13 +18,13 @@ from wordcraft_kg.graphs import (
     RecipeBook,
     RecipeGraph,
     SplitConfig,
+    folder as folder_module,
     make_split,
     open_book,
     open_graph,
     read_book,
     write_graph_folder,
 )
-from wordcraft_kg.graphs import folder as folder_module
 from wordcraft_kg.graphs.audit import audit
 from wordcraft_kg.graphs.export import EXPORTERS, export_graph
 from wordcraft_kg.graphs.triples import RELATIONS

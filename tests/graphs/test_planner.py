@@ -1,8 +1,7 @@
 import graph_oracles as oracles
 import pytest
 from graph_strategies import graphs
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.graphs import Derivation, Planner, Recipe, RecipeGraph, layers, rounds

@@ -5,8 +5,7 @@ import random
 import re
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.graphs import open_book, read_book

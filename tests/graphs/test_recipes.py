@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from graph_strategies import books, labels
 from helpers import refuses
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book

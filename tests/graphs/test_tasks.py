@@ -6,8 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from graph_strategies import graphs, graphs_of_sets
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.stats import chisquare
 
 from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from graph_strategies import configs, splittable_graphs
 from helpers import refuses
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 from test_splits import HELD_OUT_KINDS, drawn
 
 from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split, open_graph

@@ -24,12 +24,12 @@ from wordcraft_kg.agents.losses import (
     Successes,
     baseline_loss,
     divergence,
+    entropy as summed_entropy,
     led_to_goals,
     memory_loss,
     policy_gradient_loss,
     v_trace,
 )
-from wordcraft_kg.agents.losses import entropy as summed_entropy
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.base.settings import check_memory

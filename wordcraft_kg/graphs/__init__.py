@@ -23,27 +23,71 @@ order of ids, the formats of hashes and the random draws of splits, folds and ta
 models, runs and published results refer to them (``tests/graphs/test_recipe_graph.py`` compares).
 """
 
-from wordcraft_kg.graphs.audit import audit as audit
-from wordcraft_kg.graphs.book_files import read_book as read_book
-from wordcraft_kg.graphs.book_files import write_book as write_book
-from wordcraft_kg.graphs.folder import OpenedGraph as OpenedGraph
-from wordcraft_kg.graphs.folder import open_graph as open_graph
-from wordcraft_kg.graphs.folder import write_graph_folder as write_graph_folder
-from wordcraft_kg.graphs.library import fetch_book as fetch_book
-from wordcraft_kg.graphs.library import known_books as known_books
-from wordcraft_kg.graphs.library import open_book as open_book
-from wordcraft_kg.graphs.planner import Derivation as Derivation
-from wordcraft_kg.graphs.planner import Planner as Planner
-from wordcraft_kg.graphs.planner import layers as layers
-from wordcraft_kg.graphs.planner import rounds as rounds
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph as RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe as Recipe
-from wordcraft_kg.graphs.recipes import RecipeBook as RecipeBook
-from wordcraft_kg.graphs.splits import SPLITS as SPLITS
-from wordcraft_kg.graphs.splits import Split as Split
-from wordcraft_kg.graphs.splits import SplitConfig as SplitConfig
-from wordcraft_kg.graphs.splits import make_split as make_split
-from wordcraft_kg.graphs.triples import COMBINES_WITH as COMBINES_WITH
-from wordcraft_kg.graphs.triples import COMPONENT_OF as COMPONENT_OF
-from wordcraft_kg.graphs.triples import RELATIONS as RELATIONS
-from wordcraft_kg.graphs.triples import recipe_triples as recipe_triples
+from wordcraft_kg.graphs.arrays import (
+    Ids as Ids,
+    distinct as distinct,
+    frozen as frozen,
+    padded as padded,
+    recipe_keys as recipe_keys,
+)
+from wordcraft_kg.graphs.audit import SplitSummary as SplitSummary, audit as audit
+from wordcraft_kg.graphs.book_files import read_book as read_book, write_book as write_book
+from wordcraft_kg.graphs.folder import (
+    KG as KG,
+    OpenedGraph as OpenedGraph,
+    PlayedGraph as PlayedGraph,
+    TrainedOn as TrainedOn,
+    default_split as default_split,
+    open_graph as open_graph,
+    write_graph_folder as write_graph_folder,
+)
+from wordcraft_kg.graphs.folds import (
+    OUTSIDE as OUTSIDE,
+    Folds as Folds,
+    fold_of_tasks as fold_of_tasks,
+    make_folds as make_folds,
+)
+from wordcraft_kg.graphs.library import (
+    fetch_book as fetch_book,
+    known_books as known_books,
+    open_book as open_book,
+)
+from wordcraft_kg.graphs.planner import (
+    Derivation as Derivation,
+    Planner as Planner,
+    layers as layers,
+    rounds as rounds,
+)
+from wordcraft_kg.graphs.recipe_graph import Entity as Entity, RecipeGraph as RecipeGraph
+from wordcraft_kg.graphs.recipes import (
+    MOST_INGREDIENTS as MOST_INGREDIENTS,
+    Recipe as Recipe,
+    RecipeBook as RecipeBook,
+    check_label as check_label,
+    label_fault as label_fault,
+)
+from wordcraft_kg.graphs.splits import (
+    PARTS as PARTS,
+    SPLITS as SPLITS,
+    Part as Part,
+    Split as Split,
+    SplitConfig as SplitConfig,
+    make_split as make_split,
+)
+from wordcraft_kg.graphs.task_search import MAX_DEPTH as MAX_DEPTH, make_tasks as make_tasks
+from wordcraft_kg.graphs.tasks import TaskPart as TaskPart, TaskSet as TaskSet
+from wordcraft_kg.graphs.train_samples import (
+    TrainSample as TrainSample,
+    describe_train_sample as describe_train_sample,
+    draw_train_sample as draw_train_sample,
+    is_subsample as is_subsample,
+)
+from wordcraft_kg.graphs.triples import (
+    COMBINES_WITH as COMBINES_WITH,
+    COMPONENT_OF as COMPONENT_OF,
+    RELATIONS as RELATIONS,
+    Relation as Relation,
+    is_in as is_in,
+    recipe_triples as recipe_triples,
+    triples_hash as triples_hash,
+)

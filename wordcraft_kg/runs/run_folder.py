@@ -22,6 +22,7 @@ from wordcraft_kg.base.artefacts import (
     drop_temporary,
     has_only_temporary,
     in_use,
+    locked as locked,
     made_folder,
     output_target,
     sha256_of,
@@ -29,7 +30,6 @@ from wordcraft_kg.base.artefacts import (
     with_a_name,
     write_atomically,
 )
-from wordcraft_kg.base.artefacts import locked as locked
 from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig

@@ -7,8 +7,7 @@ import hypothesis.extra.numpy as npst
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from link_helpers import random_graph, train
 from link_oracles import equation_2, n3
 from pykeen.models import TransD, TransE

@@ -32,8 +32,7 @@ from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, recipe_triples
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.knowledge.folder import KnowledgeRecord, KnowledgeTables, write_knowledge
-from wordcraft_kg.models.links import regularisation
-from wordcraft_kg.models.links import training as link_training
+from wordcraft_kg.models.links import regularisation, training as link_training
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, LinkSettings
 from wordcraft_kg.models.links.fitting import Epochs, fit

@@ -8,10 +8,8 @@ from dataclasses import asdict
 import pytest
 import torch
 from helpers import refuses
-from hypothesis import example, given
-from hypothesis import strategies as st
-from small_scorers import BareScorer, normal
-from small_scorers import states as states_of
+from hypothesis import example, given, strategies as st
+from small_scorers import BareScorer, normal, states as states_of
 
 from wordcraft_kg import PolicyConfig, make_sources
 from wordcraft_kg.base.errors import ConfigError, NotRegisteredError

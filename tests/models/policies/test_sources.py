@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import torch
 from helpers import refuses
-from small_scorers import BareScorer, scaled_scorer
-from small_scorers import states as states_of
+from small_scorers import BareScorer, scaled_scorer, states as states_of
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.agents import states as engine_states

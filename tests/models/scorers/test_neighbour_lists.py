@@ -18,11 +18,13 @@ from wordcraft_kg.base.settings import CORES_VARIABLE
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
 from wordcraft_kg.models.scorers.kernel import TEXT, completion, profiles
-from wordcraft_kg.models.scorers.neighbours import blocks, knowledge
-from wordcraft_kg.models.scorers.neighbours import compiled as compiling
-from wordcraft_kg.models.scorers.neighbours import lists as lists_module
-from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
-from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST
+from wordcraft_kg.models.scorers.neighbours import (
+    blocks,
+    compiled as compiling,
+    knowledge,
+    lists as lists_module,
+)
+from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE, LEAST
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.links import (
     OF_COMBINES,

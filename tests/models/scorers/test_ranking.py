@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from link_helpers import random_graph
 from link_oracles import slow_clusters, slow_ranks
 from pykeen.evaluation import RankBasedEvaluator

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from link_helpers import flip_bit, random_graph, train
 from link_oracles import equation_1
 from small_scorers import embeddings

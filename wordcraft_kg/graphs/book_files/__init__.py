@@ -15,12 +15,16 @@ refuses the file with the commands that read it. ``writing`` writes books. Label
 exactly.
 """
 
-from wordcraft_kg.graphs.book_files.reader import BookOptions as BookOptions
-from wordcraft_kg.graphs.book_files.reader import ReadOptions as ReadOptions
-from wordcraft_kg.graphs.book_files.reader import book_name as book_name
-from wordcraft_kg.graphs.book_files.reader import read_book as read_book
+from wordcraft_kg.graphs.book_files.reader import (
+    BookOptions as BookOptions,
+    ReadOptions as ReadOptions,
+    book_name as book_name,
+    read_book as read_book,
+)
 from wordcraft_kg.graphs.book_files.texts import CSV_HEADER as CSV_HEADER
 from wordcraft_kg.graphs.book_files.words import KIND as KIND
-from wordcraft_kg.graphs.book_files.writing import book_json as book_json
-from wordcraft_kg.graphs.book_files.writing import recipe_table as recipe_table
-from wordcraft_kg.graphs.book_files.writing import write_book as write_book
+from wordcraft_kg.graphs.book_files.writing import (
+    book_json as book_json,
+    recipe_table as recipe_table,
+    write_book as write_book,
+)

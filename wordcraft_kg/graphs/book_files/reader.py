@@ -8,8 +8,7 @@ import logging
 import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from dataclasses import replace as replace_field
+from dataclasses import dataclass, replace as replace_field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack

@@ -13,8 +13,7 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
 from wordcraft_kg.models.scorers.neighbours.storage import check_stored
 from wordcraft_kg.models.scorers.probabilities import kinds_of
-from wordcraft_kg.models.scorers.protocol import RecipeScores as RecipeScores
-from wordcraft_kg.models.scorers.protocol import Witness as Witness
+from wordcraft_kg.models.scorers.protocol import RecipeScores as RecipeScores, Witness as Witness
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
 _ROWS = 4_096

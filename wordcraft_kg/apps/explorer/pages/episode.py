@@ -13,8 +13,7 @@ from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
-from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
-from wordcraft_kg.apps.explorer.pages.tasks import list_tasks
+from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS, list_tasks
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, WordCraftKGError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.settings import whole

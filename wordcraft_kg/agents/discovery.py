@@ -7,13 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base import MAX_SIZE, ConfigError, check_memory, one_of, steps, whole
 from wordcraft_kg.base.labels import LabelIndex
-from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.settings import MAX_SIZE, check_memory, one_of, whole
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+from wordcraft_kg.graphs import Entity, Ids, RecipeGraph
 
 if TYPE_CHECKING:
     import pandas as pd

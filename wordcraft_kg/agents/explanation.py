@@ -12,18 +12,21 @@ from numpy.typing import NDArray
 from torch import nn
 
 from wordcraft_kg.agents.states import has_train_recipes
-from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
-from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import Record, Share
-from wordcraft_kg.base.settings import nearest, whole
+from wordcraft_kg.base import (
+    ConfigError,
+    Record,
+    Share,
+    TaskError,
+    UnknownEntityError,
+    nearest,
+    steps,
+    whole,
+)
 from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.recipe_graph import Entity
-from wordcraft_kg.graphs.splits import Part
-from wordcraft_kg.graphs.tasks import Rows, TaskSet
+from wordcraft_kg.graphs import Entity, Ids, Part, TaskSet, TrainedOn
+from wordcraft_kg.graphs.tasks import Rows
 from wordcraft_kg.models.policies.policy import (
     Policy,
     PolicyOutput,

@@ -25,8 +25,7 @@ from wordcraft_kg.agents.records import EPISODES_FILE, PlayedTask, read_episodes
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import OpenedGraph, TaskPart
 from wordcraft_kg.models.folder import read_train_sample
 from wordcraft_kg.runs.record import RUN_FILE
 

@@ -31,8 +31,7 @@ from wordcraft_kg.agents.losses import (
     v_trace,
 )
 from wordcraft_kg.agents.states import bind_tasks, states_of
-from wordcraft_kg.base.errors import ConfigError, TrainingError
-from wordcraft_kg.base.settings import check_memory
+from wordcraft_kg.base import ConfigError, TrainingError, check_memory
 from wordcraft_kg.base.tensors import as_tensor, copied
 from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy

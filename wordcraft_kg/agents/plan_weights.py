@@ -20,8 +20,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.agents.states import states_of
-from wordcraft_kg.base.errors import LeakError
-from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base import LeakError, steps
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World

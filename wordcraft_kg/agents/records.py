@@ -8,9 +8,7 @@ from typing import Literal, get_args
 
 import msgspec
 
-from wordcraft_kg.base.artefacts import read_large_file
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Count, Record, Share, parse_lines
+from wordcraft_kg.base import ArtefactError, Count, Record, Share, parse_lines, read_large_file
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.record import RunFiles
 

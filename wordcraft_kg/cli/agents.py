@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.wording import counted, quoted
+from wordcraft_kg.base import MAX_SIZE, ConfigError, counted, quoted, whole
 from wordcraft_kg.cli.console import (
     Output,
     aligned,

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from msgspec.structs import replace
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import MAX_SIZE, ConfigError, counted, whole
 from wordcraft_kg.cli.console import (
     Output,
     aligned,

@@ -15,10 +15,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.artefacts import check_output_file, json_text, staged_file, write_atomically
-from wordcraft_kg.base.errors import ConfigError, StdoutError
-from wordcraft_kg.base.progress import listening
-from wordcraft_kg.base.wording import code_point, for_json, for_terminal, quoted
+from wordcraft_kg.base import (
+    ConfigError,
+    check_output_file,
+    for_terminal,
+    json_text,
+    listening,
+    quoted,
+    staged_file,
+    write_atomically,
+)
+from wordcraft_kg.base.errors import StdoutError
+from wordcraft_kg.base.wording import code_point, for_json
 from wordcraft_kg.runs.progress import ProgressBar, Stages
 
 if TYPE_CHECKING:

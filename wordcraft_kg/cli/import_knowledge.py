@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-from wordcraft_kg.base.artefacts import check_output
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ConfigError, check_output, counted
 from wordcraft_kg.cli.console import Output, aligned, command_line
 from wordcraft_kg.cli.options import Force, Graph
 

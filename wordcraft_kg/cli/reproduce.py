@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ConfigError, counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, Words
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs import Ids, RecipeGraph
 
 Array = NDArray[Any]
 """A NumPy array, or a torch tensor on a device, limited to NumPy's interface."""

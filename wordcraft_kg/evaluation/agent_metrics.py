@@ -19,10 +19,7 @@ from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.records import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet, layers
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import ALPHA, source_names, with_letters
 

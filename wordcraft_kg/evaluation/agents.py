@@ -13,14 +13,11 @@ from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.records import TerminationReason
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base import ConfigError, Count, GraphMismatchError, Hash, Record, Share, steps
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import agent_metrics
 from wordcraft_kg.evaluation.agent_metrics import SourceGain, source_gains
-from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import TaskPart, TrainedOn
 from wordcraft_kg.models.policies.sources import shown_setting
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 

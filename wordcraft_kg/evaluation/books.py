@@ -8,32 +8,24 @@ from typing import Unpack
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base.artefacts import staged_file
-from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import Count, RecipeFileError, Record, Share, staged_file
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.graphs.audit import BookFigures
-from wordcraft_kg.graphs.book_check import (
-    LISTED,
-    BookCheck,
-    Finding,
-    check_book,
+from wordcraft_kg.graphs import (
+    Recipe,
+    RecipeBook,
+    TaskPart,
+    known_books,
+    open_book,
+    read_book,
+    write_book,
 )
-from wordcraft_kg.graphs.book_files import ReadOptions, read_book, write_book
+from wordcraft_kg.graphs.audit import BookFigures
+from wordcraft_kg.graphs.book_check import LISTED, BookCheck, Finding, check_book
+from wordcraft_kg.graphs.book_files import ReadOptions
 from wordcraft_kg.graphs.book_files.rows import Place
 from wordcraft_kg.graphs.book_files.writing import write_rows
-from wordcraft_kg.graphs.library import (
-    FETCHABLE,
-    KnownBook,
-    cache_folder,
-    data_folder,
-    known_books,
-    locate_book,
-    open_book,
-)
+from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, cache_folder, data_folder, locate_book
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
-from wordcraft_kg.graphs.tasks import TaskPart
 
 MAX_COUNTED = 8 * 2**20
 """Bytes. A larger book's size is not listed, because counting takes seconds."""

@@ -12,11 +12,9 @@ from wordcraft_kg.agents.discovery import (
     play_runs,
     summarise_curves,
 )
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base import ConfigError, Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.graphs import RecipeGraph, is_in
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,17 +11,13 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents import players
 from wordcraft_kg.agents.evaluation import PlayerSuccess, play_all
-from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import Count, Record, Share, WordCraftKGError
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import OPEN_END, Bounds, binned, goal_groups
 from wordcraft_kg.evaluation.ranked_links import RankedLinks, labelled
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
+from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Ids, RecipeGraph, Relation, layers
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples

@@ -9,14 +9,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.evaluation import PlayerSuccess
-from wordcraft_kg.base.records import Count, Hash, Record, Share
-from wordcraft_kg.base.wording import quoted
+from wordcraft_kg.base import Count, Hash, Record, Share, quoted
 from wordcraft_kg.evaluation import link_sections
 from wordcraft_kg.evaluation.link_sections import Reliability, view_probabilities
 from wordcraft_kg.evaluation.ranked_links import RankedLinks
-from wordcraft_kg.graphs.audit import Leakage, SplitSummary, leakage, split_summary
-from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
+from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Relation, SplitSummary, TrainedOn, is_in
+from wordcraft_kg.graphs.audit import Leakage, leakage, split_summary
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM

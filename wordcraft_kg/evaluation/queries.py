@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self
 
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
     ConfigError,
     QueryFileError,
     UnknownEntityError,
     WordCraftKGError,
+    nearest,
 )
-from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.triples import RELATIONS
 
 OPEN = ("_", "?")

@@ -11,15 +11,20 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
-from wordcraft_kg.base.records import Count, Hash, Record, Share
-from wordcraft_kg.base.settings import MAX_SIZE, refuse, whole
+from wordcraft_kg.base import (
+    MAX_SIZE,
+    ConfigError,
+    Count,
+    GraphMismatchError,
+    Hash,
+    Record,
+    Share,
+    SplitError,
+    refuse,
+    whole,
+)
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.train_samples import TrainSample
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph, TrainedOn, TrainSample
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers import ranking
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer

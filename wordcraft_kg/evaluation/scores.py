@@ -17,19 +17,28 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
+    Count,
     QueryFileError,
+    Record,
+    Share,
     UnknownEntityError,
+    nearest,
 )
-from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.queries import Query, RecipeQuery
-from wordcraft_kg.graphs.arrays import Ids, are_among, recipe_keys
-from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.splits import PARTS, Part, Split
-from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS
+from wordcraft_kg.graphs import (
+    COMPONENT_OF,
+    PARTS,
+    RELATIONS,
+    Ids,
+    Part,
+    Split,
+    TrainedOn,
+    recipe_keys,
+)
+from wordcraft_kg.graphs.arrays import are_among
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder

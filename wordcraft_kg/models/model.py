@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from wordcraft_kg.base.errors import GraphMismatchError
-from wordcraft_kg.base.records import Record
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
-from wordcraft_kg.graphs.train_samples import (
+from wordcraft_kg.base import GraphMismatchError, Record
+from wordcraft_kg.graphs import (
+    Ids,
+    OpenedGraph,
+    TrainedOn,
     TrainSample,
     describe_train_sample,
     draw_train_sample,

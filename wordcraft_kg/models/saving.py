@@ -9,10 +9,8 @@ from typing import ClassVar, get_args
 
 from torch import Tensor
 
-from wordcraft_kg.base.artefacts import staged_folder, with_a_name, write_atomically
-from wordcraft_kg.base.settings import one_of
-from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
-from wordcraft_kg.graphs.folds import Folds
+from wordcraft_kg.base import one_of, staged_folder, with_a_name, write_atomically
+from wordcraft_kg.graphs import Folds, OpenedGraph, TrainedOn
 from wordcraft_kg.models.model import History
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
 from wordcraft_kg.models.scorers.folder import (

@@ -7,8 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import MAX_DIM
+from wordcraft_kg.base import MAX_DIM, ConfigError
 from wordcraft_kg.base.tensors import check_tensors
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.sources import Label

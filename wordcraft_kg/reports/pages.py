@@ -15,10 +15,16 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 import jinja2
 from markupsafe import Markup
 
-from wordcraft_kg.base.artefacts import drop_temporary, dump_json, staged_folder, write_atomically
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import Record, checked_values
-from wordcraft_kg.base.wording import for_html
+from wordcraft_kg.base import (
+    Record,
+    checked_values,
+    drop_temporary,
+    dump_json,
+    for_html,
+    stage,
+    staged_folder,
+    write_atomically,
+)
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
 from wordcraft_kg.reports.charts import COLOURS, DARK, LIGHT, Chart
 from wordcraft_kg.runs.record import RUN_FILE

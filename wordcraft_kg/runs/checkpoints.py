@@ -17,10 +17,20 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from wordcraft_kg.base.artefacts import dump_json, is_locked, read_large_file, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGError, reason
-from wordcraft_kg.base.records import Record, as_values, read_record
-from wordcraft_kg.base.settings import cores
+from wordcraft_kg.base import (
+    ArtefactError,
+    Record,
+    TrainingError,
+    WordCraftKGError,
+    as_values,
+    cores,
+    dump_json,
+    read_large_file,
+    read_record,
+    reason,
+    write_atomically,
+)
+from wordcraft_kg.base.artefacts import is_locked
 
 if TYPE_CHECKING:
     from torch import Tensor

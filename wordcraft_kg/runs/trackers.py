@@ -10,9 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
-from wordcraft_kg.base.errors import MissingExtraError
+from wordcraft_kg.base import MissingExtraError, one_of
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.runs.record import Status
 from wordcraft_kg.runs.run_folder import RunFolder
 

@@ -31,8 +31,7 @@ from typing import Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.base import ConfigError, Count, Record, counted
 from wordcraft_kg.base.statistics import (
     FEWEST_PAIRS,
     Groups,
@@ -41,7 +40,6 @@ from wordcraft_kg.base.statistics import (
     rate_interval,
     student_interval,
 )
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.results import RunResult, StudyResults, steps_to
 from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at
 

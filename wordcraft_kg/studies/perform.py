@@ -13,11 +13,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError, WordCraftKGError, reason
-from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph, write_graph_folder
-from wordcraft_kg.graphs.library import open_book
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import (
+    OpenedGraph,
+    PlayedGraph,
+    RecipeGraph,
+    SplitConfig,
+    TaskPart,
+    make_split,
+    open_book,
+    open_graph,
+    write_graph_folder,
+)
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.record import RunFiles, read_run
 from wordcraft_kg.runs.run_folder import locked

@@ -28,21 +28,25 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.config import TaskConfig
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
+    ArtefactError,
+    Count,
+    Record,
+    Share,
+    as_record,
+    as_values,
     drop_temporary,
     dump_json,
-    locked,
     made_folder,
+    nearest,
     read_json,
+    read_record,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Count, Record, Share, as_record, as_values, read_record
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.envs.draws import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
+from wordcraft_kg.graphs import Ids, OpenedGraph, PlayedGraph, open_graph
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.study import Study, StudyCell, Values
 

@@ -17,10 +17,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
-from wordcraft_kg.base.artefacts import read_small_file
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Record
-from wordcraft_kg.base.settings import nearest, whole
+from wordcraft_kg.base import ConfigError, Record, nearest, read_small_file, whole
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig

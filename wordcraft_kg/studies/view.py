@@ -12,8 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import (
     FEWEST_PAIRS,
     correlation,

@@ -30,13 +30,14 @@ from wordcraft_kg.apps.elicitation.foreign_code import (
     loading,
     working,
 )
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
     read_json,
     staged_folder,
     with_a_name,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.models.scorers.features import ENCODED
 from wordcraft_kg.runs.record import end_run, start_run

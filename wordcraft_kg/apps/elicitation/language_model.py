@@ -30,15 +30,16 @@ from wordcraft_kg.apps.elicitation.foreign_code import (
     working,
 )
 from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
     TEMPORARY,
+    ArtefactError,
+    ConfigError,
     check_output,
     read_json,
     read_large_file,
     with_a_name,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

@@ -3,9 +3,15 @@
 from pathlib import Path
 from typing import Literal
 
-from wordcraft_kg.base.artefacts import dump_json, read_small_file, what_is
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Record, as_values, parse_record
+from wordcraft_kg.base import (
+    ArtefactError,
+    Record,
+    as_values,
+    dump_json,
+    parse_record,
+    read_small_file,
+    what_is,
+)
 from wordcraft_kg.models.knowledge.folder import Role
 
 _IN_PHRASE = {"part": ("{ingredient}", "{result}"), "pair": ("{a}", "{b}")}

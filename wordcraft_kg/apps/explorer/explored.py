@@ -13,14 +13,11 @@ from wordcraft_kg.agents.agent_folder import AGENTS
 from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import ArtefactError, ConfigError, UnknownEntityError, nearest
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.planner import Planner
+from wordcraft_kg.graphs import OpenedGraph, Planner, TaskPart, open_graph
 from wordcraft_kg.graphs.splits import TEST
-from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.runs.record import RunFiles, run_folders, run_name
 

@@ -10,9 +10,7 @@ from urllib.parse import quote, urlencode
 import msgspec
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import ConfigError, Count, Record, nearest
 
 _LONGEST_QUOTE = 60
 """Letters of an address that an error message repeats: addresses may be of any length."""

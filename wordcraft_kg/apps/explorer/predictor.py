@@ -16,11 +16,19 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.splits import PARTS, Part, Split
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, Relation, is_in
+from wordcraft_kg.graphs import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    PARTS,
+    RELATIONS,
+    Ids,
+    Part,
+    Recipe,
+    RecipeGraph,
+    Relation,
+    Split,
+    is_in,
+)
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import whole_of

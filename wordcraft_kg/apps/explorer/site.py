@@ -32,17 +32,22 @@ from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.apps.explorer.pages.entities import search_entities
 from wordcraft_kg.apps.web.guard import Guard, file_endpoint, static_texts, style_sheet
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
+    ConfigError,
+    Count,
+    Hash,
+    Record,
+    UnknownEntityError,
+    WordCraftKGError,
+    as_values,
     dump_json,
+    for_html,
     json_text,
     sha256_of,
     staged_folder,
+    steps,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
-from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import Count, Hash, Record, as_values
-from wordcraft_kg.base.wording import for_html
 from wordcraft_kg.reports.agent_report import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 from wordcraft_kg.runs.record import RUN_FILE

@@ -19,9 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from wordcraft_kg.apps.people.protocol import Answer
-from wordcraft_kg.base.artefacts import check_file
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import as_record
+from wordcraft_kg.base import ArtefactError, as_record, check_file
 from wordcraft_kg.runs.run_folder import locked
 
 ANSWERS_FILE = "answers.sqlite"

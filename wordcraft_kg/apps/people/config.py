@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base import ConfigError, whole
 
 TASKS_PER_PART = 40
 """The number in the paper."""

@@ -17,8 +17,7 @@ from starlette.routing import Route, Router
 from starlette.types import ASGIApp
 
 from wordcraft_kg.apps.web.guard import Guard, file_endpoint, static_texts
-from wordcraft_kg.base.artefacts import staged_file
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base import ConfigError, staged_file
 from wordcraft_kg.graphs.book_files.words import RESULT, words_of
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.reports.pages import make_environment, policy_hash

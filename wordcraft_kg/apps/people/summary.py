@@ -16,8 +16,7 @@ from wordcraft_kg.apps.people.protocol import (
     TableKey,
     check_alike,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 
 

@@ -19,18 +19,30 @@ from wordcraft_kg.apps.text_agents.conversation import PartialGraphKnowledge, Pl
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
-from wordcraft_kg.base.artefacts import read_small_file
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import Count, Hash, Record, parse_record
-from wordcraft_kg.base.settings import nearest, one_of
+from wordcraft_kg.base import (
+    ConfigError,
+    Count,
+    GraphMismatchError,
+    Hash,
+    Record,
+    nearest,
+    one_of,
+    parse_record,
+    read_small_file,
+)
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.arrays import padded
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.graphs.tasks import Rows, TaskSet
+from wordcraft_kg.graphs import (
+    OpenedGraph,
+    RecipeGraph,
+    SplitConfig,
+    TaskSet,
+    make_split,
+    open_graph,
+    padded,
+)
+from wordcraft_kg.graphs.tasks import Rows
 
 MANIFEST = Path(__file__).parent / "data" / "everyday-v3.json"
 # With 100 tasks a 95 % interval is at most 20 points wide, enough to tell clearly different players

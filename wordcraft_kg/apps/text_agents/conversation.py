@@ -23,17 +23,21 @@ from wordcraft_kg.apps.text_agents.settings import (
     EvaluationSettings,
     GameSettings,
 )
+from wordcraft_kg.base import ActionError, EpisodeError, GraphMismatchError, LeakError, counted
 from wordcraft_kg.base.answers import answer_line, read_answer, read_set
-from wordcraft_kg.base.errors import ActionError, EpisodeError, GraphMismatchError, LeakError
 from wordcraft_kg.base.labels import read_label
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.words import combined, prompt_text
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn, open_graph
-from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.graphs import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    Ids,
+    OpenedGraph,
+    Split,
+    TrainedOn,
+    layers,
+    open_graph,
+)
 
 if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.protocol import TripleScorer

@@ -25,10 +25,15 @@ from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.records import GameRecord, GamesHeader
 from wordcraft_kg.apps.text_agents.results import append_game, open_games, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, EvaluationSettings, LookUps
-from wordcraft_kg.base.artefacts import check_file, made_folder
-from wordcraft_kg.base.errors import ConfigError, EpisodeError
-from wordcraft_kg.base.settings import MAX_SIZE, one_of
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import (
+    MAX_SIZE,
+    ConfigError,
+    EpisodeError,
+    check_file,
+    counted,
+    made_folder,
+    one_of,
+)
 from wordcraft_kg.envs.config import REWARDS
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.run_folder import locked

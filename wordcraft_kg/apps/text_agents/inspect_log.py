@@ -10,9 +10,8 @@ from wordcraft_kg.apps.text_agents.records import (
     PlayedSettings,
 )
 from wordcraft_kg.apps.text_agents.results import evaluation_of, groups_of
-from wordcraft_kg.base.errors import ArtefactError, reason
+from wordcraft_kg.base import ArtefactError, Count, Record, as_record, reason
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.base.records import Count, Record, as_record
 from wordcraft_kg.graphs.folder import OpenedGraph
 
 if TYPE_CHECKING:

@@ -32,15 +32,18 @@ from wordcraft_kg.apps.text_agents.results import (
     record_of,
 )
 from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
+    MAX_SIZE,
     ArtefactError,
     ConfigError,
-    UnknownSettingError,
     WordCraftKGError,
+    as_values,
+    nearest,
+    refuse,
+    whole,
 )
+from wordcraft_kg.base.errors import UnknownSettingError
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.settings import MAX_SIZE, nearest, refuse, whole
 from wordcraft_kg.base.wording import for_file
 
 try:

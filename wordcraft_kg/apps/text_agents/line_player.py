@@ -34,9 +34,7 @@ from typing import Self
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT
-from wordcraft_kg.base.errors import ConfigError, PlayerError
-from wordcraft_kg.base.settings import number_in
-from wordcraft_kg.base.wording import for_terminal
+from wordcraft_kg.base import ConfigError, PlayerError, for_terminal, number_in
 
 MOST_CHARACTERS = 100_000
 """Most characters in an answer line; a language model may include reasoning."""

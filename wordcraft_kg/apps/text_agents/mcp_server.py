@@ -32,9 +32,7 @@ from wordcraft_kg.apps.text_agents.conversation import MOST_ITEMS, Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import HostedGames
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
-from wordcraft_kg.base.errors import ActionError, EpisodeError, WordCraftKGError
-from wordcraft_kg.base.settings import MAX_SIZE
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import MAX_SIZE, ActionError, EpisodeError, WordCraftKGError, counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
 
 _LONGEST = 200

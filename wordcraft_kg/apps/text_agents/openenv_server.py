@@ -26,8 +26,14 @@ from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.hosted_games import GameList, GamesWriter, NamedGame
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard, foreign_host, is_of_another_site
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, WordCraftKGError
-from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base import (
+    MAX_SIZE,
+    ActionError,
+    ConfigError,
+    EpisodeError,
+    WordCraftKGError,
+    whole,
+)
 
 _FOREIGN = 1008
 """Code with which a web socket of a foreign page is closed."""

@@ -9,9 +9,7 @@ from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import Split, TaskPart, TrainedOn
 
 GamesFormat = Literal["wordcraft-kg text games 2"]
 GAMES_FILE = "games.jsonl"

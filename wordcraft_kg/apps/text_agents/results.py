@@ -28,23 +28,26 @@ from wordcraft_kg.apps.text_agents.records import (
     PlayedSettings,
 )
 from wordcraft_kg.apps.text_agents.settings import GameSettings
-from wordcraft_kg.base.artefacts import read_large_file
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
+    MAX_SIZE,
     ArtefactError,
     ConfigError,
     GraphMismatchError,
     PlayerError,
     WordCraftKGError,
+    as_lines,
+    counted,
+    parse_lines,
+    parse_record,
+    read_large_file,
+    steps,
+    whole,
 )
-from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
-from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.wording import counted, for_file
+from wordcraft_kg.base.wording import for_file
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED, sampled_tasks
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import Ids, OpenedGraph
 from wordcraft_kg.runs.run_folder import locked_folder, sigterm_as_interrupt
 
 if TYPE_CHECKING:

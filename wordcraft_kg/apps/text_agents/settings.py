@@ -7,12 +7,10 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
+from wordcraft_kg.base import MAX_SIZE, ConfigError, one_of, whole
 from wordcraft_kg.cli.console import Flag, split_labels
 from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
-from wordcraft_kg.graphs.task_search import MAX_DEPTH
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import MAX_DEPTH, TaskPart
 
 KnowledgeKind = Literal["none", "partial", "scorer"]
 """Look-up source: nothing, the train recipes, or a trained scorer's best links."""

@@ -29,29 +29,30 @@ from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GameRecord
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
-from wordcraft_kg.base.artefacts import (
-    SMALL_FILE,
+from wordcraft_kg.base import (
     TEMPORARY,
-    ZipArchive,
-    dump_json,
-    made_folder,
-    read_small_file,
-    write_atomically,
-)
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
-from wordcraft_kg.base.records import (
+    ArtefactError,
+    ConfigError,
     Count,
+    EpisodeError,
     Hash,
     Record,
     Share,
     as_lines,
     as_values,
+    counted,
+    dump_json,
+    made_folder,
     parse_record,
+    read_small_file,
+    refuse,
     schema_of,
+    write_atomically,
 )
-from wordcraft_kg.base.settings import one_line, refuse
+from wordcraft_kg.base.artefacts import SMALL_FILE, ZipArchive
+from wordcraft_kg.base.settings import one_line
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
-from wordcraft_kg.base.wording import counted, look_alike_key
+from wordcraft_kg.base.wording import look_alike_key
 
 MESSAGES = "messages"
 """Folder in a submission with a text player's prompts and answers, which verification ignores."""

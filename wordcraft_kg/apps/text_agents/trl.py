@@ -28,9 +28,8 @@ from wordcraft_kg.apps.text_agents.hosted_games import name_of, open_play, tool_
 from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
-from wordcraft_kg.base.errors import ConfigError, EpisodeError
+from wordcraft_kg.base import ConfigError, EpisodeError, whole
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.base.settings import whole
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:

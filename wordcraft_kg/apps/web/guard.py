@@ -13,8 +13,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.base.wording import for_terminal
+from wordcraft_kg.base import WordCraftKGError, for_terminal
 from wordcraft_kg.reports.pages import make_environment
 
 POLICY = (

@@ -13,8 +13,7 @@ import h11
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base import ConfigError, whole
 from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
 
 HEADER_WAIT = 30.0

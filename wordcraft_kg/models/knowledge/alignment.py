@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from wordcraft_kg.base.errors import KnowledgeFileError
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import KnowledgeFileError, nearest
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.network import Network, plain
 

@@ -13,14 +13,17 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.base import ConfigError, Count, Hash, RecipeFileError, Record, Share
 from wordcraft_kg.base.labels import LabelIndex
-from wordcraft_kg.base.records import Count, Hash, Record, Share
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.graphs import (
+    Ids,
+    OpenedGraph,
+    RecipeGraph,
+    SplitConfig,
+    is_in,
+    make_split,
+    open_graph,
+)
 from wordcraft_kg.models.knowledge.words import words_of_books
 from wordcraft_kg.models.scorers.config import fitting_workers
 from wordcraft_kg.models.scorers.features import EntityFeatures

@@ -14,9 +14,16 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from wordcraft_kg.base.artefacts import dump_json, staged_folder, with_a_name, write_atomically
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Count, Record, as_values
+from wordcraft_kg.base import (
+    ArtefactError,
+    Count,
+    Record,
+    as_values,
+    dump_json,
+    staged_folder,
+    with_a_name,
+    write_atomically,
+)
 from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.runs.record import RunFiles, end_run, read_finished_run, start_run
 

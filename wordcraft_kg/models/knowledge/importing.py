@@ -12,12 +12,16 @@ from typing import Literal
 import numpy as np
 import torch
 
-from wordcraft_kg.base.artefacts import read_small_file, sha256_of
-from wordcraft_kg.base.errors import KnowledgeFileError
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.triples import RELATIONS, is_in
+from wordcraft_kg.base import (
+    Count,
+    KnowledgeFileError,
+    Record,
+    Share,
+    read_small_file,
+    sha256_of,
+    stage,
+)
+from wordcraft_kg.graphs import RELATIONS, OpenedGraph, is_in
 from wordcraft_kg.models.knowledge.alignment import (
     Alignment,
     align,

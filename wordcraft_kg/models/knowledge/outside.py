@@ -15,11 +15,16 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.train_samples import TrainSample
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.graphs import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    OUTSIDE,
+    Folds,
+    OpenedGraph,
+    RecipeGraph,
+    TrainSample,
+    make_folds,
+)
 from wordcraft_kg.models.knowledge.books import (
     OtherBook,
     OutsideSource,

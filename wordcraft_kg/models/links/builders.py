@@ -19,10 +19,8 @@ from pykeen.models import DistMult, ERModel, Model, model_resolver
 from pykeen.training import TrainingLoop, training_loop_resolver
 from pykeen.triples import TriplesFactory
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import nearest, refuse
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.base import ConfigError, nearest, refuse
+from wordcraft_kg.graphs import RELATIONS, Ids
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import (
     ComplExConfig,

@@ -22,8 +22,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import TrainingError
 from wordcraft_kg.base.tensors import copied, with_prefix
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import Ids, OpenedGraph
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import LinkSettings
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything

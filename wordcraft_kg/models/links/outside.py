@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.arrays import Ids, frozen
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs import RELATIONS, Ids, frozen
 from wordcraft_kg.models.knowledge.folder import TRIPLES, knowledge_files, read_rows
 from wordcraft_kg.models.links.records import OutsideSummary
 

@@ -18,10 +18,7 @@ from pykeen.models import Model
 from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.base.errors import GraphMismatchError
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs import RELATIONS, Ids, OpenedGraph, RecipeGraph
 from wordcraft_kg.models.links.outside import OutsideTriples
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.factors import TableScorer

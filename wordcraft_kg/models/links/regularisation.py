@@ -15,10 +15,7 @@ from itertools import count
 import numpy as np
 
 from wordcraft_kg.base.errors import SplitError
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split
+from wordcraft_kg.graphs import Ids, OpenedGraph, RecipeGraph, Split, SplitConfig, make_split
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.fitting import fit

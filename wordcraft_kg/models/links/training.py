@@ -16,22 +16,28 @@ import msgspec
 import torch
 from pykeen.models import Model
 
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import as_lines, as_values
-from wordcraft_kg.base.settings import check_memory
+from wordcraft_kg.base import (
+    ConfigError,
+    as_lines,
+    as_values,
+    check_memory,
+    dump_json,
+    write_atomically,
+)
 from wordcraft_kg.base.tensors import check_device, copied
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.folds import Folds, make_folds
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.train_samples import (
+from wordcraft_kg.graphs import (
+    RELATIONS,
+    Folds,
+    Ids,
+    OpenedGraph,
+    RecipeGraph,
     TrainSample,
     describe_train_sample,
     draw_train_sample,
     is_subsample,
+    make_folds,
+    triples_hash,
 )
-from wordcraft_kg.graphs.triples import RELATIONS, triples_hash
 from wordcraft_kg.models.links.builders import (
     check_table_fits,
     make_training_loop,

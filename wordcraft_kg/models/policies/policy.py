@@ -6,10 +6,8 @@ from typing import ClassVar, NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.base.errors import ArtefactError, UnknownEntityError
-from wordcraft_kg.base.settings import nearest, refuse
-from wordcraft_kg.graphs.recipe_graph import Entity
-from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.base import ArtefactError, UnknownEntityError, nearest, refuse
+from wordcraft_kg.graphs import Entity, TaskSet
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
 from wordcraft_kg.models.policies.sources.source import Source

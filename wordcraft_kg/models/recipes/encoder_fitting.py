@@ -21,8 +21,7 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folds import Folds
+from wordcraft_kg.graphs import Folds, Ids
 from wordcraft_kg.models.recipes.fitting import LeftOut
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder, pair_inputs
 

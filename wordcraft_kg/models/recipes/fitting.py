@@ -29,9 +29,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.graphs.arrays import Ids, recipe_keys
-from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
+from wordcraft_kg.graphs import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    Folds,
+    Ids,
+    is_in,
+    recipe_keys,
+    recipe_triples,
+)
 from wordcraft_kg.models.knowledge.outside import NOTHING, LinkTables
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee

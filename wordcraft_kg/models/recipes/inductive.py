@@ -17,8 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
-from wordcraft_kg.base.settings import FeatureSpec, nearest
+from wordcraft_kg.base import ArtefactError, ConfigError, FeatureSpec, UnknownEntityError, nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.knowledge.books import ids_among
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig

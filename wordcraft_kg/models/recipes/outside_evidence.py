@@ -16,12 +16,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
-from wordcraft_kg.base.records import Record
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.recipe_graph import Entity
-from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.base import ArtefactError, Record, WordCraftKGError
+from wordcraft_kg.graphs import COMBINES_WITH, RELATIONS, Entity, OpenedGraph, Recipe, open_graph
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.folder import (
     FACTS,

@@ -13,15 +13,9 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import ConfigError, as_values, dump_json, nearest, write_atomically
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
+from wordcraft_kg.graphs import MOST_INGREDIENTS, Ids, OpenedGraph, RecipeGraph
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.records import FitDone, SetMetrics, TrainedSets
 from wordcraft_kg.models.recipes.set_fitting import fit_sets

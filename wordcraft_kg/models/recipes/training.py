@@ -18,23 +18,32 @@ import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.settings import cores
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    as_values,
+    cores,
+    dump_json,
+    write_atomically,
+)
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.base.tensors import check_device, torch_threads
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.folds import Folds, make_folds
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.graphs.train_samples import (
+from wordcraft_kg.graphs import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    Folds,
+    OpenedGraph,
+    RecipeGraph,
+    SplitConfig,
     TrainSample,
     describe_train_sample,
     draw_train_sample,
     is_subsample,
+    make_folds,
+    make_split,
+    open_graph,
+    triples_hash,
 )
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, triples_hash
 from wordcraft_kg.models.knowledge.books import OtherBook, recipes_together, shared_recipes
 from wordcraft_kg.models.knowledge.outside import (
     LinkTables,

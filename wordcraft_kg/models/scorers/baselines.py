@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
-from wordcraft_kg.graphs.arrays import Ids, different_ingredients
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids, RecipeGraph
+from wordcraft_kg.graphs.arrays import different_ingredients
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.kernel import completion, profiles

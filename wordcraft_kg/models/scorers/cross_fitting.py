@@ -22,15 +22,22 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, LeakError
-from wordcraft_kg.base.records import Count, Hash, Record, Share
-from wordcraft_kg.graphs.arrays import Ids, frozen
-from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.tasks import TaskSet
-from wordcraft_kg.graphs.train_samples import TrainSample
-from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
+from wordcraft_kg.base import ConfigError, Count, GraphMismatchError, Hash, LeakError, Record, Share
+from wordcraft_kg.graphs import (
+    OUTSIDE,
+    Folds,
+    Ids,
+    RecipeGraph,
+    Split,
+    TaskSet,
+    TrainSample,
+    fold_of_tasks,
+    frozen,
+    make_folds,
+    recipe_triples,
+    triples_hash,
+)
+from wordcraft_kg.graphs.folds import SEVERAL
 from wordcraft_kg.models.scorers.probabilities import Probabilities
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, RecipeScores, TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer

@@ -23,15 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipes import Recipe, recipes_of_ids
-from wordcraft_kg.graphs.triples import (
+from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
     RELATIONS,
+    Ids,
+    Recipe,
     Relation,
     recipe_triples,
 )
+from wordcraft_kg.graphs.recipes import recipes_of_ids
 from wordcraft_kg.models.scorers.config import check_table, has_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 

@@ -13,10 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.progress import stage
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.graphs import Ids, RecipeGraph, Split, is_in
 from wordcraft_kg.models.scorers.features import EntityFeatures
 
 NEAR_SYNONYM = 0.7

@@ -47,9 +47,7 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 
 from wordcraft_kg.base.records import Coefficient, Count, Record, Share, Slope
-from wordcraft_kg.graphs.arrays import Ids, distinct, recipe_keys
-from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.triples import RELATIONS, is_in
+from wordcraft_kg.graphs import RELATIONS, Folds, Ids, distinct, is_in, recipe_keys
 from wordcraft_kg.models.scorers.neighbours.pair_features import pairs_of
 from wordcraft_kg.models.scorers.protocol import RecipeScores, TripleScorer
 from wordcraft_kg.models.scorers.ranking import sampled

@@ -7,10 +7,8 @@ What a score is: docs/explanation/recipe-scorer.md for recipes, docs/link-predic
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from wordcraft_kg.base.errors import GraphMismatchError
-from wordcraft_kg.base.records import Record, Share
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.base import GraphMismatchError, Record, Share
+from wordcraft_kg.graphs import Recipe, RecipeGraph
 
 if TYPE_CHECKING:
     import torch

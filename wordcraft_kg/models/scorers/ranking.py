@@ -14,14 +14,10 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import ArtefactError, Count, Record, Share, steps
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
+from wordcraft_kg.graphs import RELATIONS, Ids, RecipeGraph, Split
+from wordcraft_kg.graphs.triples import triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 MIN_TRIPLES = 30

@@ -8,8 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import one_of
+from wordcraft_kg.base import ConfigError, one_of
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges

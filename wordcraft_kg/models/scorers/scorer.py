@@ -13,8 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from wordcraft_kg.base.errors import UnknownEntityError
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import UnknownEntityError, nearest
 from wordcraft_kg.graphs.triples import RELATIONS
 
 EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | Tensor

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from wordcraft_kg.base.artefacts import check_output
+from wordcraft_kg.base import check_output, whole
 from wordcraft_kg.base.extras import check_extra
-from wordcraft_kg.base.settings import whole
 from wordcraft_kg.cli.console import Output, aligned, command_line, split_labels
 from wordcraft_kg.cli.options import Book, Force, Graph, Words
 

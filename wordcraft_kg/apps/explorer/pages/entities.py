@@ -10,9 +10,7 @@ import numpy as np
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs import Ids, RecipeGraph, layers
 
 EntityOrder = Literal["label", "layer", "recipes", "uses"]
 """Ascending label or layer (entities that cannot be made come last), or descending number of

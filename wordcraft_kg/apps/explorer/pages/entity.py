@@ -11,10 +11,8 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.graphs.splits import PARTS, Part, Split
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.base import ConfigError, Count, Record
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, PARTS, Part, Split
 from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
 from wordcraft_kg.models.scorers.link_evidence import Side
 

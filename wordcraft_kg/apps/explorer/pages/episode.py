@@ -14,13 +14,9 @@ from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS, list_tasks
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, WordCraftKGError
-from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, WordCraftKGError, whole
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import Recipe, RecipeGraph, TaskPart
 
 LISTED_SEEDS = 5
 """Distractor seeds offered on the page, as many as the evaluation uses."""

@@ -6,9 +6,8 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.records import Count, Hash, Record
-from wordcraft_kg.graphs.audit import SplitSummary, split_summary
-from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs import SplitSummary, TrainedOn, layers
+from wordcraft_kg.graphs.audit import split_summary
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 
 EXAMPLES = 12

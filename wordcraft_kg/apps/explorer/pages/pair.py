@@ -12,8 +12,7 @@ from wordcraft_kg.apps.explorer.predictor import (
     placed_recipes,
     recipes_giving,
 )
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base import ConfigError, Record
 from wordcraft_kg.evaluation.queries import RecipeQuery
 from wordcraft_kg.evaluation.scores import RecipeScoring, ScoredRecipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH

@@ -11,13 +11,8 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.wording import approximate
-from wordcraft_kg.graphs.planner import Planner
-from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.splits import PARTS, Part, Split
-from wordcraft_kg.graphs.triples import COMPONENT_OF
+from wordcraft_kg.base import ConfigError, Count, Record, approximate
+from wordcraft_kg.graphs import COMPONENT_OF, PARTS, Part, Planner, Recipe, Split
 
 STEPS_A_PAGE = 200
 """Listed crafts on a page; a derivation may have thousands."""

@@ -11,11 +11,9 @@ from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.agents.training import EVALUATED
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import ArtefactError, Count, Record, Share
 from wordcraft_kg.evaluation import agent_metrics
-from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import TaskPart, TrainedOn
 from wordcraft_kg.models.policies.sources import ALPHA, shown_setting, source_names
 from wordcraft_kg.reports.agent_report import (
     picture_of_lambdas,

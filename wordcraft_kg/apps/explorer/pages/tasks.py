@@ -11,11 +11,8 @@ from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import PlayedTask
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
+from wordcraft_kg.base import ArtefactError, Count, Record
+from wordcraft_kg.graphs import Ids, Recipe, TaskPart, TaskSet
 
 TASKS_A_PAGE = 50
 Won = Literal["any", "always", "sometimes", "never"]

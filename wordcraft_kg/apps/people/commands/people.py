@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.people.config import CONSENT, LONGEST_CONSENT, StudyConfig
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ConfigError, counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force
 

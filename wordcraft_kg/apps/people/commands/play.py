@@ -12,11 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, for_terminal, whole
 from wordcraft_kg.base.answers import read_set
-from wordcraft_kg.base.errors import ActionError, ConfigError
 from wordcraft_kg.base.labels import read_pair
-from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.wording import for_terminal
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.options import Book, Force
 from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig

@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
+    ConfigError,
+    OutputExistsError,
+    WordCraftKGError,
     check_output,
-    has_only_temporary,
+    counted,
     read_small_file,
     what_is,
 )
-from wordcraft_kg.base.errors import ConfigError, OutputExistsError, WordCraftKGError
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.artefacts import has_only_temporary
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import Force
 

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base import ConfigError, number_in, one_of, whole
 from wordcraft_kg.base.extras import check_extra
-from wordcraft_kg.base.settings import number_in, one_of, whole
 from wordcraft_kg.cli.console import Output, split_labels, whole_numbers
 from wordcraft_kg.cli.options import Book, Words
 from wordcraft_kg.graphs.task_search import MAX_DEPTH

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
 from wordcraft_kg.models.scorers.neighbours.links import CELLS, link_features, links_by_key
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_features import (

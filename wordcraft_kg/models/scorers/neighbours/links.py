@@ -9,8 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids
 from wordcraft_kg.models.scorers.neighbours.lists import Lists
 
 OF_COMPONENTS = (

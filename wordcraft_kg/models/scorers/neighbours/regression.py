@@ -22,8 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, recipe_triples
 from wordcraft_kg.models.scorers.kernel import TEXT
 from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, of_blocks, write_blocks
 

@@ -26,8 +26,7 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 
 from wordcraft_kg.base.tensors import check_tensors, largest, torch_threads
-from wordcraft_kg.graphs.arrays import Ids, recipe_keys
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs import RELATIONS, Ids, recipe_keys
 from wordcraft_kg.models.scorers.neighbours.links import LINK_FEATURES, OF_COMBINES, OF_COMPONENTS
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import ENCODER, PairEncoder

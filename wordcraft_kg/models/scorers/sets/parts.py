@@ -14,10 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.artefacts import check_file
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import refuse
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ConfigError, check_file, counted, refuse
 from wordcraft_kg.graphs.recipes import label_fault
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 

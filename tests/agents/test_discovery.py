@@ -11,6 +11,7 @@ from helpers import refuses
 from scipy.optimize import minimize
 from scipy.spatial import distance
 
+from wordcraft_kg import RecipeGraph, load_scorer
 from wordcraft_kg.agents import recipe_discovery
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
@@ -31,10 +32,8 @@ from wordcraft_kg.agents.recipe_discovery import (
     RecipeDiscoverer,
 )
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
-from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.models.recipes.inductive import for_labels
 from wordcraft_kg.models.scorers.features import glove_features
-from wordcraft_kg.models.scorers.folder import load_scorer
 
 ATTEMPTS = 30
 

@@ -12,24 +12,27 @@ import torch
 from helpers import refuses
 from short_fits import short_fits
 
+from wordcraft_kg import (
+    PolicyConfig,
+    RecipesConfig,
+    RecipeScorerConfig,
+    WordCraftConfig,
+    World,
+    load_scorer,
+    make_sources,
+    train_recipes,
+)
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.envs import draws
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.draws import EVALUATION_SEED
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
-from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.folder import load_scorer
 
 SMALL = {
     "features": "learned",

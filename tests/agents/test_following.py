@@ -11,21 +11,24 @@ import pytest
 from helpers import resume
 
 from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinksConfig,
     SplitConfig,
+    TaskConfig,
     World,
     open_agent,
     open_graph,
+    open_model,
+    train_agent,
+    train_links,
 )
 from wordcraft_kg.agents import following
 from wordcraft_kg.agents.agent_folder import read_agent_run
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import read_episodes
-from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
 
 CONFIG = AgentConfig(
     "kitchen",

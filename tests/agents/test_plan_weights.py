@@ -15,6 +15,7 @@ from wordcraft_kg import (
     World,
     load_policy,
     make_sources,
+    save_policy,
 )
 from wordcraft_kg.agents.plan_weights import (
     _right_pairs,
@@ -25,7 +26,6 @@ from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.agents.training import AgentTraining
 from wordcraft_kg.base.errors import ConfigError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.models.policies.folder import save_policy
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.planning.search import FEATURES, MAX_ATTEMPTS, NO_PLAN
 from wordcraft_kg.planning.source import log_shares

@@ -5,10 +5,9 @@ from itertools import pairwise
 import pytest
 from hypothesis import example, given, strategies as st
 
+from wordcraft_kg.base import ActionError, nearest
 from wordcraft_kg.base.answers import read_answer
-from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.labels import LabelIndex, last_line, read_label, read_pair
-from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import case_key, means_another, signs_of, spelling_key
 from wordcraft_kg.graphs.library import open_book
 

@@ -8,15 +8,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from wordcraft_kg.base import records
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import (
+from wordcraft_kg.base import (
+    ArtefactError,
     Count,
     Record,
     Share,
     as_values,
     checked_values,
     parse_record,
+    records,
     schema_of,
 )
 from wordcraft_kg.models.links.config import ComplExConfig

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from wordcraft_kg.base import statistics
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base import ConfigError, statistics
 from wordcraft_kg.base.statistics import (
     bootstrap,
     correlation,

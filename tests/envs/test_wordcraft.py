@@ -25,8 +25,7 @@ from wordcraft_kg.base.errors import (
 from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.task_search import make_tasks
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, make_tasks
 
 # water + earth makes two things, sun + sand glass, and so does fire + sand.
 ROWS = [

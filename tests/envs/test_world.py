@@ -16,9 +16,8 @@ from wordcraft_kg.base.errors import ConfigError, TaskError
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.graphs import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, make_tasks
 from wordcraft_kg.graphs.splits import groups_of
-from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.models.scorers.features import glove_features
 
 POLICIES = ("no_shortcut", "no_train_shortcut")

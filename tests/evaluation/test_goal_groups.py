@@ -6,17 +6,22 @@ import json
 import numpy as np
 import pytest
 
+from wordcraft_kg import (
+    RecipesConfig,
+    RecipeScorerConfig,
+    SplitConfig,
+    WordCraftConfig,
+    World,
+    open_book,
+    open_graph,
+    open_model,
+    train_recipes,
+)
 from wordcraft_kg.agents.evaluation import play_all
 from wordcraft_kg.agents.players import BEST_PAIR, NEAREST_WORDS, scorer_players
 from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import MADE, NOT_MADE
-from wordcraft_kg.graphs import SplitConfig, open_book, open_graph
 from wordcraft_kg.graphs.folder import write_graph_folder
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.training import train_recipes
 
 # Trainings with a second book, which take half a minute together.
 pytestmark = pytest.mark.slow

@@ -14,10 +14,9 @@ from helpers import refuses
 from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.cli.graphs import Format
-from wordcraft_kg.graphs import Recipe, RecipeBook, read_book
+from wordcraft_kg.graphs import RELATIONS, OpenedGraph, Recipe, RecipeBook, read_book
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph, triples_frame
-from wordcraft_kg.graphs.folder import OpenedGraph, entities_frame
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs.folder import entities_frame
 
 AWKWARD = [
     *("#hash", " lead", "a, b", 'say "x"', "<&>", "crème brûlée"),

@@ -8,16 +8,13 @@ import pytest
 from helpers import write_graph
 
 from wordcraft_kg import graphs
-from wordcraft_kg.base.errors import (
-    ArtefactError,
-    GraphMismatchError,
-    RecipeFileError,
-)
-from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base import ArtefactError, GraphMismatchError, RecipeFileError, as_values
 from wordcraft_kg.graphs import (
+    RELATIONS,
     RecipeBook,
     RecipeGraph,
     SplitConfig,
+    audit,
     folder as folder_module,
     make_split,
     open_book,
@@ -25,9 +22,7 @@ from wordcraft_kg.graphs import (
     read_book,
     write_graph_folder,
 )
-from wordcraft_kg.graphs.audit import audit
 from wordcraft_kg.graphs.export import EXPORTERS, export_graph
-from wordcraft_kg.graphs.triples import RELATIONS
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from hypothesis import given
 
 from wordcraft_kg.base.errors import GraphError, RecipeFileError, SplitError
 from wordcraft_kg.graphs import (
+    RELATIONS,
     Planner,
     Recipe,
     RecipeBook,
@@ -27,7 +28,6 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.export import export_graph, to_networkx
-from wordcraft_kg.graphs.triples import RELATIONS
 
 ROWS = [
     ("water", "earth", "mud"),

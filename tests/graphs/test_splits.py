@@ -20,6 +20,7 @@ from wordcraft_kg.base.errors import (
     SplitError,
 )
 from wordcraft_kg.graphs import (
+    PARTS,
     RELATIONS,
     SPLITS,
     RecipeBook,
@@ -27,13 +28,14 @@ from wordcraft_kg.graphs import (
     Split,
     SplitConfig,
     audit,
+    default_split,
+    make_folds,
     make_split,
     open_graph,
+    write_graph_folder,
 )
-from wordcraft_kg.graphs.folder import default_split, write_graph_folder
-from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.published_splits import read_published_split
-from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, groups_of, read_split
+from wordcraft_kg.graphs.splits import Draw, SplitKind, groups_of, read_split
 
 HELD_OUT_KINDS = [
     kind for kind in SPLITS if kind not in ("none", "by-kind")

@@ -10,13 +10,22 @@ from helpers import refuses
 from hypothesis import assume, given, strategies as st
 from test_splits import HELD_OUT_KINDS, drawn
 
-from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split, open_graph
+from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
+from wordcraft_kg.graphs import (
+    COMPONENT_OF,
+    OUTSIDE,
+    Folds,
+    TrainSample,
+    describe_train_sample,
+    draw_train_sample,
+    fold_of_tasks,
+    is_in,
+    make_folds,
+    recipe_triples,
+)
+from wordcraft_kg.graphs.folds import SEVERAL
 from wordcraft_kg.graphs.splits import groups_of
-from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample
-from wordcraft_kg.graphs.triples import COMPONENT_OF, is_in, recipe_triples
 
 KINDS = ("by-recipe", "by-goal", "by-slot")
 

@@ -22,10 +22,8 @@ from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.wrappers import KGScoreObservation
-from wordcraft_kg.graphs import OpenedGraph
-from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.splits import Draw, Split
-from wordcraft_kg.graphs.train_samples import draw_train_sample
+from wordcraft_kg.graphs import OpenedGraph, Split, draw_train_sample, make_folds
+from wordcraft_kg.graphs.splits import Draw
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge

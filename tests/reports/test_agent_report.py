@@ -12,19 +12,23 @@ import numpy as np
 import pytest
 from report_helpers import Page
 
-from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg import (
+    AgentConfig,
+    ImpalaConfig,
+    PolicyConfig,
+    SplitConfig,
+    TaskConfig,
+    World,
+    open_agent,
+    open_graph,
+    train_agent,
+)
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
-from wordcraft_kg.agents.training import train_agent
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import as_values, schema_of
+from wordcraft_kg.base import ConfigError, GraphMismatchError, as_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.cli.compare import _agents_text
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
 from wordcraft_kg.evaluation.agents import AgentsView, by_success, group_agents, view_agents
-from wordcraft_kg.graphs import SplitConfig, open_graph
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, with_letters
 from wordcraft_kg.reports.agent_report import make_agent_report
 from wordcraft_kg.reports.pages import GLOSSARY, render

@@ -17,17 +17,19 @@ import torch
 from helpers import refuses
 from report_helpers import Page, link_report, text_of
 
-from wordcraft_kg.base.errors import SplitError
-from wordcraft_kg.base.records import as_values, schema_of
+from wordcraft_kg.base import SplitError, as_values, schema_of
 from wordcraft_kg.base.statistics import bootstrap
 from wordcraft_kg.evaluation.links import LinkView, summarise_links
-from wordcraft_kg.graphs import OpenedGraph, Split, SplitConfig, make_split
-from wordcraft_kg.graphs.train_samples import TrainSample
-from wordcraft_kg.graphs.triples import (
+from wordcraft_kg.graphs import (
     COMBINES_WITH,
     COMPONENT_OF,
     RELATIONS,
+    OpenedGraph,
+    Split,
+    SplitConfig,
+    TrainSample,
     is_in,
+    make_split,
     recipe_triples,
 )
 from wordcraft_kg.models.scorers.baselines import (

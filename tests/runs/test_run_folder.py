@@ -26,8 +26,7 @@ from wordcraft_kg import (
     train_links,
 )
 from wordcraft_kg.agents.agent_folder import AGENTS
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
+from wordcraft_kg.base import ArtefactError, OutputExistsError, sha256_of
 from wordcraft_kg.models.links.training import LinksTraining
 from wordcraft_kg.runs import run_folder as folder_module
 from wordcraft_kg.runs.checkpoints import Checkpoints

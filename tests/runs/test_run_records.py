@@ -7,12 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.base.artefacts import locked, read_large_file, sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.base.settings import FeatureSpec
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
-from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinkModelConfig,
+    LinksConfig,
+    PolicyConfig,
+    TaskConfig,
+)
+from wordcraft_kg.base import ArtefactError, ConfigError, FeatureSpec, read_large_file, sha256_of
+from wordcraft_kg.base.artefacts import locked
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import read_config, write_config
 from wordcraft_kg.runs.record import (

@@ -1,7 +1,6 @@
 """A study of the kitchen that takes seconds."""
 
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
+from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.graphs.folder import PlayedGraph, open_graph
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import Pool, run_plan

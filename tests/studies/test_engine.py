@@ -21,13 +21,9 @@ from small_study import (
     small_plan,
 )
 
-from wordcraft_kg.base.artefacts import TEMPORARY
-from wordcraft_kg.base.errors import ArtefactError, TrainingError
-from wordcraft_kg.base.records import as_values, parse_record
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
+from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split
+from wordcraft_kg.base import TEMPORARY, ArtefactError, TrainingError, as_values, parse_record
 from wordcraft_kg.graphs.folder import OpenedGraph, PlayedGraph, open_graph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.run_folder import locked
 from wordcraft_kg.studies.engine import FullDiskError, Pool, missing_tasks, run_plan

@@ -5,12 +5,16 @@ import pytest
 import small_study
 from helpers import refuses
 
-from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg import (
+    ComplExConfig,
+    ImpalaConfig,
+    LinkModelConfig,
+    PolicyConfig,
+    RecipeScorerConfig,
+    SplitConfig,
+    TaskConfig,
+)
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
-from wordcraft_kg.graphs.splits import SplitConfig
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 from wordcraft_kg.studies.plan import VERSIONS, agent_config, defaults_of, make_plan
 from wordcraft_kg.studies.study import (
     adapted,

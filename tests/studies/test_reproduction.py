@@ -12,8 +12,7 @@ import msgspec
 import pytest
 import torch
 
-from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.records import as_values, read_record
+from wordcraft_kg.base import as_values, read_record, write_atomically
 from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.studies.engine import Pool, run_plan
 from wordcraft_kg.studies.plan import make_plan

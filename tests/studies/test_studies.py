@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import as_values, checked_values
+from wordcraft_kg.base import ConfigError, as_values, checked_values
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.studies.claims import check_claim, view_claims
 from wordcraft_kg.studies.results import Missing

@@ -13,8 +13,7 @@ import pytest
 from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
 from markupsafe import escape
 
-from wordcraft_kg.base.errors import OutputExistsError
-from wordcraft_kg.base.records import schema_of
+from wordcraft_kg.base import OutputExistsError, schema_of
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.studies.report import (
     as_csv,

@@ -6,20 +6,31 @@ import pytest
 from helpers import write_graph
 
 from tests.apps.explorer.shown import HOSTILE, explored_graph
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinksConfig,
+    PolicyConfig,
+    TaskConfig,
+    cross_fit,
+    open_model,
+    save_scorer,
+    train_agent,
+    train_links,
+)
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.apps.explorer.site import export_site
-from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.saving import save_scorer
+from wordcraft_kg.graphs import (
+    RecipeBook,
+    RecipeGraph,
+    SplitConfig,
+    make_split,
+    open_graph,
+    write_graph_folder,
+)
 from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer
-from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 
 SHORT = ImpalaConfig(steps=1_024, batch_size=16, log_every=128, eval_every=512)
 LEARNED = PolicyConfig(

@@ -12,8 +12,7 @@ from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.apps.explorer.site import Site, make_app
 from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folder import OpenedGraph, default_split
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, default_split
 
 HOSTILE = (
     "<script>alert(1)</script>",

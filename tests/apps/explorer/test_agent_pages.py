@@ -12,13 +12,11 @@ import pytest
 
 from tests.apps.explorer.conftest import LEARNED, SHORT
 from tests.apps.explorer.shown import HOSTILE, look, page_of, state_of, view_of
-from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.agents.config import AgentConfig, TaskConfig
+from wordcraft_kg import AgentConfig, TaskConfig, WordCraftConfig, World, open_agent, train_agent
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.players import random_entity
 from wordcraft_kg.agents.records import PlayedTask
-from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.episode import EpisodeState
@@ -31,17 +29,15 @@ from wordcraft_kg.apps.explorer.pages.tasks import (
     view_task_table,
 )
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import (
     RecipeBook,
     RecipeGraph,
     SplitConfig,
     make_split,
+    make_tasks,
     open_book,
     write_graph_folder,
 )
-from wordcraft_kg.graphs.task_search import make_tasks
 
 
 def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agents):

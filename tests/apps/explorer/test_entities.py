@@ -19,8 +19,7 @@ from wordcraft_kg.apps.explorer.pages import entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.home import HomeState
-from wordcraft_kg.graphs import Planner, layers
-from wordcraft_kg.graphs.splits import PARTS
+from wordcraft_kg.graphs import PARTS, Planner, layers
 
 PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 

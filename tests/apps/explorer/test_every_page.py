@@ -22,8 +22,13 @@ from tests.apps.explorer.shown import (
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages import GROUP, PAGES, pages_by_name
 from wordcraft_kg.apps.explorer.site import export_site
-from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
-from wordcraft_kg.base.records import Record, checked_values
+from wordcraft_kg.base import (
+    ConfigError,
+    Record,
+    UnknownEntityError,
+    WordCraftKGError,
+    checked_values,
+)
 
 OF_MODELS = (
     "/entity/bread",

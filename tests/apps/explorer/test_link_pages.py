@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
-from wordcraft_kg import ComplExConfig, LinksConfig, open_model, train_links
+from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, open_model, train_links
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
@@ -15,7 +15,6 @@ from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
 from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
 from wordcraft_kg.models.scorers.ranking import rank_triples
 

@@ -9,11 +9,8 @@ from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
 from wordcraft_kg.apps.explorer.site import Site, export_site
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.graphs import Planner, SplitConfig, make_split
-from wordcraft_kg.graphs.splits import PARTS
-from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.base import ConfigError, checked_values
+from wordcraft_kg.graphs import COMBINES_WITH, PARTS, Planner, SplitConfig, make_split
 
 
 def path_to(goal, *rows, base=None, page=1):

@@ -23,13 +23,13 @@ from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.site import export_site, make_app
 from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS
 from wordcraft_kg.apps.web.serving import listen
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     GraphMismatchError,
     UnknownEntityError,
+    as_values,
 )
-from wordcraft_kg.base.records import as_values
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,10 @@ import re
 import pytest
 from starlette.testclient import TestClient
 
+from wordcraft_kg import RecipeGraph, open_graph
 from wordcraft_kg.apps.people import game
 from wordcraft_kg.apps.people.game import export_game, icons_of, make_game_app
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 SETS = "examples/kitchen-sets.csv"
 

@@ -14,8 +14,7 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.apps.people.comparison import agent_successes
 from wordcraft_kg.apps.people.protocol import AgentGame, HumanProtocol, Session
 from wordcraft_kg.apps.people.summary import view_people
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
-from wordcraft_kg.base.records import checked_values
+from wordcraft_kg.base import ArtefactError, GraphMismatchError, checked_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.models.policies.states import States
 

@@ -40,13 +40,13 @@ from wordcraft_kg.apps.people.study import (
     read_study_record,
 )
 from wordcraft_kg.apps.people.web_app import ALPHABET, code_hash, new_code, read_code
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     GraphMismatchError,
     OutputExistsError,
+    as_values,
 )
-from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import table_labels

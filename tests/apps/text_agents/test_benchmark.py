@@ -17,14 +17,20 @@ from short_fits import short_fits
 from wordcraft_kg import (
     AgentConfig,
     ImpalaConfig,
+    RecipesConfig,
+    RecipeScorerConfig,
+    SplitConfig,
     TaskConfig,
+    WordCraftConfig,
+    World,
     load_scorer,
+    open_agent,
     open_book,
     open_graph,
     open_model,
     train_agent,
+    train_recipes,
 )
-from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import knowledge_players, nearest_words, scorer_players
 from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission
@@ -48,22 +54,17 @@ from wordcraft_kg.apps.text_agents.submission import (
     acceptable,
     verify,
 )
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     GraphMismatchError,
     OutputExistsError,
     PlayerError,
     WordCraftKGError,
+    sha256_of,
 )
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.splits import SplitConfig
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import make_features
 
 sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))

@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 
+from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.apps.text_agents.conversation import (
@@ -20,9 +21,7 @@ from wordcraft_kg.apps.text_agents.text_env import TextEnv
 from wordcraft_kg.apps.text_agents.trl import SetCraftingEnvironment, crafting_rows
 from wordcraft_kg.base.answers import read_set
 from wordcraft_kg.base.errors import ActionError
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.words import prompt_hash
-from wordcraft_kg.envs.world import World
 
 BOOK = "examples/kitchen-sets.csv"
 TABLE = ("water", "earth", "fire", "egg", "salt and pepper", "2")

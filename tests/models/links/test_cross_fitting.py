@@ -15,23 +15,36 @@ import torch
 from helpers import refuses, resume
 from link_helpers import interrupt_after, rewritten, same_files, train
 
+from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinkModelConfig,
+    RecipesConfig,
+    RecipeScorerConfig,
+    open_model,
+    save_scorer,
+    train_recipes,
+)
 from wordcraft_kg.agents import training as agents
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.evaluation.ranked_links import rank_links
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.train_samples import draw_train_sample
-from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
-from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.graphs import (
+    OpenedGraph,
+    RecipeGraph,
+    SplitConfig,
+    draw_train_sample,
+    is_in,
+    make_folds,
+    make_split,
+    open_book,
+    recipe_triples,
+    triples_hash,
+)
 from wordcraft_kg.models.links import training as cross_fitting
 from wordcraft_kg.models.links.builders import scorer_tensors
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.training import train_recipes
-from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer

@@ -27,10 +27,8 @@ from wordcraft_kg import (
     open_graph,
     open_model,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError, WordCraftKGError
-from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, recipe_triples
-from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.base import ArtefactError, ConfigError, TrainingError, WordCraftKGError, as_values
+from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_folds, make_split, recipe_triples
 from wordcraft_kg.models.knowledge.folder import KnowledgeRecord, KnowledgeTables, write_knowledge
 from wordcraft_kg.models.links import regularisation, training as link_training
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors

@@ -23,12 +23,7 @@ from wordcraft_kg import (
     open_model,
     save_scorer,
 )
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import (
-    ArtefactError,
-    ConfigError,
-    GraphMismatchError,
-)
+from wordcraft_kg.base import ArtefactError, ConfigError, GraphMismatchError, sha256_of
 from wordcraft_kg.graphs import write_graph_folder
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer

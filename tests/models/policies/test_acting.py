@@ -11,7 +11,7 @@ from helpers import refuses
 from link_helpers import flip_bit, random_graph
 from small_scorers import states as states_of
 
-from wordcraft_kg import make_sources
+from wordcraft_kg import PolicyConfig, make_sources
 from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
@@ -19,7 +19,6 @@ from wordcraft_kg.base.errors import (
     UnknownEntityError,
 )
 from wordcraft_kg.models.policies.attention import AttentionPolicy
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.policy import EntityVectors
 from wordcraft_kg.models.policies.sources import source as room

@@ -14,34 +14,38 @@ import torch
 from helpers import refuses, resume
 
 import wordcraft_kg  # noqa: F401 - registers the environments
-from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinksConfig,
+    PolicyConfig,
+    TaskConfig,
+    WordCraftConfig,
+    World,
+    load_scorer,
+    make_sources,
+    open_agent,
+    save_scorer,
+    train_agent,
+    train_links,
+)
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.explanation import explain_episodes
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.agents.states import states_of
-from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation, TaskObservation
-from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
-from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
-from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_folds, make_split, open_graph
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.sources import registry
-from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers import cross_fitting
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.scales import scaled_table
 
 FOLDS = 3

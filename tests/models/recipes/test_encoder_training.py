@@ -10,10 +10,8 @@ from helpers import recorded, resume
 from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
 from short_fits import short_fits
 
+from wordcraft_kg import RecipeGraph, WordCraftConfig, World, load_scorer, open_graph
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
 from wordcraft_kg.models.knowledge.books import open_other_book
@@ -33,7 +31,6 @@ from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
 from wordcraft_kg.models.scorers import config as limits
 from wordcraft_kg.models.scorers.features import EntityFeatures
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.results import results_of
 

@@ -14,11 +14,18 @@ from link_helpers import random_graph, same_files
 from short_fits import short_fits
 
 from tests.apps.explorer.shown import look
+from wordcraft_kg import (
+    RecipeGraph,
+    RecipesConfig,
+    RecipeScorerConfig,
+    load_scorer,
+    open_graph,
+    train_recipes,
+)
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages.link import LinkState
 from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.books import open_other_book, with_words_of
@@ -31,12 +38,9 @@ from wordcraft_kg.models.knowledge.folder import (
 )
 from wordcraft_kg.models.knowledge.outside import join_books, open_outside
 from wordcraft_kg.models.knowledge.words import Words
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
-from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.neighbours.links import OF_COMPONENTS
 from wordcraft_kg.runs.config_file import read_config
 

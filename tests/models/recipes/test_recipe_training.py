@@ -9,14 +9,22 @@ from helpers import recorded, resume
 from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
 from short_fits import short_fits
 
+from wordcraft_kg import (
+    RecipeGraph,
+    RecipesConfig,
+    RecipeScorerConfig,
+    SplitConfig,
+    WordCraftConfig,
+    World,
+    load_scorer,
+    make_sources,
+    open_graph,
+    train_recipes,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.knowledge.words import Words
-from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import training
 from wordcraft_kg.models.recipes.committee import (
@@ -28,14 +36,11 @@ from wordcraft_kg.models.recipes.committee import (
     _set_gradients,
     fit_committee,
 )
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import with_words
-from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers import config, config as limits
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES

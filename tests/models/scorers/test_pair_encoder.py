@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.recipes import encoder_fitting
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoder
 from wordcraft_kg.models.scorers.neighbours import results

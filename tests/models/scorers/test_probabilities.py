@@ -13,16 +13,25 @@ import torch
 from link_helpers import train
 from scipy.special import expit, softmax
 
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs import RecipeGraph, Split, open_graph
-from wordcraft_kg.graphs.folds import Folds, make_folds
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in
-from wordcraft_kg.models.links.config import ComplExConfig
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg import (
+    ComplExConfig,
+    RecipesConfig,
+    RecipeScorerConfig,
+    load_scorer,
+    train_recipes,
+)
+from wordcraft_kg.base import ArtefactError, ConfigError, sha256_of
+from wordcraft_kg.graphs import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    Folds,
+    RecipeGraph,
+    Split,
+    is_in,
+    make_folds,
+    open_graph,
+)
 from wordcraft_kg.models.scorers import probabilities
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.probabilities import (
     LOG_ODDS,
     SEGMENTS,

@@ -14,8 +14,7 @@ from link_oracles import slow_clusters, slow_ranks
 from pykeen.evaluation import RankBasedEvaluator
 from small_scorers import table_scorer
 
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base import ArtefactError, as_values
 from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys

@@ -26,12 +26,12 @@ from wordcraft_kg.graphs import (
     Recipe,
     RecipeGraph,
     SplitConfig,
+    draw_train_sample,
+    make_folds,
     make_split,
     open_book,
     recipe_triples,
 )
-from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.models.scorers import probabilities, recipes
 from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of

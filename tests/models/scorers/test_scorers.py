@@ -17,18 +17,16 @@ from link_helpers import flip_bit, random_graph, train
 from link_oracles import equation_1
 from small_scorers import embeddings
 
-from wordcraft_kg import load_scorer, save_scorer
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import (
+from wordcraft_kg import LinkModelConfig, load_scorer, save_scorer
+from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     GraphMismatchError,
     LeakError,
     UnknownEntityError,
+    sha256_of,
 )
-from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, RecipeGraph
-from wordcraft_kg.graphs.triples import recipe_triples
-from wordcraft_kg.models.links.config import LinkModelConfig
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, RecipeGraph, recipe_triples
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,

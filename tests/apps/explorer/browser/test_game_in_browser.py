@@ -4,9 +4,8 @@ combined by a button; by mouse, by keyboard, on a phone, and under axe."""
 import pytest
 
 from tests.apps.explorer.browser.conftest import served
+from wordcraft_kg import RecipeGraph, open_graph
 from wordcraft_kg.apps.people.game import export_game, make_game_app
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 PHONE = {"viewport": {"width": 380, "height": 800}, "has_touch": True, "color_scheme": "dark"}
 RECIPES = [("water", "earth", "mud"), ("mud", "fire", "brick"), ("water", "fire", "steam")]

@@ -4,8 +4,8 @@ import math
 from itertools import permutations
 
 
-def results(rows, one, other):
-    return sorted({result for a, b, result in rows if {a, b} == {one, other}})
+def results(rows, *ingredients):
+    return sorted({made for *parts, made in rows if sorted(parts) == sorted(ingredients)})
 
 
 def triples(rows):
@@ -18,7 +18,7 @@ def known_after_rounds(rows, start):
     """Return what is known after 0, 1, 2, ... rounds, up to the round that adds nothing."""
     known = [set(start)]
     while True:
-        made = {result for a, b, result in rows if a in known[-1] and b in known[-1]}
+        made = {result for *parts, result in rows if known[-1].issuperset(parts)}
         if made <= known[-1]:
             return known
         known.append(known[-1] | made)
@@ -38,8 +38,9 @@ def costs(rows, entities, start):
     lowered = True
     while lowered:
         lowered = False
-        for a, b, result in rows:
-            if 1 + cost[a] + cost[b] < cost[result]:
-                cost[result] = 1 + cost[a] + cost[b]
+        for *parts, result in rows:
+            lower = 1 + sum(map(cost.__getitem__, parts))
+            if lower < cost[result]:
+                cost[result] = lower
                 lowered = True
     return cost

@@ -43,6 +43,10 @@ def graphs_of_sets(draw, min_size=1):
     return RecipeGraph.from_book(replace(book, kinds={each: each[0] for each in book.recipes}))
 
 
+ANY_GRAPHS = graphs() | graphs_of_sets()
+"""Graphs of pairs alone, and graphs of sets of any sizes."""
+
+
 def splittable_graphs():
     """Graphs large enough that no part of a split comes out empty by rounding."""
     return graphs(MANY, min_size=30, max_size=50)

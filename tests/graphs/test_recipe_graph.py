@@ -7,7 +7,7 @@ from operator import attrgetter
 import graph_oracles as oracles
 import numpy as np
 import pytest
-from graph_strategies import graphs, rows
+from graph_strategies import ANY_GRAPHS, graphs, rows
 from hypothesis import given, strategies as st
 
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
@@ -36,13 +36,14 @@ def labelled(graph, triples):
     ]
 
 
-@given(graphs())
-def test_results_of_every_pair_equal_a_search_through_all_recipes(graph):
+@given(ANY_GRAPHS)
+def test_results_of_ingredients_in_any_order_equal_a_search_through_all_recipes(graph):
     recipes = graph.recipe_labels()
-    for one, other in combinations_with_replacement(graph.entities, 2):
-        expected = oracles.results(recipes, one, other)
-        assert list(graph.labels(graph.results(one, other))) == expected
-        assert list(graph.labels(graph.results(other, one))) == expected
+    sets = {recipe.ingredients for recipe in recipes}
+    for parts in (*combinations_with_replacement(graph.entities, 2), *sets, graph.entities[:1] * 9):
+        expected = oracles.results(recipes, *parts)
+        assert list(graph.labels(graph.results(*parts))) == expected
+        assert list(graph.labels(graph.results(*reversed(parts)))) == expected
 
 
 @given(rows())
@@ -55,22 +56,23 @@ def test_a_graph_keeps_each_distinct_recipe_once_and_no_other(recipes):
     )
 
 
-@given(graphs())
+@given(ANY_GRAPHS)
 def test_recipes_and_uses_equal_a_search_through_all_recipes(graph):
     """Recipes and uses of every entity equal a search through all recipes."""
     recipes = graph.recipe_labels()
     for entity in graph.entities:
         making = [i for i, recipe in enumerate(recipes) if recipe.result == entity]
-        using = [i for i, recipe in enumerate(recipes) if entity in recipe[:2]]
+        using = [i for i, recipe in enumerate(recipes) if entity in recipe.ingredients]
         assert graph.recipes_of(entity).tolist() == making
         assert graph.uses_of(entity).tolist() == using
         assert graph.recipe_counts[graph.id_of(entity)] == len(making)
         assert graph.use_counts[graph.id_of(entity)] == len(using)
+    assert graph.rows_of(graph.sets[::-1]).tolist() == list(range(graph.num_recipes))[::-1]
 
 
-@given(graphs())
+@given(ANY_GRAPHS)
 def test_pairs_group_the_recipes_that_share_their_ingredients(graph):
-    pairs = [recipe[:2] for recipe in graph.recipe_labels()]
+    pairs = [recipe.ingredients for recipe in graph.recipe_labels()]
     assert graph.num_pairs == len(set(pairs))
     assert recipe_triples(np.empty((0, 3), dtype=np.int64)).shape == (0, 3)
     numbers = graph.pair_of_recipe.tolist()
@@ -78,8 +80,8 @@ def test_pairs_group_the_recipes_that_share_their_ingredients(graph):
         assert (numbers[i] == numbers[i - 1]) == (pairs[i] == pairs[i - 1])
 
 
-@given(graphs())
-def test_triples_are_four_a_recipe_with_duplicates_merged_and_sorted(graph):
+@given(ANY_GRAPHS)
+def test_triples_are_those_of_each_recipe_with_duplicates_merged_and_sorted(graph):
     triples = labelled(graph, graph.triples)
     assert set(triples) == oracles.triples(graph.recipe_labels())
     assert triples == sorted(set(triples), key=lambda triple: (triple[1], triple[0], triple[2]))

@@ -3,7 +3,6 @@
 import json
 import pickle
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -13,13 +12,11 @@ from hypothesis import given
 from wordcraft_kg.base.errors import GraphError, RecipeFileError, SplitError
 from wordcraft_kg.graphs import (
     RELATIONS,
-    Planner,
     Recipe,
     RecipeBook,
     RecipeGraph,
     SplitConfig,
     audit,
-    layers,
     make_split,
     open_graph,
     read_book,
@@ -168,63 +165,6 @@ def labelled(graph):
     heads, relations, tails = graph.triples.T.tolist()
     names = [RELATIONS[relation] for relation in relations]
     return set(zip(graph.labels(heads), names, graph.labels(tails), strict=True))
-
-
-@given(graphs_of_sets())
-def test_triples_lookups_and_layers_are_those_of_loops(graph):
-    recipes = graph.recipe_labels()
-    assert len(set(recipes)) == len(recipes)
-    expected = set()
-    for *ingredients, result in recipes:
-        expected |= {(one, "componentOf", result) for one in ingredients}
-        for one, other in combinations(ingredients, 2):
-            expected |= {(one, "combinesWith", other), (other, "combinesWith", one)}
-    assert labelled(graph) == expected
-    for recipe in recipes:
-        makes = {each.result for each in recipes if each.ingredients == recipe.ingredients}
-        assert set(graph.labels(graph.results(*recipe.ingredients[::-1]))) == makes
-        assert recipe in [recipes[row] for row in graph.uses_of(recipe[0])]
-    assert not len(graph.results(*[graph.entities[0]] * 9))
-    assert graph.rows_of(graph.sets[::-1]).tolist() == list(range(graph.num_recipes))[::-1]
-    groups = dict.fromkeys(recipe.ingredients for recipe in recipes)
-    assert graph.num_pairs == len(groups)
-
-
-def known_after_rounds(recipes, start, without=""):
-    known = [set(start)]
-    while True:
-        made = {each.result for each in recipes if known[-1].issuperset(each.ingredients)}
-        if made - {without} <= known[-1]:
-            return known
-        known.append((known[-1] | made) - {without})
-
-
-@given(graphs_of_sets())
-def test_layers_are_those_of_loops(graph):
-    recipes = graph.recipe_labels()
-    known = known_after_rounds(recipes, graph.base)
-    layer = dict(zip(graph.entities, layers(graph).tolist(), strict=True))
-    for label in graph.entities:
-        rounds = [number for number, labels in enumerate(known) if label in labels]
-        assert layer[label] == min(rounds, default=-1)
-
-
-@given(graphs_of_sets())
-def test_the_cheapest_derivations_add_the_costs_of_all_ingredients(graph):
-    planner = Planner(graph)
-    recipes = graph.recipe_labels()
-    cost = dict.fromkeys(graph.entities, float("inf")) | dict.fromkeys(graph.base, 0)
-    for _ in graph.entities:
-        for *ingredients, result in recipes:
-            cost[result] = min(cost[result], 1 + sum(map(cost.__getitem__, ingredients)))
-    assert dict(zip(graph.entities, planner.costs, strict=True)) == cost
-    for label in graph.entities:
-        if cost[label] < float("inf"):
-            at_hand = set(graph.base)
-            for step in planner.derivation(label).steps:
-                assert at_hand.issuperset(step.ingredients)
-                at_hand.add(step.result)
-            assert label in at_hand
 
 
 @pytest.mark.parametrize("kind", ["by-recipe-plain", "by-goal", "by-slot", "by-kind"])

@@ -17,8 +17,6 @@ from wordcraft_kg.base import (
     Record,
     Share,
     TaskError,
-    UnknownEntityError,
-    nearest,
     steps,
     whole,
 )
@@ -659,11 +657,7 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
         number = min(episodes, len(tasks))
         rows = np.linspace(0, len(tasks) - 1, number).astype(np.int64)
         return rows, np.zeros_like(rows)
-    if goal not in graph.entities:
-        raise UnknownEntityError(
-            f"no entity '{goal}' in {graph.name}.{nearest(goal, graph.entities)}"
-        )
-    rows = np.flatnonzero(tasks.goals == graph.entities.index(goal))
+    rows = np.flatnonzero(tasks.goals == graph.id_of(goal))
     if not len(rows):
         raise TaskError(
             f"no {world.config.part} task of depth {world.config.depth} has the goal '{goal}'. "

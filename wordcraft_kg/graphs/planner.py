@@ -45,7 +45,7 @@ def layers(
         depth += 1
         # Only recipes with a new ingredient can be used for the first time, so each recipe is
         # checked at most twice, whatever the number of rounds.
-        uses = [_group(starts, order, entity) for entity in frontier.tolist()]
+        uses = [order[starts[entity] : starts[entity + 1]] for entity in frontier.tolist()]
         recipes = np.concatenate(uses)
         is_known = np.append(layer >= 0, True)  # the padding of small recipes is there, too
         is_possible = np.ones(len(recipes), dtype=bool)
@@ -63,14 +63,6 @@ def _ids(graph: RecipeGraph, start: Iterable[Entity] | None) -> list[int]:
     if start is None:
         return list(graph.base_ids.tolist())
     return sorted({graph.id_of(entity) for entity in start})
-
-
-def _group(
-    starts: Ids,
-    order: Ids,
-    entity: int,
-) -> Ids:
-    return order[starts[entity] : starts[entity + 1]]
 
 
 def rounds(layer: Ids) -> list[int]:

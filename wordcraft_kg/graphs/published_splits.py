@@ -9,13 +9,13 @@ for all its recipes. Other keys and columns, such as a licence, are ignored.
 import csv
 import io
 import json
-from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.base.artefacts import check_file, gunzip, is_gzip
 from wordcraft_kg.base.errors import SplitError
@@ -192,9 +192,12 @@ def _recipe(graph: RecipeGraph, rows: Ids) -> str:
     return str(graph.recipe_labels(graph.sets[rows[:1]])[0])
 
 
-def _is_whole(groups: Ids, parts: Iterable[int]) -> bool:
-    """Return whether each group is in one part."""
-    parts_of = defaultdict[int, set[int]](set)
-    for group, part in zip(groups.tolist(), parts, strict=True):
-        parts_of[group].add(int(part))
-    return all(len(group_parts) == 1 for group_parts in parts_of.values())
+def _is_whole(groups: Ids, parts: NDArray[np.int8]) -> bool:
+    """Return whether each group is in one part.
+
+    Args:
+        groups: group of each recipe, shape (num_recipes,).
+        parts: part of each recipe, same shape.
+    """
+    group_parts = np.unique(np.column_stack([groups, parts]), axis=0)
+    return len(group_parts) == len(np.unique(groups))

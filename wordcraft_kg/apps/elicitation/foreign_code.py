@@ -368,12 +368,19 @@ def _items(value: Any) -> Iterator[tuple[str, Any]]:
 
 def _strings(value: Any) -> Iterator[str]:
     """Yield all texts among the values, at any depth."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        values = value.values() if isinstance(value, dict) else value
-        for inner in values:
-            yield from _strings(inner)
+    yield from (inner for _, inner in _values(value) if isinstance(inner, str))
+
+
+def _values(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield all single values in settings with the name of their setting, at any depth."""
+    if isinstance(value, Mapping):
+        for inner_name, inner in value.items():
+            yield from _values(inner, str(inner_name))
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from _values(inner, name)
+    else:
+        yield name, value
 
 
 def _is_known(folder: Path) -> bool:
@@ -470,19 +477,13 @@ def _too_large(path: Path, found: str, expected: str) -> ArtefactError:
     )
 
 
-def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, int]]:
+def _numbers(settings: Any) -> Iterator[tuple[str, int]]:
     """Yield all whole numbers in settings with the name of their setting, at any depth."""
-    if isinstance(value, Mapping):
-        for inner_name, inner in value.items():
-            yield from _numbers(inner, str(inner_name))
-    elif isinstance(value, list | tuple):
-        for inner in value:
-            yield from _numbers(inner, name)
-    elif isinstance(value, int) and not isinstance(value, bool):
-        yield name, value
-    # JSON may write a whole number as 1e9, which Python reads as a float.
-    elif isinstance(value, float) and value > _MORE_PARTS and value == value // 1:
-        yield name, int(value)
+    for name, value in _values(settings):
+        # JSON may write a whole number as 1e9, which Python reads as a float.
+        is_large_float = isinstance(value, float) and value > _MORE_PARTS and value == value // 1
+        if is_large_float or (isinstance(value, int) and not isinstance(value, bool)):
+            yield name, int(value)
 
 
 def _shapes(path: Path) -> list[Sequence[int]]:

@@ -308,7 +308,7 @@ class LinkTraining(TrainingCommand):
             rows.append(("with", str(metrics.outside)))
         rows += _ranks(metrics, metrics.train_mrr)
         if metrics.valid_mrr is not None:
-            rows.append(("valid", f"MRR {metrics.valid_mrr:.3f} at best, epoch {metrics.best_epoch}"))
+            rows.append(("valid", f"best MRR {metrics.valid_mrr:.3f}, epoch {metrics.best_epoch}"))
         if metrics.choice and not metrics.choice.beats_counting:
             logging.getLogger(__name__).warning(
                 "on held-out train recipes no candidate is better than the frequency rule; expect "

@@ -377,9 +377,7 @@ class AgentsTraining(TrainingCommand):
         summary = trained.summary
         assert summary is not None
         preset = AgentConfig.read(trained.folder).trainer.preset
-        rows = [
-            ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s, preset {preset}")
-        ]
+        rows = [("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s, preset {preset}")]
         distractors = counted(summary.distractors, "distractor")
         for name, rate in summary.success.items():
             success = f"{rate.mean:.3f} of the goals made [{rate.ci_low:.3f}, {rate.ci_high:.3f}]"

@@ -41,15 +41,18 @@ def task_of(
         results = graph.results(*(table[place] for place in pair))
         if labels := graph.labels(results):
             made[",".join(map(str, pair))] = labels
+    agent = sorted(table.index(step["action"]) for step in episode["steps"][:2])
     ranked = sorted(first["slots"], key=lambda slot: -slot["sources"]["w"])
-    best = next(slot for slot in ranked if slot["evidence"])
-    evidence = best["evidence"]
-    scorer = sorted(map(table.index, (best["entity"], evidence["partner"])))
+    pairs = {}
+    for slot in ranked:
+        if slot["evidence"]:
+            pair = sorted(map(table.index, (slot["entity"], slot["evidence"]["partner"])))
+            pairs.setdefault(tuple(pair), slot["evidence"]["because"])
+    scorer = list(next(iter(pairs)))
     because = [
         f"{recipe['ingredient_a']} + {recipe['ingredient_b']} → {recipe['result']}"
-        for recipe in evidence["because"]
+        for recipe in pairs.get(tuple(agent), ())
     ]
-    agent = sorted(table.index(step["action"]) for step in episode["steps"][:2])
     cosines = vectors[graph.ids_of(table)] @ vectors[graph.id_of(goal)]
     words = sorted(np.argsort(-cosines, kind="stable")[:2].tolist())
     wins = [goal in made.get(f"{a},{b}", ()) for a, b in (agent, scorer, words)]
@@ -58,7 +61,8 @@ def task_of(
         "table": table,
         "made": made,
         "agent": agent,
-        "because": because if agent == scorer else [],
+        "scorer": scorer,
+        "because": because,
         "players": sum(wins),
     }
 

@@ -58,7 +58,7 @@ def test_all_generated_parts_are_up_to_date(script):
 
 
 def test_the_readme_is_short():
-    assert len((DOCS.parent / "README.md").read_text(encoding="utf-8").split()) <= 900
+    assert len((DOCS.parent / "README.md").read_text(encoding="utf-8").split()) <= 700
 
 
 def test_a_figure_shows_the_named_columns_of_the_first_table(script):

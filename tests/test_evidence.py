@@ -176,11 +176,15 @@ def number(cell):
 
 
 STUDIED = {
-    "no graph": "no graph",
-    "the paper's settings, in-sample": "partial, as published, u v",
-    "**the paper's settings, cross-fitted**": "as published, cross-fitted, u v",
-    "our settings, in-sample": "partial, in-sample, u v",
-    "our settings, cross-fitted": "partial, u v",
+    "no graph": "agent without a graph",
+    "the paper's settings, scores of learned recipes": (
+        "ComplEx, scores of learned recipes, the paper's equations"
+    ),
+    "**the paper's settings, scores of unseen recipes**": (
+        "ComplEx, scores of unseen recipes, the paper's equations"
+    ),
+    "our settings, scores of learned recipes": "ComplEx, scores of learned recipes",
+    "our settings, scores of unseen recipes": "ComplEx, scores of unseen recipes",
 }
 
 

@@ -97,18 +97,23 @@ def on_config(config: Any) -> Any:
     return config
 
 
+def on_files(files: Any, *, config: Any) -> Any:
+    """Add the changelog."""
+    from mkdocs.structure.files import File
+
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
+    files.append(File.generated(config, "changelog.md", content=text))
+    return files
+
+
 def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
-    """Put the game and README's first screen on the landing page, and the changelog on its page;
-    links lead to the site.
-    """
+    """Put the game and README's first screen on the landing page; links lead to the site."""
     if page.file.src_uri == "index.md":
         screen, _, _ = (ROOT / "README.md").read_text(encoding="utf-8").partition(END)
         # The landing page asks README's question in its title.
         screen = re.sub(r"\A# .*\n\n\*\*.*?\*\* ", "", screen)
         game = GAME.format(tasks=json.dumps(front_tasks(), ensure_ascii=False))
         return markdown.replace(PLACE, game + "\n" + screen.replace("](docs/", "]("))
-    if page.file.src_uri == "changelog.md":
-        return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
     return markdown
 
 

@@ -101,6 +101,7 @@ format: install
 	$(BIN)/ruff format .
 
 docs: install
+	$(BIN)/python docs/front_page.py
 	$(BIN)/python docs/make_terms.py
 	$(BIN)/python docs/make_results.py
 	$(BIN)/python docs/make_evidence.py

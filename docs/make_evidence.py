@@ -212,7 +212,7 @@ def files() -> Iterator[tuple[Path, str]]:
     """Yield each file and its content."""
     readme = HERE.parent / "README.md"
     yield readme, between(readme.read_text(encoding="utf-8"), FINDING, finding())
-    guides = [HERE / "partial-graph.md", HERE / "which-model.md"]
+    guides = [HERE / f"{name}.md" for name in ("partial-graph", "which-model", "limits")]
     for page in (*guides, *sorted((HERE / "evidence").glob("*.md"))):
         text = with_tables(page.stem, page.read_text(encoding="utf-8"))
         yield page, text

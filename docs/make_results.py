@@ -83,12 +83,12 @@ QUESTIONS = {
     ),
     "knowledge": Question(
         "Do full and partial graphs help an agent?",
-        "A full graph helps drastically. A partial graph helps if the agent learns from out-of-sample scores.",
+        "A full graph helps drastically. A partial graph helps if the agent learns from scores of unseen recipes.",
         "Cross-fitted scores alone improve the agent as published.",
     ),
     "sources": Question(
         "Which links help an agent: partners, ingredients, or both?",
-        "With the full graph, scores of ingredients (v) are better than scores of partners (u), and both together are best.",
+        "With the full graph, scores of ingredients are better than scores of partners, and both together are best.",
         "Full graph: the better score, u or v, depends on the number of distractors.",
     ),
     "alone": Question(
@@ -98,12 +98,12 @@ QUESTIONS = {
     ),
     "splits": Question(
         "Does a graph help with new goals and slots?",
-        "Yes, with scores of whole recipes. Scores of links from ComplEx add little, and harm in-sample.",
+        "Yes, with scores of whole recipes. Scores of links from ComplEx add little, and harm where they are of learned recipes.",
         "Scores of whole recipes help with new goals or slots, too.",
     ),
     "depth2": Question(
         "Can agents make goals that need an intermediate?",
-        "Yes, with scores of plans (p); agents with other scores stay far below.",
+        "Yes, with scores of plans; agents with other scores stay far below.",
         "With scores of plans (p) a partial graph drastically improves success at depth 2.",
     ),
     "csrl": Question(
@@ -125,6 +125,43 @@ OVER_TASKS = "†"
 too narrow.
 """
 PLAYED = "graph", "split", "depth", "distractors", "distractor_seeds", "tasks"
+PLAIN = {
+    "no graph": "agent without a graph",
+    "full, u v": "ComplEx of all recipes",
+    "full, as published, u v": "ComplEx of all recipes, the paper's equations",
+    "full, as published, u": "ComplEx of all recipes, the paper's equations, partners only",
+    "full, as published, v": "ComplEx of all recipes, the paper's equations, ingredients only",
+    "full, released code, u v": "ComplEx of all recipes, the paper's program",
+    "partial, u v": "ComplEx, scores of unseen recipes",
+    "partial, in-sample, u v": "ComplEx, scores of learned recipes",
+    "partial, as published, u v": "ComplEx, scores of learned recipes, the paper's equations",
+    "partial, as published, u": "the same, partners only",
+    "partial, as published, v": "the same, ingredients only",
+    "as published, cross-fitted, u v": "ComplEx, scores of unseen recipes, the paper's equations",
+    "partial, released code, u v": "ComplEx, scores of learned recipes, the paper's program",
+    "partial, u v w": "recipe scorer",
+    "partial, u v w, no penalty": "recipe scorer, without penalty",
+    "partial, u v w p": "recipe scorer with plans",
+    "full graph alone, u v": "ComplEx of all recipes, no attention",
+    "full graph alone, u": "ComplEx of all recipes, no attention, partners only",
+    "full graph alone, v": "ComplEx of all recipes, no attention, ingredients only",
+    "partial graph alone, u v": "ComplEx of train recipes, no attention",
+    "in-sample": "scores of learned recipes",
+    "cross-fitted": "scores of unseen recipes",
+    "train tasks in-sample": "scores of learned recipes",
+    "train tasks out of sample": "scores of unseen recipes",
+    "random": "random vectors",
+    "one-hot": "one-hot vectors",
+    "no agent: recipe scorer alone, u v": "no agent: recipe scorer alone, by links",
+    "no agent: recipe scorer alone, w": "no agent: recipe scorer alone, by recipes",
+    "no agent: planner, p": "no agent: planner",
+}
+"""Names of the studies' variants and players in words."""
+NAMES = re.compile(
+    rf"(?<=\| )({'|'.join(map(re.escape, PLAIN))})(?= \|)|"
+    rf"(?<=\*)({'|'.join(map(re.escape, PLAIN))})(?=\*)"
+)
+"""Such a name as a table's cell or in italics."""
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
 
@@ -415,9 +452,10 @@ def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
     yield from (head, *lines)
     yield ""
     yield (
-        "Letters name the scores: u of partners (combinesWith), v of ingredients of the goal "
-        "(componentOf), w of whole recipes, p of plans. In-sample: scores of recipes that the scorer "
-        "has learned from. †: interval over tasks, too narrow."
+        "Rows are agents by the scores that they use. Scores of *learned* recipes come from a scorer "
+        'trained on the very recipes that the agent practises ("in-sample"); of *unseen* recipes, '
+        'from scorers that left them out ("cross-fitted"). *Partners*: links combinesWith; '
+        "*ingredients*: componentOf. †: interval over tasks, too narrow."
     )
     yield ""
     yield "## Method"
@@ -510,6 +548,13 @@ def main_table(results: StudyResults, view: StudyView) -> Iterator[str]:
     yield f"|---|{'---|' * len(view.points)}"
     for variant, cells in list(rows_of(results, view).items())[:MOST_ROWS]:
         yield f"| {variant} | {' | '.join(cells)} |"
+
+
+def in_plain_words(line: str) -> str:
+    """Return a line of a page with the names of variants, and of scorers' training data, in words."""
+    line = NAMES.sub(lambda name: PLAIN[name[0]], line)
+    line = re.sub(r"train_fraction (1|0\.\d)", lambda of: f"{float(of[1]):.0%} of recipes", line)
+    return re.sub(r"label_noise (0\.\d+)", lambda of: f"{float(of[1]):.0%} wrong results", line)
 
 
 def rows_of(results: StudyResults, view: StudyView) -> dict[str, list[str]]:
@@ -696,7 +741,9 @@ def written(studies: list[StudyResults], text: str) -> dict[str, str]:
     by_page: dict[str, list[tuple[StudyResults, StudyView]]] = {}
     for results, view in zip(studies, views, strict=True):
         by_page.setdefault(page_of(results), []).append((results, view))
-    return files | {path: "\n".join(evidence(of)) + "\n" for path, of in by_page.items()}
+    for path, of in by_page.items():
+        files[path] = "\n".join(map(in_plain_words, evidence(of))) + "\n"
+    return files
 
 
 def main() -> None:

@@ -33,13 +33,13 @@ ROWS = {
 SHORT = {
     "random pair": "random pair",
     "nearest words (glove)": "nearest words",
-    "PPO": "PPO",
-    "learner alone": "agent alone",
-    "learner with ComplEx": "agent, ComplEx",
+    "PPO": "plain PPO",
+    "learner alone": "agent without a graph",
+    "learner with ComplEx": "agent with ComplEx",
     "recipe scorer alone": "recipe scorer alone",
-    "learner with the recipe scorer": "agent, recipe scorer",
+    "learner with the recipe scorer": "agent with recipe scorer",
     "planner": "planner, untrained",
-    "learner with the recipe scorer and plans": "agent, plans",
+    "learner with the recipe scorer and plans": "agent with plans",
 }
 """Names in README, whose words are few."""
 

@@ -550,6 +550,28 @@ def test_the_citation_has_the_fields_of_a_release_and_those_of_the_package():
     assert set(package["keywords"]) <= set(cited["keywords"])
 
 
+FRONT_PAGE = runpy.run_path(str(ROOT / "docs/front_page.py"))
+
+
+@pytest.mark.parametrize("address", ["", "https://example.org/wordcraft-kg"])
+def test_the_repository_address_is_set_once_and_followed_by_package_and_citation(address):
+    texts = tuple((ROOT / name).read_text() for name in ("pyproject.toml", "CITATION.cff"))
+    assert FRONT_PAGE["with_address"](*texts, FRONT_PAGE["repository"]()) == texts
+    project, citation = FRONT_PAGE["with_address"](*texts, address)
+    urls = tomllib.loads(project)["project"].get("urls", {})
+    assert urls == ({"Repository": address} if address else {})
+    assert yaml.safe_load(citation).get("repository-code", "") == address
+    assert FRONT_PAGE["with_address"](project, citation, "") == texts
+
+
+def test_each_goal_of_the_landing_page_is_made_by_one_pair_of_its_table():
+    tasks = FRONT_PAGE["front_tasks"]()
+    assert len(tasks) == 4
+    for task in tasks:
+        assert len(task["table"]) == len(task["icons"]) == 3
+        assert sum(task["goal"] in results for results in task["made"].values()) == 1, task
+
+
 TEXTS = [
     (
         lambda: wk.open_book("half.csv"),

@@ -1,10 +1,13 @@
-// A game on the tables of the test tasks: a person picks two items, then sees the answer, the agent's pair and its reason.
+// The website's games: a person picks two items for a goal, then sees what they make and, after a loss, the answer.
+// TASKS, of the page Play, also have an agent's pair and its reason; FRONT_TASKS, of the landing page, have neither.
 "use strict";
 (() => {
-  const root = document.getElementById("table-game");
-  if (!root || typeof TASKS === "undefined") return;
+  const front = document.getElementById("front-game");
+  const root = front || document.getElementById("table-game");
+  const tasks = front && typeof FRONT_TASKS !== "undefined" ? FRONT_TASKS : typeof TASKS !== "undefined" ? TASKS : [];
+  if (!root || !tasks.length) return;
   const KEYS = "1234567890";
-  const ROUND = 10; // goals of a round
+  const ROUND = Math.min(10, tasks.length); // goals of a round
   const wins = { you: 0, agent: 0 };
   let number = 0;
   let picked = [];
@@ -16,37 +19,50 @@
     for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
     return element;
   };
-  const results = (task, pair) => task.made[[...pair].sort((a, b) => a - b).join(",")] || [];
-  const wonBy = (task, pair) => results(task, pair).includes(task.goal);
-  const words = (task, pair) => {
-    const made = results(task, pair).join(", ") || "nothing";
-    return `${pair.map((slot) => task.table[slot]).join(" + ")} → ${made}`;
+  const drawing = (path) => {
+    const picture = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    picture.setAttribute("viewBox", "0 0 24 24");
+    const line = document.createElementNS("http://www.w3.org/2000/svg", "path");
+    line.setAttribute("d", path);
+    picture.append(line);
+    return picture;
   };
+  const pair = (task, slots) => slots.map((slot) => task.table[slot]).join(" + ");
+  const results = (task, slots) => task.made[[...slots].sort((a, b) => a - b).join(",")] || [];
+  const wonBy = (task, slots) => results(task, slots).includes(task.goal);
+  const words = (task, slots) => `${pair(task, slots)} → ${results(task, slots).join(", ") || "nothing"}`;
   const answer = (task) => {
-    const pair = Object.keys(task.made).find((key) => task.made[key].includes(task.goal));
-    return words(task, pair.split(",").map(Number));
+    const key = Object.keys(task.made).find((slots) => task.made[slots].includes(task.goal));
+    return words(task, key.split(",").map(Number));
   };
   const goals = (count) => `${count} goal${count === 1 ? "" : "s"}`;
+  // Why the agent chose its pair, in a sentence.
+  const reason = (task) => {
+    if (task.because.length) return `It knows similar recipes: ${task.because.slice(0, 2).join(" and ")}.`;
+    return `It saw no similar recipe for this pair, and the scorer's first choice was ${pair(task, task.scorer)}.`;
+  };
 
-  const heading = make("h2", "", { id: "goal", tabindex: "-1" });
-  const score = make("p");
+  const heading = make(front ? "p" : "h2", "", { id: "goal", class: "play-goal", tabindex: "-1" });
+  const score = make("p", "", { class: "play-score" });
   const table = make("div", "", { class: "play-table", role: "group", "aria-label": "Items on the table" });
-  const outcome = make("div", "", { "aria-live": "polite" });
+  const outcome = make("div", "", { class: "play-outcome", "aria-live": "polite" });
   root.replaceChildren(heading, score, table, outcome);
 
   const inRound = () => number % ROUND;
-  const isLast = () => inRound() === ROUND - 1 || number === TASKS.length - 1;
+  const isLast = () => inRound() === ROUND - 1 || number === tasks.length - 1;
 
   const show = () => {
-    const task = TASKS[number];
+    const task = tasks[number];
     heading.textContent = `Make: ${task.goal}`;
     const played = inRound() + (done ? 1 : 0);
-    const tally = played ? ` So far you made ${goals(wins.you)}, the agent ${wins.agent}.` : "";
-    score.textContent = `Goal ${inRound() + 1} of ${ROUND}.${tally}`;
+    const tally = played ? ` You made ${goals(wins.you)}, the agent ${wins.agent}.` : "";
+    score.textContent = front ? "Pick the two things that make it." : `Goal ${inRound() + 1} of ${ROUND}.${tally}`;
     table.replaceChildren(
       ...task.table.map((item, slot) => {
-        const label = `${KEYS[slot] || ""} ${item}${picked.includes(slot) ? " ✓" : ""}`.trim();
-        const button = make("button", label, { type: "button", "aria-pressed": picked.includes(slot) });
+        const button = make("button", "", { type: "button", "aria-pressed": picked.includes(slot) });
+        const mark = make("span", task.icons ? "" : KEYS[slot] || "", { "aria-hidden": "true", class: "play-mark" });
+        if (task.icons) mark.append(drawing(task.icons[slot]));
+        button.append(mark, make("span", item));
         button.disabled = done;
         button.addEventListener("click", () => pick(slot));
         return button;
@@ -55,7 +71,7 @@
   };
 
   const pick = (slot) => {
-    if (done || slot >= TASKS[number].table.length) return;
+    if (done || slot >= tasks[number].table.length) return;
     picked.push(slot);
     if (picked.length === 2) finish();
     show();
@@ -63,31 +79,36 @@
   };
 
   const finish = () => {
-    const task = TASKS[number];
+    const task = tasks[number];
+    const won = wonBy(task, picked);
     done = true;
-    wins.you += wonBy(task, picked);
-    wins.agent += wonBy(task, task.agent);
-    const said = (who, pair) => `${who}: ${words(task, pair)}. ${wonBy(task, pair) ? "Goal made." : "Not the goal."}`;
-    const because = task.because.length ? ` It knows ${task.because.slice(0, 2).join(" and ")}.` : "";
-    const lines = [said("You", picked), said("Agent", task.agent) + because];
-    if (!wonBy(task, picked)) lines.push(`The answer: ${answer(task)}.`);
-    if (isLast()) {
-      const lead = wins.you === wins.agent ? "A draw" : wins.you > wins.agent ? "You win" : "The agent wins";
-      lines.push(`${lead}: you made ${goals(wins.you)} of ${inRound() + 1}, the agent ${wins.agent}.`);
+    wins.you += won;
+    const said = (who, slots) => `${who}: ${words(task, slots)}. ${wonBy(task, slots) ? "Goal made." : "Not the goal."}`;
+    const lines = [said("You", picked)];
+    if (!won) lines.push(`The answer: ${answer(task)}.`);
+    if (task.agent) {
+      wins.agent += wonBy(task, task.agent);
+      lines.splice(1, 0, `${said("Agent", task.agent)} ${reason(task)}`);
+      if (isLast()) {
+        const lead = wins.you === wins.agent ? "A draw" : wins.you > wins.agent ? "You win" : "The agent wins";
+        lines.push(`${lead}: you made ${goals(wins.you)} of ${inRound() + 1}, the agent ${wins.agent}.`);
+      }
     }
-    const next = make("button", isLast() ? "Play another round (Enter)" : "Next goal (Enter)", { type: "button" });
+    const again = task.agent ? "Play another round" : "Play again";
+    const next = make("button", isLast() ? again : "Next goal", { type: "button", class: "play-next" });
     next.addEventListener("click", begin);
     outcome.replaceChildren(...lines.map((line) => make("p", line)), next);
-    setTimeout(() => next.focus());
+    outcome.classList.toggle("play-won", won);
+    setTimeout(() => next.focus({ preventScroll: true }));
   };
 
   const begin = () => {
     if (isLast()) Object.keys(wins).forEach((who) => (wins[who] = 0));
-    number = (number + 1) % TASKS.length;
+    number = (number + 1) % tasks.length;
     [picked, done] = [[], false];
     outcome.replaceChildren();
     show();
-    heading.focus();
+    heading.focus({ preventScroll: true });
   };
 
   document.addEventListener("keydown", (event) => {

@@ -424,7 +424,7 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
             for one in evidence
         ]
     lines = run("score", recipes_folder, a, "+", b, "--top", "5").out.splitlines()
-    assert lines[0].split() == ["nats", "part", "recipe", "probability"]
+    assert lines[0].split() == ["score", "part", "recipe", "probability"]
     assert sum(" because " in line for line in lines) == 3
     (strongest,) = {one["strength"] for one in values["top"][0]["because"] if one["share"] > 0.5}
     assert strongest == 1
@@ -433,7 +433,7 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
     assert f"because {made} {first['strength']:.2g}" in lines[2]
     assert "because: similar train recipes, one part of a score: those with the same" in lines[-2]
     assert any(
-        f"train  {a} + {b} -> {result}" in line for line in lines if line.endswith("(in-sample)")
+        f"train  {a} + {b} -> {result}" in line for line in lines if line.endswith("(learned)")
     )
     assert NOTE in lines[-1]
 

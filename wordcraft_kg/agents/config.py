@@ -433,15 +433,6 @@ class AgentConfig(RunConfig):
         guide = Path(self.scorer).name if self.scorer else "no-kg"
         return Path("runs") / f"{graph_name}-{guide}"
 
-    def describe_preset(self) -> str:
-        """Return the preset and the values that it decides, in a line."""
-        values = self.values()
-        shown = []
-        for name in PAPER:
-            words = name.replace("_", " ")
-            shown.append(f"{words} {values[name]}")
-        return f"{self.trainer.preset}: {', '.join(shown)}"
-
     def differing(self) -> dict[str, Any]:
         """Return the settings that differ from the defaults and the preset's values, by name."""
         default = AgentConfig("").values()

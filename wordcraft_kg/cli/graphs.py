@@ -132,7 +132,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)
     end = f"wrote {folder}/   next: {following}"
-    output.result(view, [*lines_of_graph(view), *note_of_shares(audited.split), end])
+    output.result(view, [*lines_of_build(view), *note_of_shares(audited.split), end])
 
 
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
@@ -214,7 +214,8 @@ def describe(
     warn_of_cases(opened.graph.entities)
     warn_of_missing(opened.graph.entities)
     title = f"graph {opened.graph.name}"
-    output.result(audited, [title, *lines_of_graph(audited), *note_of_shares(audited.split)])
+    figures = lines_of(audited, of_sets=audited.sets is not None)
+    output.result(audited, [title, *figures, *note_of_shares(audited.split)])
 
 
 def _describe_tasks(graph: str, options: ListedTaskOptions, output: Output) -> None:
@@ -231,14 +232,36 @@ def _describe_tasks(graph: str, options: ListedTaskOptions, output: Output) -> N
     output.result(view, _text_of_tasks(view))
 
 
-def lines_of_graph(view: "Audit | BuiltGraph") -> Iterator[str]:
-    """Yield a graph's figures as text, after a line about how its file was read."""
-    import msgspec
-
+def lines_of_build(view: "BuiltGraph") -> Iterator[str]:
+    """Yield the figures to check after a build as text; ``describe`` prints all others."""
+    split = view.split
+    sources = "pairs" if view.sets is None else "ingredient sets"
+    base = names([*map(quoted, view.base)], len(view.base), most=5)
+    drawn = f"seed {split.seed}" if split.published is None else split.published.file
+    rows = [
+        ("entities", f"{view.entities:,}; {view.reachable:,} in reach of the base: {base}"),
+        ("recipes", f"{view.recipes:,}, from {view.pairs:,} different {sources}"),
+        (
+            "links",
+            f"{view.triples.total:,} = {view.triples.combines_with:,} combinesWith + "
+            f"{view.triples.component_of:,} componentOf",
+        ),
+        ("split", f"{split.kind}, {drawn}; {split.valid_recipes:,} recipes for validation"),
+        ("train", f"{split.train_recipes:,} recipes, without {split.uncovered:,} of the entities"),
+    ]
+    if split.test_recipes:
+        goals = f"{split.test_goals_in_train:,} of them also by a train recipe"
+        rows += [
+            ("test", f"{split.test_recipes:,} recipes for {split.test_goals:,} goals, {goals}"),
+            (
+                "test links",
+                f"{split.evaluated_triples:,} asked; {split.leaked_triples:,} left out, because "
+                "train recipes have them too",
+            ),
+        ]
     if view.reading is not None:
         yield view.reading.line()
-    shown = msgspec.structs.replace(view, reading=None)
-    yield from lines_of(shown, of_sets=view.sets is not None)
+    yield from aligned(rows)
 
 
 def warn_of_base(audited: "Audit") -> None:

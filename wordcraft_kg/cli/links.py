@@ -376,13 +376,13 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
         return
     rows = []
     for row_record, thing in zip(scored, things or map(_thing, scored), strict=True):
-        note = "(in-sample)" if getattr(row_record, "in_sample", False) else ""
+        note = "(learned)" if getattr(row_record, "in_sample", False) else ""
         rows.append(
             (f"{row_record.score:9.4f}", row_record.known or "", thing, _chance(row_record), note)
         )
     is_recipe = hasattr(scored[0], "in_sample")
     names = (
-        f"{'nats' if is_recipe else 'score':>9}",
+        f"{'score':>9}",
         "part",
         "recipe" if is_recipe else "triple",
         "probability",
@@ -435,7 +435,7 @@ def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
         )
     if any(getattr(row, "in_sample", False) for row in scored):
         yield (
-            "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
+            "(learned): the scorer was trained on this recipe, so the score is not a prediction."
         )
     if kg == "full" and {"valid", "test"} & {row.known for row in scored}:
         yield "The model was trained on the full graph, test triples included."

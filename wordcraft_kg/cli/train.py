@@ -299,28 +299,16 @@ class LinkTraining(TrainingCommand):
     def rows(self, trained: "TrainedLinks") -> Rows:  # noqa: D102
         metrics = trained.metrics
         assert metrics is not None
+        triples = f"{metrics.triples:,} triples ({metrics.kg} graph)"
         rows = [
-            (
-                "trained",
-                f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)",
-            ),
+            ("learned", f"{triples}, {metrics.epochs} epochs in {metrics.seconds:.1f} s"),
             *_learned_from(metrics),
         ]
         if metrics.outside:
             rows.append(("with", str(metrics.outside)))
-        rows += [
-            ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
-            ("parameters", f"{metrics.parameters:,}"),
-            # Memory, not ability: these are the triples that the model was trained on.
-            ("train MRR", f"{metrics.train_mrr:.3f} on training triples (memory)"),
-        ]
-        if metrics.choice:
-            rows.append(("chosen", str(metrics.choice)))
-        rows += _folds(metrics)
+        rows += _ranks(metrics, metrics.train_mrr)
         if metrics.valid_mrr is not None:
-            rows.append(
-                ("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}")
-            )
+            rows.append(("valid", f"best MRR {metrics.valid_mrr:.3f}, epoch {metrics.best_epoch}"))
         if metrics.choice and not metrics.choice.beats_counting:
             logging.getLogger(__name__).warning(
                 "on held-out train recipes no candidate is better than the frequency rule; expect "
@@ -335,7 +323,7 @@ class LinkTraining(TrainingCommand):
         return rows
 
     def seed_rows(self, values: dict[int, Values]) -> Rows:  # noqa: D102
-        text = "train MRR {train_mrr:.3f} (memory), {epochs} epochs"
+        text = "links of learned recipes: MRR {train_mrr:.3f}, {epochs} epochs"
         return [(f"seed {seed}", text.format_map(metrics)) for seed, metrics in values.items()]
 
 
@@ -355,11 +343,13 @@ class RecipeTraining(TrainingCommand):
             return list(trained.metrics.facts().items())
         metrics = trained.metrics
         rows = [
-            ("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"),
+            (
+                "learned",
+                f"{metrics.recipes:,} recipes ({metrics.kg} graph) in {metrics.seconds:.1f} s",
+            ),
             *_learned_from(metrics),
             *(("with", describe_source(source)) for source in metrics.outside),
-            ("time", f"{metrics.seconds:.1f} s"),
-            *_folds(metrics),
+            *_ranks(metrics, metrics.fold_in_sample_mrr),
         ]
         config = RecipesConfig.read(trained.folder)
         # Only who has not chosen the words gets advice on them.
@@ -386,19 +376,14 @@ class AgentsTraining(TrainingCommand):
     def rows(self, trained: "TrainedAgent") -> Rows:  # noqa: D102
         summary = trained.summary
         assert summary is not None
-        evaluation = f"{summary.curves_share:.1%} of the time spent on the curves"
-        config = AgentConfig.read(trained.folder)
-        rows = [
-            ("preset", config.describe_preset()),
-            ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
-            ("speed", f"{summary.steps_per_second:,} steps/s; {evaluation}"),
-        ]
+        preset = AgentConfig.read(trained.folder).trainer.preset
+        rows = [("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s, preset {preset}")]
         distractors = counted(summary.distractors, "distractor")
         for name, rate in summary.success.items():
-            success = f"success {rate.mean:.3f} [{rate.ci_low:.3f}, {rate.ci_high:.3f}] greedy"
-            seeds = counted(rate.distractor_seeds, "distractor seed")
+            success = f"{rate.mean:.3f} of the goals made [{rate.ci_low:.3f}, {rate.ci_high:.3f}]"
+            tables = counted(rate.distractor_seeds, "table")
             rows.append(
-                (f"{name} tasks", f"{success}, {rate.tasks:,} tasks, {seeds}, {distractors}")
+                (f"{name} tasks", f"{success}: {rate.tasks:,} tasks, {tables} each, {distractors}")
             )
         return rows
 
@@ -447,11 +432,15 @@ def _learned_from(metrics: "LinkMetrics | RecipeMetrics") -> Rows:
     return [("from", words)] if words else []
 
 
-def _folds(metrics: "LinkMetrics | RecipeMetrics") -> Rows:
-    if metrics.fold_mrr is None:
-        return []
-    figures = f"{metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
-    return [("folds", f"{metrics.folds}; MRR on train triples {figures}")]
+def _ranks(metrics: "LinkMetrics | RecipeMetrics", train_mrr: float | None) -> Rows:
+    rows = []
+    if train_mrr is not None:
+        rows.append(("memory", f"links of learned recipes: MRR {train_mrr:.3f}"))
+    if metrics.fold_mrr:
+        # The reciprocal of the mean reciprocal rank is the harmonic mean of the ranks.
+        mrr = f"MRR {metrics.fold_mrr:.3f} (about rank {1 / metrics.fold_mrr:.0f})"
+        rows.append(("unseen", f"links of recipes left out in turn: {mrr}"))
+    return rows
 
 
 def _how_to_fit(config: LinksConfig) -> str:

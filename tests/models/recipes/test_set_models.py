@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import shutil
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -608,6 +609,80 @@ def test_words_of_minilm_are_of_built_in_books(scorer):
         with_new_entities(scorer, ["zzqx"], "none", "minilm")
 
 
+RULES = """
+def no_dx(ingredients, goal):
+    return "dx" not in ingredients
+
+def nothing(ingredients, goal):
+    return False
+
+def failing(ingredients, goal):
+    return ingredients["bx"]
+
+def text(ingredients, goal):
+    return "yes"
+
+number = 3
+"""
+
+
+@pytest.fixture
+def rules(tmp_path, monkeypatch):
+    (tmp_path / "rules_of_letters.py").write_text(RULES)
+    (tmp_path / "rules_with_a_fault.py").write_text("def no_dx(:")
+    monkeypatch.chdir(tmp_path)
+    path = list(sys.path)
+    yield
+    assert sys.path == path
+    sys.modules.pop("rules_of_letters", None)
+
+
+@pytest.mark.usefixtures("rules")
+def test_a_rule_of_the_user_leaves_sets_out_and_changes_no_probability(run, book, model, tmp_path):
+    command = ("suggest", book / "model", "--goal", "Gbdh", "--top", 9)
+    free, ruled = (
+        {tuple(each["ingredients"]): each["score"] for each in json.loads(out)["suggestions"]}
+        for out in (
+            run(*command, "--json").out,
+            run(*command, "--rule", "rules_of_letters:no_dx", "--json").out,
+        )
+    )
+    expected = {sets: score for sets, score in free.items() if "dx" not in sets}
+    assert len(expected) < len(free)
+    assert ruled == pytest.approx(expected, rel=1e-4)
+    shown = run(
+        "evaluate-links", book / "model", "--rule", "rules_of_letters:no_dx", "--out", "ruled"
+    )
+    assert "the model's sets are those that rules_of_letters:no_dx allows" in shown.out
+    predictions = json.loads((tmp_path / "ruled" / "predictions.json").read_text())
+    assert not any("dx" in each for sets in predictions.values() for each in sets)
+    assert json.loads((tmp_path / "ruled" / "sets.json").read_text())["has_rule"]
+    # Nothing is left of the rule in the model.
+    assert "dx" in run(*command).out
+
+
+@pytest.mark.usefixtures("rules")
+@pytest.mark.parametrize(
+    ("rule", "fault"),
+    [
+        ("no_dx", "expected module:function"),
+        ("missing_rules:no_dx", "cannot import missing_rules (ModuleNotFoundError"),
+        ("rules_with_a_fault:no_dx", "cannot import rules_with_a_fault (SyntaxError"),
+        ("rules_of_letters:missing", "has no such function"),
+        ("rules_of_letters:number", "has a int"),
+        ("rules_of_letters:failing", "failed for ax + bx -> Gab (TypeError"),
+        ("rules_of_letters:text", "returned 'yes' for"),
+        ("rules_of_letters:nothing", "the rule allows no likely set for 'Gab'"),
+    ],
+)
+def test_a_rule_that_is_no_function_of_sets_is_refused_with_the_reason(
+    run, book, model, rule, fault
+):
+    refused = run("suggest", book / "model", "--goal", "Gab", "--rule", rule)
+    assert refused.code == 1
+    assert fault in refused.err
+
+
 @pytest.mark.parametrize(
     ("query", "fault"),
     [
@@ -626,5 +701,7 @@ def test_queries_that_no_model_of_sets_can_answer_are_refused(run, book, model, 
 
 
 def test_a_recipe_scorer_of_pairs_suggests_the_train_recipes_of_a_goal(run, recipes_folder):
+    refused = run("suggest", recipes_folder, "--goal", "dough", "--rule", "operator:contains")
+    assert "`rule`" in refused.err or "--rule" in refused.err
     told = run("suggest", recipes_folder, "--goal", "dough", "--top", 3).out
     assert "flour + water -> dough" in told

@@ -1,5 +1,6 @@
 """Train recipes as knowledge of sets: parts that recipes lose, votes, candidates and features."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -293,12 +294,19 @@ class SetKnowledge:
             keys, is_allowed, shares, votes, set_votes, similarity, log_sizes, missing, amounts
         )
 
-    def candidates(self, goal: GoalEvidence, *, has_coverage: bool = True) -> tuple[Ids, Vector]:
+    def candidates(
+        self,
+        goal: GoalEvidence,
+        *,
+        has_coverage: bool = True,
+        is_allowed: Callable[[Ids], bool] = lambda row: True,
+    ) -> tuple[Ids, Vector]:
         """Return likely sets for a goal, by numbers of ingredients, and their features.
 
         Args:
             goal: from :meth:`goal`.
             has_coverage: whether sets must bring all key parts.
+            is_allowed: whether a set, shape (8,), is a candidate.
 
         Returns:
             sets, shape (n, 8), and features, shape (n, F); n = 0 if nothing is allowed.
@@ -317,6 +325,7 @@ class SetKnowledge:
             brings = (self.lists.has_part[near_sets][..., goal.keys] & is_in[..., None]).any(1)
             fits &= np.all(brings, axis=1)
         sets = np.unique(np.concatenate([sets[:num_sets], near_sets[fits]]), axis=0)
+        sets = sets[np.array([is_allowed(row) for row in sets], dtype=bool)]
         if not len(sets):
             return sets, np.empty((0, self.num_features), dtype=np.float32)
         features = self.features(goal, sets)

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.optimize
 import torch
 
 from wordcraft_kg import load_scorer, open_model
@@ -26,6 +27,7 @@ from wordcraft_kg.models.recipes import set_fitting
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_entities
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.sets import knowledge as set_knowledge
 from wordcraft_kg.models.scorers.sets import loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
@@ -107,8 +109,8 @@ def test_suggestions_bring_each_letter_and_no_other_unless_any_part_is_allowed(s
     suggestions = scorer.recipes("Gbdh", 10)
     assert len(suggestions) > 3
     for suggestion in suggestions:
-        letters = sorted(label[0] for label in labels_of(scorer, suggestion.ingredients))
-        assert letters == ["b", "d", "h"]
+        letters = {label[0] for label in labels_of(scorer, suggestion.ingredients)}
+        assert letters == {"b", "d", "h"}
     assert sum(suggestion.probability for suggestion in suggestions) <= 1
     assert len(scorer.recipes("Gbdh", 99, has_coverage=False)) > len(scorer.recipes("Gbdh", 99))
 
@@ -268,21 +270,83 @@ def test_the_beam_finds_what_a_full_search_finds(scorer):
     amounts = knowledge.amounts[scorer.entity_ids("Gceh").item()]
     log_network = np.random.default_rng(0).normal(size=size).astype(np.float32)
     goal = knowledge.goal(amounts, np.empty(0, np.float32), log_network)
-    sets = np.full((8, 8), -1, dtype=np.int64)
+    sets = np.full((99, 8), -1, dtype=np.int64)
     nothing = np.empty(0, dtype=np.float32)
-    assert loops.search(knowledge.lists, goal.keys, goal.shares, nothing, 4, sets) == 8
+    log_again = np.array([-1, -2, -3], dtype=np.float32)
+    count = loops.search(knowledge.lists, goal.keys, goal.shares, log_again, nothing, 4, sets)
+    shares = (goal.shares[0] + goal.shares[3]) / 2
     options = [
         [i for i in range(size) if knowledge.lists.has_part[i, key] and goal.is_allowed[i]]
         for key in goal.keys
     ]
-    scores = {
-        tuple(sorted(choice)): sum(
-            (goal.shares[0, key, i] + goal.shares[3, key, i]) / 2 for key, i in enumerate(choice)
-        )
-        for choice in itertools.product(*options)
-    }
-    expected = sorted(scores, key=scores.get, reverse=True)
-    assert [tuple(row[row >= 0].tolist()) for row in sets] == expected
+    scores = {}
+    for choice in itertools.product(*options):
+        for more in itertools.product(*([None, *each] for each in options)):
+            extra = [(key, i) for key, i in enumerate(more) if i is not None]
+            members = {*choice, *(i for _, i in extra)}
+            if len(members) == len(choice) + len(extra):
+                score = sum(shares[key, i] for key, i in enumerate(choice))
+                score += sum(shares[key, i] + log_again[key] for key, i in extra)
+                row = tuple(sorted(members))
+                scores[row] = max(score, scores.get(row, -np.inf))
+    assert count == len(scores) > 8
+    found = [scores[tuple(row[row >= 0].tolist())] for row in sets[:count]]
+    np.testing.assert_allclose(found, sorted(scores.values(), reverse=True), rtol=1e-5)
+
+
+def test_what_is_missing_equals_non_negative_least_squares():
+    rng = np.random.default_rng(0)
+    members = rng.random((20, 8, 6)).astype(np.float32)
+    members[:, :3, :3] += 2 * np.eye(3)
+    members[:, 3:] = 0
+    amounts = rng.random(6).astype(np.float32)
+    kinds = np.array([0, 0, 0, 0, 1, 2])
+    result = np.empty((20, 3), dtype=np.float32)
+    loops.balance(members, kinds, amounts, result)
+    for row in range(20):
+        weights, _ = scipy.optimize.nnls(members[row, :, :4].T, amounts[:4])
+        brought = weights @ members[row]
+        expected = [np.abs(brought - amounts)[:4].sum(), *(brought - amounts)[4:]]
+        np.testing.assert_allclose(result[row], expected, atol=0.02)
+
+
+def test_recipes_agree_with_a_set_by_the_ingredients_that_it_lacks(scorer, monkeypatch):
+    # All recipes may agree.
+    monkeypatch.setattr(set_knowledge, "_NEAR_RECIPES", 99)
+    knowledge = scorer.knowledge
+    goal = scorer.evidence(int(scorer.entity_ids("Gbdh")))
+    sets, _ = knowledge.candidates(goal)
+    agreements = knowledge._agreements(goal, sets)
+    for row, ingredients in enumerate(sets.tolist()):
+        for kernel in (0, 1):
+            total = share = 0.0
+            for recipe in knowledge.recipes:
+                members = knowledge.number_of[recipe[:-1][recipe[:-1] >= 0]]
+                useful = [each for each in members if goal.is_allowed[each]]
+                known = np.flatnonzero(knowledge.goal_ids == recipe[-1])[0]
+                weight = goal.similarity[kernel, known] * bool(useful)
+                total += weight
+                share += weight * 0.1 ** sum(each not in ingredients for each in useful)
+            assert agreements[row, kernel] == pytest.approx(np.log(share / total + 1e-3), rel=1e-3)
+
+
+def test_a_lost_part_that_a_goal_keeps_may_come_from_an_ingredient_of_it_alone(monkeypatch):
+    """Carbon for a carbide: cards with x lose it in most words, and X is a card of x alone."""
+    amounts = np.array(
+        [[1, 0, 1], [0, 1, 1], [0, 0, 1], *[[1, 1, 0]] * 5, *[[1, 1, 1]] * 2], dtype=np.float32
+    )
+    amounts /= amounts.sum(1, keepdims=True)
+    rows = [[0, 1, -1, goal] for goal in range(3, 8)] + [[0, 1, 2, 8]]
+    recipes = np.full((6, 9), -1)
+    recipes[:, [0, 1, 2, 8]] = rows
+    knowledge = SetKnowledge(recipes, amounts, np.zeros((10, 0), np.float32))
+    assert knowledge.is_key.tolist() == [True, True, False]
+    monkeypatch.setattr(set_knowledge, "_NEAR_SETS", 0)
+    goal = knowledge.goal(amounts[9], np.empty(0, np.float32), np.zeros(3, np.float32), entity=9)
+    sets, _ = knowledge.candidates(goal)
+    assert [0, 1, 2] in sets[:, :3].tolist()
+    without = knowledge.goal(amounts[3], np.empty(0, np.float32), np.zeros(3, np.float32))
+    assert 2 not in knowledge.candidates(without)[0]
 
 
 # --- the same bits, and folders from elsewhere ----------------------------------------------------

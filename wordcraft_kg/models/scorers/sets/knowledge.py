@@ -16,6 +16,7 @@ from wordcraft_kg.models.scorers.sets.loops import (
     NUM_KERNELS,
     WIDTHS,
     SetLists,
+    balance,
     search,
     vote,
 )
@@ -27,7 +28,9 @@ _LOST_FROM = 0.05
 """Share of recipes with a part whose goal lacks it, from which recipes lose the part."""
 _SHARED_FROM = 1.5
 """Mean number of ingredients that bring a part, from which a set shares it."""
-_BEAM = 40
+_RARELY_AGAIN = 1e-3
+"""Least share of recipes in which one ingredient more brings a part."""
+_BEAM = 60
 _TOP = 8
 _TOP_OF_ALL = 16
 """Ingredients that are tried for a part; in a model without parts, for each step."""
@@ -46,7 +49,11 @@ _WEIGHT_OF_SET = 50.0
 _FIRST, _SECOND = np.triu_indices(MOST_INGREDIENTS, 1)
 _SUM, _NETWORK_SUM, _SET_VOTE, _SIZE = 0, 6, 10, 23
 """Columns of features, for the order before the committee's."""
-_FEATURES_BEFORE_KINDS = 25
+_FEATURES_BEFORE_KINDS = 30
+_NEAR_RECIPES = 60
+"""Recipes of the nearest goals that may agree with a set."""
+_DISAGREEING = 0.1
+"""Weight of such a recipe for each of its ingredients that the set lacks."""
 Vector = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
@@ -57,8 +64,10 @@ class GoalEvidence:
 
     Attributes:
         keys: its key parts, shape (K,).
+        spares: its parts that recipes lose, shape (L,), which an ingredient without key parts may
+            bring.
         is_allowed: shape (N,), which ingredients bring no part that the goal lacks.
-        shares: log shares of ingredients by key part, shape (4, K, N).
+        shares: log shares of ingredients by key part and spare, shape (4, K + L, N).
         votes: shape (3, N).
         set_votes: shape (3, S).
         similarity: shape (3, G), to each known goal.
@@ -68,6 +77,7 @@ class GoalEvidence:
     """
 
     keys: Ids
+    spares: Ids
     is_allowed: Flags
     shares: Vector
     votes: Vector
@@ -135,6 +145,12 @@ class SetKnowledge:
         is_told = is_in_goal.any(1)
         self._count_parts((is_in @ has_part.astype(np.float32))[is_told], is_in_goal[is_told])
         self.is_key = self.is_kept & (self.shared <= _SHARED_FROM) | (not self.has_parts)
+        # Ingredients such as carbon for a carbide: no key part, but a part that other goals lose.
+        self._is_spare: Flags = ~np.any(has_part[:, self.is_key], axis=1)
+        has_spare = (is_in @ (has_part * self._is_spare[:, None]).astype(np.float32)) > 0
+        kept_spares = (has_spare & is_in_goal).sum(0) / np.maximum(is_in_goal.sum(0), 1)
+        again = np.where(self.is_key, self.shared - 1, kept_spares)
+        self._log_again = np.log(np.clip(again, _RARELY_AGAIN, 1)).astype(np.float32)
         self.style_parts = ~self.is_key if style_parts is None else style_parts
         self.styles = self.style(has_part)
         self.counts: Vector = np.asarray(is_in.sum(0)).ravel()
@@ -287,11 +303,23 @@ class SetKnowledge:
         parts = np.flatnonzero(amounts > 0)
         keys = parts[self.is_key[parts]]
         keys = keys if len(keys) else parts
+        spares = parts[~self.is_kept[parts] & self.is_key[keys].all()]
         shares, missing = self._shares(keys, is_allowed, votes, log_network)
+        spare_shares, _ = self._shares(spares, is_allowed & self._is_spare, votes, log_network)
+        shares = np.concatenate([shares, spare_shares], axis=1)
         sizes = np.bincount(self._set_sizes, set_votes[1], MOST_INGREDIENTS + 1)[1:]
         log_sizes = np.log(sizes / max(sizes.sum(), _FLOOR**3) + _FLOOR).astype(np.float32)
         return GoalEvidence(
-            keys, is_allowed, shares, votes, set_votes, similarity, log_sizes, missing, amounts
+            keys,
+            spares,
+            is_allowed,
+            shares,
+            votes,
+            set_votes,
+            similarity,
+            log_sizes,
+            missing,
+            amounts,
         )
 
     def candidates(
@@ -316,7 +344,8 @@ class SetKnowledge:
         if goal.missing < 0 and len(goal.keys):
             log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
             top = _TOP if self.has_parts else _TOP_OF_ALL
-            num_sets = search(self.lists, goal.keys, goal.shares, log_sizes, top, sets)
+            log_again = self._log_again[np.append(goal.keys, goal.spares)]
+            num_sets = search(self.lists, goal.keys, goal.shares, log_again, log_sizes, top, sets)
         near = np.argsort(-goal.set_votes[0], kind="stable")[:_NEAR_SETS]
         near_sets = self.lists.sets[near]
         is_in = near_sets >= 0
@@ -350,7 +379,8 @@ class SetKnowledge:
         votes = np.tile(self.counts, (NUM_KERNELS, 1))
         shares, _ = self._shares(goal.keys, goal.is_allowed, votes, np.log(self.counts))
         log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
-        return sets[: search(self.lists, goal.keys, shares, log_sizes, _TOP, sets)]
+        log_again = self._log_again[goal.keys]
+        return sets[: search(self.lists, goal.keys, shares, log_again, log_sizes, _TOP, sets)]
 
     def _shares(
         self, keys: Ids, is_allowed: Flags, votes: Vector, log_network: Vector
@@ -390,6 +420,7 @@ class SetKnowledge:
         styles: Vector | None = None,
         shares: Vector | None = None,
         proxies: Ids | None = None,
+        amounts: Vector | None = None,
     ) -> Vector:
         """Return the features of sets for a goal, shape (n, F).
 
@@ -399,18 +430,20 @@ class SetKnowledge:
             styles: kinds of all ingredients, unknown ones included.
             shares: log shares, unknown ones included.
             proxies: known ingredient that stands for each.
+            amounts: shares of parts of all ingredients, unknown ones included.
         """
         styles = self.styles if styles is None else styles
         shares = goal.shares if shares is None else shares
-        stand_ins = sets if proxies is None else proxies[sets]
+        amounts = self.amounts[self.ingredient_ids] if amounts is None else amounts
         is_in = sets >= 0
+        stand_ins = sets if proxies is None else np.where(is_in, proxies[sets], NO_INGREDIENT)
         sizes = is_in.sum(1)
-        # Shape (4, keys, n, 8), and over keys, (4, n, 8).
+        # Shape (4, keys and spares, n, 8), and over these, (4, n, 8).
         member_shares = np.where(is_in, shares[:, :, sets], -np.inf)
         best_shares = member_shares.max(1, initial=NO_SHARE)
         sums = np.where(is_in, best_shares, 0).sum(2)
         minima = np.where(is_in, best_shares, np.inf).min(2)
-        key_sums = member_shares.max(3).sum(1)
+        key_sums = member_shares[:, : len(goal.keys)].max(3).sum(1)
         numbers = [self._numbers_of_sets.get(row.tobytes(), -1) for row in sets]
         is_known = np.array(numbers) >= 0
         set_shares = goal.set_votes[:, numbers] / np.maximum(goal.set_votes.sum(1), 1e-12)[:, None]
@@ -438,7 +471,53 @@ class SetKnowledge:
             np.full(len(sets), np.log(goal.set_votes[0].sum() + _SMALLEST)),
             goal.log_sizes[sizes - 1],
             np.abs(distance).sum(1),
+            *self._balances(goal, amounts[sets] * is_in[..., None]).T,
+            *self._agreements(goal, stand_ins).T,
             *distance.T,
             *style.T,
         ]
         return np.stack(columns, axis=1).astype(np.float32)
+
+    def _balances(self, goal: GoalEvidence, members: Vector) -> Vector:
+        """Return what is missing or too much when amounts of ingredients add up to the goal.
+
+        Args:
+            goal: from :meth:`goal`.
+            members: shares of parts of the ingredients, shape (n, 8, P).
+
+        Returns:
+            shape (n, 3), for key parts, shared parts and lost parts.
+        """
+        is_here = (goal.amounts > 0) | (members > 0).any((0, 1))
+        kinds = np.where(self.is_key, 0, np.where(self.is_kept, 1, 2))[is_here]
+        result = np.empty((len(members), 3), dtype=np.float32)
+        balance(np.ascontiguousarray(members[..., is_here]), kinds, goal.amounts[is_here], result)
+        return result
+
+    def _agreements(self, goal: GoalEvidence, sets: Ids) -> Vector:
+        """Return the log share of similar recipes that agree with sets, by two kernels.
+
+        A recipe counts less for each of its ingredients that the goal allows and the set lacks.
+
+        Args:
+            goal: from :meth:`goal`.
+            sets: shape (n, 8), numbers of known ingredients.
+
+        Returns:
+            shape (n, 2).
+        """
+        similarity = goal.similarity[:, self.lists.recipe_goals]
+        most = min(_NEAR_RECIPES, similarity.shape[1])
+        near = np.argpartition(-similarity[1], most - 1)[:most]
+        uses = self._flags(self.lists.sets[self.lists.recipe_sets[near]]) * goal.is_allowed
+        num_lacking = uses.sum(1) - self._flags(sets) @ uses.T
+        weights = similarity[:2, near] * uses.any(1)
+        total = np.maximum(weights.sum(1), _SMALLEST)
+        return np.log(_DISAGREEING**num_lacking @ weights.T / total + _FLOOR)
+
+    def _flags(self, sets: Ids) -> Vector:
+        """Return which ingredients sets have, shape (n, N), 1 or 0."""
+        # Behind the last ingredient: the place of the padding.
+        flags = np.zeros((len(sets), len(self.counts) + 1), dtype=np.float32)
+        np.put_along_axis(flags, sets, 1, axis=1)
+        return flags[:, :-1]

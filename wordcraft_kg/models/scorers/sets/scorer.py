@@ -339,13 +339,15 @@ class SetScorer(StoredScorer):
         has_part = knowledge.amounts[unknown] > 0
         styles = knowledge.style(has_part)
         shares = np.maximum(evidence.shares[..., proxies] + np.log(similarity), NO_SHARE)
-        shares[:, ~has_part[:, evidence.keys].T] = NO_SHARE
+        parts = np.append(evidence.keys, evidence.spares)
+        shares[:, ~has_part[:, parts].T] = NO_SHARE
         features = knowledge.features(
             evidence,
             numbers,
             np.concatenate([knowledge.styles, styles]),
             np.concatenate([evidence.shares, shares], axis=2).astype(np.float32),
             np.concatenate([np.arange(size), proxies]),
+            knowledge.amounts[np.concatenate([knowledge.ingredient_ids, unknown])],
         )
         scores = self._scores(features)
         is_candidate = (numbers[:, None] == candidates[None]).all(2).any(1)

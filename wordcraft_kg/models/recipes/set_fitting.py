@@ -1,8 +1,9 @@
 """Fit the network, the committee and the probabilities of a model of sets."""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from hashlib import sha256
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -11,8 +12,10 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import GraphError
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.recipes.records import FitDone
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
+from wordcraft_kg.runs.checkpoints import Checkpoints, not_done
 
 TOP = (1, 3, 5, 10)
 """Numbers of suggestions, for shares of goals with a right one among them."""
@@ -66,6 +69,18 @@ class Candidates(NamedTuple):
     is_right: NDArray[np.bool_]
 
 
+class _Fold(NamedTuple):
+    """A fold of the train goals, which is fitted and saved.
+
+    Attributes:
+        fold: its number.
+        done: what is recorded when it is saved.
+    """
+
+    fold: int
+    done: FitDone
+
+
 def fit_sets(
     recipes: Ids,
     amounts: Vector,
@@ -73,6 +88,7 @@ def fit_sets(
     *,
     seed: int,
     folds: int = 5,
+    saved: Checkpoints[FitDone] | None = None,
     after: Callable[[], None] = lambda: None,
 ) -> FittedSets:
     """Fit a model of sets.
@@ -83,6 +99,7 @@ def fit_sets(
         words: unit vectors of all entities, shape (E, D).
         seed: root seed.
         folds: parts of the train goals, each scored by knowledge without its recipes.
+        saved: where each fold is saved; intact folds of equal data are read.
         after: called after each fold, and at the end.
     """
     goals = np.unique(recipes[:, -1])
@@ -92,17 +109,52 @@ def fit_sets(
     fold_of_recipe = fold_of_entity[recipes[:, -1]]
     lessons: list[Candidates] = []
     whole = SetKnowledge(recipes, amounts, words)
-    for fold in range(folds):
-        others = recipes[fold_of_recipe != fold]
+    done = FitDone(trained_on=_hash_of(recipes, amounts, words))
+    jobs = [_Fold(fold, done) for fold in range(folds)]
+    missing = jobs if saved is None else not_done(jobs, saved)
+    for job in jobs:
+        if saved is not None and job not in missing:
+            lessons += _lessons_of(saved.read(job.fold).tensors)
+            continue
+        others = recipes[fold_of_recipe != job.fold]
         knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
-        network = fit_network(knowledge, seed * 1_000 + fold, members=1)
-        held_out = recipes[fold_of_recipe == fold]
-        lessons += candidates_of(knowledge, network, held_out)
+        network = fit_network(knowledge, seed * 1_000 + job.fold, members=1)
+        held_out = recipes[fold_of_recipe == job.fold]
+        lessons_of_fold = candidates_of(knowledge, network, held_out)
+        lessons += lessons_of_fold
+        if saved is not None:
+            saved.save(job.fold, _tensors_of(lessons_of_fold), done)
         after()
     network = fit_network(whole, seed * 1_000 + folds, members=_MEMBERS)
     fitted = _fit_committee(lessons, seed)
     after()
     return FittedSets(network, *fitted)
+
+
+def _hash_of(*arrays: NDArray[Any]) -> str:
+    """Return the SHA-256 of arrays."""
+    digest = sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _tensors_of(lessons: Sequence[Candidates]) -> dict[str, Tensor]:
+    """Return the candidates of all goals as tensors, one goal behind the other."""
+    tensors = {
+        name: torch.from_numpy(np.concatenate([getattr(lesson, name) for lesson in lessons]))
+        for name in Candidates._fields
+    }
+    return tensors | {"counts": torch.tensor([len(lesson.sets) for lesson in lessons])}
+
+
+def _lessons_of(tensors: Mapping[str, Tensor]) -> list[Candidates]:
+    """Return candidates from :func:`_tensors_of`."""
+    counts = tensors["counts"].tolist()
+    columns = [
+        [piece.numpy() for piece in tensors[name].split(counts)] for name in Candidates._fields
+    ]
+    return [Candidates(*pieces) for pieces in zip(*columns, strict=True)]
 
 
 def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks:

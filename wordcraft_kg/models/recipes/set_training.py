@@ -14,7 +14,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.tensors import torch_threads
@@ -42,7 +42,7 @@ from wordcraft_kg.models.scorers.sets.parts import (
     read_parts,
 )
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
-from wordcraft_kg.runs.checkpoints import Checkpoint
+from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.record import scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log
@@ -182,6 +182,9 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         # The input `parts` also tells that a folder holds a model of sets.
         return {"inputs": {"parts": self.parts.sha256}}
 
+    def restored(self, run: RunFolder[FitDone]) -> None:
+        """Return None in place of a checkpoint: a resumed run reads the saved folds."""
+
     def fit(  # noqa: D102 - inherited
         self,
         run: RunFolder[FitDone],
@@ -190,15 +193,27 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         checkpoint: Checkpoint[FitDone] | None,
     ) -> TrainedSets:
         settings = self.config.settings
+        if not run.is_live:
+            if self.parts.sha256 != run.record.inputs.get("parts"):
+                raise ArtefactError(
+                    f"`parts` have changed since '{run.path}' began. Restore the earlier file, or "
+                    "train again."
+                )
+            run.resume(self.config)
         began = time.perf_counter()
+        # A resumed run fits only the folds that are not saved.
+        saved = Checkpoints(run.path, run.kind.saved_as[0], FitDone, kept=None)
         total = settings.folds + 1
-        steps = 0
+        steps = len(saved.records())
 
         def after() -> None:
             nonlocal steps
             steps += 1
             if run.interrupted.is_set():
-                raise KeyboardInterrupt
+                raise KeyboardInterrupt(
+                    f"interrupted; {len(saved.records())} of {settings.folds} folds are saved in "
+                    f"'{run.path}'. Repeat the command to make the rest."
+                )
             if report:
                 report(steps, total, {})
 
@@ -209,6 +224,7 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
                 self.words,
                 seed=settings.seed,
                 folds=settings.folds,
+                saved=saved,
                 after=after,
             )
         tensors = {

@@ -213,7 +213,7 @@ class Part(Protocol):
 
     @property
     def done(self) -> Any:
-        """Progress record of the finished part; a checkpoint with another record is trained anew."""
+        """Progress record of the finished part; one with another record is trained anew."""
 
 
 class Job(Part, Protocol):

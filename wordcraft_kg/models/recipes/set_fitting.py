@@ -126,7 +126,7 @@ def fit_sets(
             saved.save(job.fold, _tensors_of(lessons_of_fold), done)
         after()
     network = fit_network(whole, seed * 1_000 + folds, members=_MEMBERS)
-    fitted = _fit_committee(lessons, seed)
+    fitted = fit_order(lessons, seed)
     after()
     return FittedSets(network, *fitted)
 
@@ -245,10 +245,22 @@ def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> l
     return results
 
 
-def _fit_committee(
+def fit_order(
     lessons: Sequence[Candidates], seed: int
 ) -> tuple[Networks, Tensor, Tensor, Tensor, tuple[float, ...]]:
-    """Fit the committee and the probabilities; each network leaves out a fifth of the goals."""
+    """Fit the committee and the probabilities; each network leaves out a fifth of the goals.
+
+    Args:
+        lessons: candidates of train goals.
+        seed: seed of weights, batches and the parts of goals.
+
+    Returns:
+        Committee, mean and deviation of features, calibration and shares, as in
+        :class:`FittedSets`.
+
+    Raises:
+        GraphError: if no goal has candidates.
+    """
     num_goals = len(lessons)
     lessons = [lesson for lesson in lessons if len(lesson.sets)]
     if not lessons:

@@ -204,30 +204,26 @@ _TICK = 0.2
 """Seconds between calls of ``note``: Ctrl-C is noticed within this time."""
 
 
-class Part(Protocol):
+class Job(Protocol):
     """A part of a training, such as the model for one fold, with a checkpoint for its result."""
 
     @property
     def fold(self) -> int:
-        """Number of the fold (or other part), and of its checkpoint."""
+        """Number of the fold (or other part) that this job trains, and of its checkpoint."""
 
     @property
     def done(self) -> Any:
-        """Progress record of the finished part; one with another record is trained anew."""
-
-
-class Job(Part, Protocol):
-    """A part of a training that trains itself."""
+        """Progress record of the finished job; a checkpoint with another record is trained anew."""
 
     def train(self, after: Callable[[int], None]) -> None:
         """Train and save the result; call ``after`` with the number of finished steps or epochs."""
 
 
-J = TypeVar("J", bound=Part)
+J = TypeVar("J", bound=Job)
 
 
 def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
-    """Return all parts that have no intact result among the checkpoints ``kept``."""
+    """Return all jobs that have no intact result among the checkpoints ``kept``."""
 
     def is_done(job: J) -> bool:
         try:

@@ -3,19 +3,19 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.base.errors import GraphError
+from wordcraft_kg.base.errors import ArtefactError, GraphError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.recipes.records import FitDone
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
-from wordcraft_kg.runs.checkpoints import Checkpoints, not_done
+from wordcraft_kg.runs.checkpoints import Checkpoints
 
 TOP = (1, 3, 5, 10)
 """Numbers of suggestions, for shares of goals with a right one among them."""
@@ -69,18 +69,6 @@ class Candidates(NamedTuple):
     is_right: NDArray[np.bool_]
 
 
-class _Fold(NamedTuple):
-    """A fold of the train goals, which is fitted and saved.
-
-    Attributes:
-        fold: its number.
-        done: what is recorded when it is saved.
-    """
-
-    fold: int
-    done: FitDone
-
-
 def fit_sets(
     recipes: Ids,
     amounts: Vector,
@@ -99,8 +87,11 @@ def fit_sets(
         words: unit vectors of all entities, shape (E, D).
         seed: root seed.
         folds: parts of the train goals, each scored by knowledge without its recipes.
-        saved: where each fold is saved; intact folds of equal data are read.
-        after: called after each fold, and at the end.
+        saved: where each fold is saved, and read if it is there.
+        after: called after each fitted fold, and at the end.
+
+    Raises:
+        ArtefactError: if a saved fold is damaged, or of other data.
     """
     goals = np.unique(recipes[:, -1])
     fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
@@ -109,34 +100,30 @@ def fit_sets(
     fold_of_recipe = fold_of_entity[recipes[:, -1]]
     lessons: list[Candidates] = []
     whole = SetKnowledge(recipes, amounts, words)
-    done = FitDone(trained_on=_hash_of(recipes, amounts, words))
-    jobs = [_Fold(fold, done) for fold in range(folds)]
-    missing = jobs if saved is None else not_done(jobs, saved)
-    for job in jobs:
-        if saved is not None and job not in missing:
-            lessons += _lessons_of(saved.read(job.fold).tensors)
+    data = b"".join(each.tobytes() for each in (recipes, amounts, words))
+    done = FitDone(trained_on=sha256(data).hexdigest())
+    for fold in range(folds):
+        if saved is not None and fold in saved.records():
+            checkpoint = saved.read(fold)
+            if checkpoint.progress != done:
+                raise ArtefactError(
+                    f"`parts` or words have changed since '{saved.run_folder}' began. Restore the "
+                    "earlier files, or train again with `force`."
+                )
+            lessons += _lessons_of(checkpoint.tensors)
             continue
-        others = recipes[fold_of_recipe != job.fold]
+        others = recipes[fold_of_recipe != fold]
         knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
-        network = fit_network(knowledge, seed * 1_000 + job.fold, members=1)
-        held_out = recipes[fold_of_recipe == job.fold]
-        lessons_of_fold = candidates_of(knowledge, network, held_out)
-        lessons += lessons_of_fold
+        network = fit_network(knowledge, seed * 1_000 + fold, members=1)
+        candidates = candidates_of(knowledge, network, recipes[fold_of_recipe == fold])
         if saved is not None:
-            saved.save(job.fold, _tensors_of(lessons_of_fold), done)
+            saved.save(fold, _tensors_of(candidates), done)
+        lessons += candidates
         after()
     network = fit_network(whole, seed * 1_000 + folds, members=_MEMBERS)
     fitted = fit_order(lessons, seed)
     after()
     return FittedSets(network, *fitted)
-
-
-def _hash_of(*arrays: NDArray[Any]) -> str:
-    """Return the SHA-256 of arrays."""
-    digest = sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
 
 
 def _tensors_of(lessons: Sequence[Candidates]) -> dict[str, Tensor]:

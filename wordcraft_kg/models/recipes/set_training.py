@@ -14,7 +14,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.tensors import torch_threads
@@ -194,11 +194,6 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
     ) -> TrainedSets:
         settings = self.config.settings
         if not run.is_live:
-            if self.parts.sha256 != run.record.inputs.get("parts"):
-                raise ArtefactError(
-                    f"`parts` have changed since '{run.path}' began. Restore the earlier file, or "
-                    "train again."
-                )
             run.resume(self.config)
         began = time.perf_counter()
         # A resumed run fits only the folds that are not saved.

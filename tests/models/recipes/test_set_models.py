@@ -371,7 +371,7 @@ def test_an_interrupted_training_continues_to_the_same_bytes(book, tmp_path, mon
     settings = RecipeScorerConfig(folds=3, parts=str(book / "parts.csv"))
     config = RecipesConfig(str(book / "graph"), settings)
     whole = train_recipes(config, tmp_path / "whole").folder
-    with pytest.raises(KeyboardInterrupt, match="2 of 3 folds are saved"):
+    with pytest.raises(KeyboardInterrupt, match="2 of 4 networks are saved"):
         train_recipes(config, tmp_path / "resumed", progress=interrupt_after(1))
     fits = []
     fit_network = set_fitting.fit_network

@@ -1,7 +1,7 @@
 """Fit the network, the committee and the probabilities of a model of sets."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from hashlib import sha256
 from typing import NamedTuple
 
@@ -87,11 +87,11 @@ def fit_sets(
         words: unit vectors of all entities, shape (E, D).
         seed: root seed.
         folds: parts of the train goals, each scored by knowledge without its recipes.
-        saved: where each fold is saved, and read if it is there.
-        after: called after each fitted fold, and at the end.
+        saved: where the networks of each fold, and of all recipes, are saved, and read if there.
+        after: called after each network that is fitted.
 
     Raises:
-        ArtefactError: if a saved fold is damaged, or of other data.
+        ArtefactError: if a saved network is damaged, or of other data.
     """
     goals = np.unique(recipes[:, -1])
     fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
@@ -102,46 +102,29 @@ def fit_sets(
     whole = SetKnowledge(recipes, amounts, words)
     data = b"".join(each.tobytes() for each in (recipes, amounts, words))
     done = FitDone(trained_on=sha256(data).hexdigest())
-    for fold in range(folds):
-        if saved is not None and fold in saved.records():
-            checkpoint = saved.read(fold)
+
+    def network_of(knowledge: SetKnowledge, number: int, members: int) -> Networks:
+        if saved is not None and number in saved.records():
+            checkpoint = saved.read(number)
             if checkpoint.progress != done:
                 raise ArtefactError(
                     f"`parts` or words have changed since '{saved.run_folder}' began. Restore the "
                     "earlier files, or train again with `force`."
                 )
-            lessons += _lessons_of(checkpoint.tensors)
-            continue
+            return Networks.of(checkpoint.tensors, "")
+        network = fit_network(knowledge, seed * 1_000 + number, members=members)
+        if saved is not None:
+            saved.save(number, network.tensors(""), done)
+        after()
+        return network
+
+    for fold in range(folds):
         others = recipes[fold_of_recipe != fold]
         knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
-        network = fit_network(knowledge, seed * 1_000 + fold, members=1)
-        candidates = candidates_of(knowledge, network, recipes[fold_of_recipe == fold])
-        if saved is not None:
-            saved.save(fold, _tensors_of(candidates), done)
-        lessons += candidates
-        after()
-    network = fit_network(whole, seed * 1_000 + folds, members=_MEMBERS)
-    fitted = fit_order(lessons, seed)
-    after()
-    return FittedSets(network, *fitted)
-
-
-def _tensors_of(lessons: Sequence[Candidates]) -> dict[str, Tensor]:
-    """Return the candidates of all goals as tensors, one goal behind the other."""
-    tensors = {
-        name: torch.from_numpy(np.concatenate([getattr(lesson, name) for lesson in lessons]))
-        for name in Candidates._fields
-    }
-    return tensors | {"counts": torch.tensor([len(lesson.sets) for lesson in lessons])}
-
-
-def _lessons_of(tensors: Mapping[str, Tensor]) -> list[Candidates]:
-    """Return candidates from :func:`_tensors_of`."""
-    counts = tensors["counts"].tolist()
-    columns = [
-        [piece.numpy() for piece in tensors[name].split(counts)] for name in Candidates._fields
-    ]
-    return [Candidates(*pieces) for pieces in zip(*columns, strict=True)]
+        network = network_of(knowledge, fold, 1)
+        lessons += candidates_of(knowledge, network, recipes[fold_of_recipe == fold])
+    network = network_of(whole, folds, _MEMBERS)
+    return FittedSets(network, *fit_order(lessons, seed))
 
 
 def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks:

@@ -196,7 +196,7 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         if not run.is_live:
             run.resume(self.config)
         began = time.perf_counter()
-        # A resumed run fits only the folds that are not saved.
+        # A resumed run fits only the networks that are not saved.
         saved = Checkpoints(run.path, run.kind.saved_as[0], FitDone, kept=None)
         total = settings.folds + 1
         steps = len(saved.records())
@@ -206,8 +206,8 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             steps += 1
             if run.interrupted.is_set():
                 raise KeyboardInterrupt(
-                    f"interrupted; {len(saved.records())} of {settings.folds} folds are saved in "
-                    f"'{run.path}'. Repeat the command to make the rest."
+                    f"interrupted; {steps} of {total} networks are saved in '{run.path}'. Repeat "
+                    "the command to fit the rest."
                 )
             if report:
                 report(steps, total, {})

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import torch
@@ -99,6 +98,7 @@ class SetKnowledge:
         words: unit vectors of all entities, shape (E, D); D = 0 without words.
         has_parts: whether parts tell entities apart.
         lost: share of train recipes with each part whose goal lacks it, shape (P,).
+        is_kept: whether recipes keep a part, shape (P,).
         unmet: share of goals with each part that no ingredient brings, shape (P,).
         shared: mean number of ingredients that bring each part, shape (P,).
         is_key: whether a part is a key part, shape (P,).
@@ -129,6 +129,7 @@ class SetKnowledge:
         member_ids = np.unique(recipes[:, :-1])
         self.ingredient_ids = member_ids[member_ids >= 0]
         self.goal_ids, recipe_goals = np.unique(recipes[:, -1], return_inverse=True)
+        self._goal_words = words[self.goal_ids]
         self.number_of = np.full(len(amounts), NO_INGREDIENT, dtype=np.int64)
         self.number_of[self.ingredient_ids] = np.arange(len(self.ingredient_ids))
         members = self.numbers(recipes[:, :-1])
@@ -183,6 +184,7 @@ class SetKnowledge:
         is_brought = brought > 0
         recipes_with = np.maximum(is_brought.sum(0), 1)
         self.lost = (is_brought & ~is_in_goal).sum(0) / recipes_with
+        self.is_kept = self.lost <= _LOST_FROM
         self.unmet = (is_in_goal & ~is_brought).sum(0) / np.maximum(is_in_goal.sum(0), 1)
         self.shared = brought.sum(0) / recipes_with
 
@@ -207,13 +209,15 @@ class SetKnowledge:
         """Number of features of a set."""
         return _FEATURES_BEFORE_KINDS + 2 * self.styles.shape[1]
 
-    def numbers(self, entities: Ids) -> Ids:
+    def numbers(self, entities: Ids, number_of: Ids | None = None) -> Ids:
         """Return sets by numbers of ingredients, ascending, -1 behind the last.
 
         Args:
-            entities: shape (n, 8), entities that train recipes use, -1 behind the last.
+            entities: shape (n, 8), entities that train recipes use, -1 for none.
+            number_of: numbers of all entities, shape (E,), if others stand for some.
         """
-        numbers = np.where(entities >= 0, self.number_of[entities], NO_INGREDIENT)
+        number_of = self.number_of if number_of is None else number_of
+        numbers = np.where(entities >= 0, number_of[entities], NO_INGREDIENT)
         # Behind all others: the largest number.
         numbers[entities < 0] = np.iinfo(np.int64).max
         numbers.sort(axis=1)
@@ -225,10 +229,6 @@ class SetKnowledge:
         columns = [np.sqrt(amounts), amounts > 0, words]
         return torch.from_numpy(np.concatenate(columns, axis=1)).float()
 
-    @cached_property
-    def _goal_words(self) -> Vector:
-        return self.words[self.goal_ids]
-
     def allowed(self, amounts: Vector) -> Flags:
         """Return which ingredients bring no part that goals lack, but lost ones, shape (n, N).
 
@@ -238,11 +238,6 @@ class SetKnowledge:
         is_lacking = (amounts <= 0) & self.is_kept
         has_part = self.lists.has_part.astype(np.float32)
         return (is_lacking.astype(np.float32) @ has_part.T) == 0
-
-    @property
-    def is_kept(self) -> Flags:
-        """Whether recipes keep a part, shape (P,)."""
-        return self.lost <= _LOST_FROM
 
     def nearest_ingredients(self, entities: Ids) -> tuple[Vector, Ids]:
         """Return the known ingredients that stand for entities which no train recipe uses.
@@ -413,33 +408,17 @@ class SetKnowledge:
             shares[-1, place, options] = scores - np.logaddexp.reduce(scores)
         return shares, missing
 
-    def features(
-        self,
-        goal: GoalEvidence,
-        sets: Ids,
-        styles: Vector | None = None,
-        shares: Vector | None = None,
-        proxies: Ids | None = None,
-        amounts: Vector | None = None,
-    ) -> Vector:
+    def features(self, goal: GoalEvidence, sets: Ids) -> Vector:
         """Return the features of sets for a goal, shape (n, F).
 
         Args:
             goal: from :meth:`goal`.
-            sets: shape (n, 8), numbers of ingredients; those of unknown ones from N on.
-            styles: kinds of all ingredients, unknown ones included.
-            shares: log shares, unknown ones included.
-            proxies: known ingredient that stands for each.
-            amounts: shares of parts of all ingredients, unknown ones included.
+            sets: shape (n, 8), numbers of ingredients.
         """
-        styles = self.styles if styles is None else styles
-        shares = goal.shares if shares is None else shares
-        amounts = self.amounts[self.ingredient_ids] if amounts is None else amounts
         is_in = sets >= 0
-        stand_ins = sets if proxies is None else np.where(is_in, proxies[sets], NO_INGREDIENT)
         sizes = is_in.sum(1)
         # Shape (4, keys and spares, n, 8), and over these, (4, n, 8).
-        member_shares = np.where(is_in, shares[:, :, sets], -np.inf)
+        member_shares = np.where(is_in, goal.shares[:, :, sets], -np.inf)
         best_shares = member_shares.max(1, initial=NO_SHARE)
         sums = np.where(is_in, best_shares, 0).sum(2)
         minima = np.where(is_in, best_shares, np.inf).min(2)
@@ -449,10 +428,10 @@ class SetKnowledge:
         set_shares = goal.set_votes[:, numbers] / np.maximum(goal.set_votes.sum(1), 1e-12)[:, None]
         counts = np.where(is_known, self.set_counts[numbers], 0)
         is_pair = is_in[:, _SECOND]
-        lifts = np.where(is_pair, self.lift[stand_ins[:, _FIRST], stand_ins[:, _SECOND]], 0)
+        lifts = np.where(is_pair, self.lift[sets[:, _FIRST], sets[:, _SECOND]], 0)
         smallest_lift = np.where(is_pair, lifts, np.inf).min(1)
-        log_counts = np.where(is_in, np.log(self.counts[stand_ins] + 1), 0)
-        style = np.where(is_in[..., None], styles[sets], 0).sum(1) / sizes[:, None]
+        log_counts = np.where(is_in, np.log(self.counts[sets] + 1), 0)
+        style = np.where(is_in[..., None], self.styles[sets], 0).sum(1) / sizes[:, None]
         near_style = goal.votes[1] @ self.styles / max(goal.votes[1].sum(), _SMALLEST)
         distance = style - near_style
         columns = [
@@ -471,23 +450,24 @@ class SetKnowledge:
             np.full(len(sets), np.log(goal.set_votes[0].sum() + _SMALLEST)),
             goal.log_sizes[sizes - 1],
             np.abs(distance).sum(1),
-            *self._balances(goal, amounts[sets] * is_in[..., None]).T,
-            *self._agreements(goal, stand_ins).T,
+            *self._balances(goal, sets).T,
+            *self._agreements(goal, sets).T,
             *distance.T,
             *style.T,
         ]
         return np.stack(columns, axis=1).astype(np.float32)
 
-    def _balances(self, goal: GoalEvidence, members: Vector) -> Vector:
+    def _balances(self, goal: GoalEvidence, sets: Ids) -> Vector:
         """Return what is missing or too much when amounts of ingredients add up to the goal.
 
         Args:
             goal: from :meth:`goal`.
-            members: shares of parts of the ingredients, shape (n, 8, P).
+            sets: shape (n, 8), numbers of ingredients.
 
         Returns:
             shape (n, 3), for key parts, shared parts and lost parts.
         """
+        members = self.amounts[self.ingredient_ids[sets]] * (sets >= 0)[..., None]
         is_here = (goal.amounts > 0) | (members > 0).any((0, 1))
         kinds = np.where(self.is_key, 0, np.where(self.is_kept, 1, 2))[is_here]
         result = np.empty((len(members), 3), dtype=np.float32)
@@ -501,7 +481,7 @@ class SetKnowledge:
 
         Args:
             goal: from :meth:`goal`.
-            sets: shape (n, 8), numbers of known ingredients.
+            sets: shape (n, 8), numbers of ingredients.
 
         Returns:
             shape (n, 2).

@@ -325,31 +325,16 @@ class SetScorer(StoredScorer):
         total = self._none
         if len(candidates):
             total = self._total(self._scores(features))
-        # Unknown ingredients have numbers behind all known ones.
-        size = len(knowledge.ingredient_ids)
-        member_ids = np.unique(sets[sets >= 0])
-        unknown = member_ids[knowledge.number_of[member_ids] < 0]
+        # An ingredient that no train recipe uses counts as the most similar one.
+        unknown = np.setdiff1d(sets[sets >= 0], knowledge.ingredient_ids)
+        similarity, stand_ins = knowledge.nearest_ingredients(unknown)
         number_of = knowledge.number_of.copy()
-        number_of[unknown] = size + np.arange(len(unknown))
-        last = np.iinfo(np.int64).max
-        numbers = np.where(sets >= 0, number_of[sets], last)
-        numbers.sort(axis=1)
-        numbers[numbers == last] = NO_INGREDIENT
-        similarity, proxies = knowledge.nearest_ingredients(unknown)
-        has_part = knowledge.amounts[unknown] > 0
-        styles = knowledge.style(has_part)
-        shares = np.maximum(evidence.shares[..., proxies] + np.log(similarity), NO_SHARE)
-        parts = np.append(evidence.keys, evidence.spares)
-        shares[:, ~has_part[:, parts].T] = NO_SHARE
-        features = knowledge.features(
-            evidence,
-            numbers,
-            np.concatenate([knowledge.styles, styles]),
-            np.concatenate([evidence.shares, shares], axis=2).astype(np.float32),
-            np.concatenate([np.arange(size), proxies]),
-            knowledge.amounts[np.concatenate([knowledge.ingredient_ids, unknown])],
-        )
-        scores = self._scores(features)
+        number_of[unknown] = stand_ins
+        likeness = np.zeros(len(number_of), dtype=np.float32)
+        likeness[unknown] = np.log(similarity)
+        numbers = knowledge.numbers(sets, number_of)
+        scores = self._scores(knowledge.features(evidence, numbers))
+        scores = scores + np.where(sets >= 0, likeness[sets], 0).sum(1)
         is_candidate = (numbers[:, None] == candidates[None]).all(2).any(1)
         totals = np.where(is_candidate, total, np.logaddexp(total, scores))
         result: Vector = scores - totals + self._faults(sets, evidence)

@@ -4,7 +4,14 @@
     python -m benchmarks.inorganic_synthesis --out synthesis --predictions published.json.gz
 
 Each of the five published folds is built, trained on and evaluated in a folder of OUT; what is there
-is used again. The table pools the targets of all folds. A fold takes about 75 CPU seconds.
+is used again. The table pools the targets of all folds. A fold takes about 95 CPU seconds.
+
+    python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --ablation
+    python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --wrong 20
+    python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --furnace
+
+give the same targets without parts of the model (about 200 CPU seconds a fold), wrong first answers
+drawn at random, and a discovery game in which each attempt is a set for a target.
 
 PREDICTIONS holds the published methods' answers and is made by hand: the files
 ``results/METHOD/top5_random_cvFOLD.json`` of the data's repository, https://github.com/jschrier/SynthGPT
@@ -14,23 +21,38 @@ with folds "1" to "5" and the sets best first. Without it the table has this too
 
 import argparse
 import gzip
+import heapq
 import json
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
+import torch
+from numpy.typing import NDArray
 
 from wordcraft_kg import open_model
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
 from wordcraft_kg.evaluation.ranked_sets import RankedSets, rank_sets
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book, published_fold
 from wordcraft_kg.graphs.published_splits import read_published_split
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.set_fitting import (
+    Candidates,
+    candidates_of,
+    fit_network,
+    fit_order,
+)
+from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.sets.knowledge import Flags, GoalEvidence, SetKnowledge, Vector
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 BOOK = "inorganic-synthesis"
 PAGE = "inorganic-synthesis"
@@ -50,6 +72,9 @@ NAMES = {
     "statistical_baseline.json": "statistics of element and precursor (2024)",
 }
 SHOWN = (1, 5)
+PLAYERS = ("the model", "frequency", "random")
+ATTEMPTS = (500, 1_000, 2_000, 4_000, 8_000)
+WHOLE = "the whole model"
 
 
 def model_of_fold(fold: int, out: Path) -> Path:
@@ -126,16 +151,220 @@ def leads(out: Path, folds: list[int]) -> list[str]:
     return lines
 
 
+class Uncovered(SetKnowledge):
+    """Train recipes of which no rule of coverage is learned: any ingredient may bring any part."""
+
+    def allowed(self, amounts: Vector) -> Flags:
+        return np.ones((len(amounts), len(self.counts)), dtype=bool)
+
+    def candidates(self, goal: GoalEvidence, **settings: Any) -> tuple[Ids, Vector]:
+        return super().candidates(goal, has_coverage=False)
+
+
+class Single(SetKnowledge):
+    """Train recipes that never need an ingredient more for a part that another one brings."""
+
+    def candidates(self, goal: GoalEvidence, **settings: Any) -> tuple[Ids, Vector]:
+        return super().candidates(goal, is_allowed=self.is_single)
+
+    def is_single(self, row: Ids) -> bool:
+        """Return whether each ingredient of a set, shape (8,), brings a key part alone."""
+        brings = self.lists.has_part[row[row >= 0]][:, self.is_key]
+        return bool((brings & (brings.sum(0) == 1)).any(1).all())
+
+
+ABLATIONS: dict[str, tuple[type[SetKnowledge], tuple[int, ...]]] = {
+    WHOLE: (SetKnowledge, ()),
+    "no coverage": (Uncovered, ()),
+    "no ingredient more for a part": (Single, ()),
+    "no least squares of parts": (SetKnowledge, (25, 26, 27)),
+    "no whole sets: no votes, pairs and agreement": (
+        SetKnowledge,
+        (10, 11, 12, 13, 17, 18, 28, 29),
+    ),
+    "no network among the features": (SetKnowledge, (6, 7, 9)),
+}
+"""Knowledge and left-out columns of :meth:`SetKnowledge.features`, by name."""
+
+
+def ablation(fold: int, out: Path) -> list[str]:
+    """Return lines of tables.csv: the model without some of its knowledge, beside the whole model.
+
+    The networks are the same in all rows; committees are fitted to what each row knows.
+    """
+    model = open_model(model_of_fold(fold, out))
+    scorer = model.scorer
+    assert isinstance(scorer, SetScorer)
+    recipes, amounts, words = (
+        getattr(scorer.knowledge, name) for name in ("recipes", "amounts", "words")
+    )
+    test = rows_of_sets(model.opened.graph, model.opened.split.is_in("test"))
+    goals = np.unique(recipes[:, -1])
+    fold_of_entity = np.zeros(len(amounts), dtype=np.int64)
+    fold_of_entity[goals] = np.random.default_rng(0).permutation(len(goals)) % 5
+    fold_of_recipe = fold_of_entity[recipes[:, -1]]
+    style = scorer.knowledge.style_parts
+    lessons: dict[type[SetKnowledge], list[Candidates]] = defaultdict(list)
+    for part in range(5):
+        others, held_out = (recipes[fold_of_recipe != part], recipes[fold_of_recipe == part])
+        network = fit_network(SetKnowledge(others, amounts, words, style), part, members=1)
+        for kind in (SetKnowledge, Uncovered, Single):
+            knowledge = kind(others, amounts, words, style)
+            lessons[kind] += candidates_of(knowledge, network, held_out)
+    tests = {
+        kind: candidates_of(kind(recipes, amounts, words), scorer._network, test)
+        for kind in (SetKnowledge, Uncovered, Single)
+    }
+    hits = {}
+    for name, (kind, columns) in ABLATIONS.items():
+        hits[name] = ranked_hits(lessons[kind], tests[kind], list(columns))
+    hits["the order of the search, without a committee"] = first_hits(tests[SetKnowledge])
+    whole = hits[WHOLE]
+    lines = []
+    for name, table in hits.items():
+        for column, k in enumerate(SHOWN):
+            low, high = wilson_interval(float(table[:, column].sum()), len(table))
+            share = table[:, column].mean()
+            lines.append(f'{PAGE},ablation,"{name}",top-{k},{share:.3f},{low:.3f},{high:.3f}')
+        for column, k in enumerate(SHOWN if name != WHOLE else ()):
+            pair = (each[:, [column]] for each in (table, whole))
+            lead, low, high = paired_difference(*pair, None)
+            lines.append(
+                f'{PAGE},ablation,"{name}",top-{k} less the whole,'
+                f"{lead:+.3f},{low:+.3f},{high:+.3f}"
+            )
+    return lines
+
+
+def ranked_hits(
+    lessons: list[Candidates], tests: list[Candidates], columns: list[int]
+) -> NDArray[np.bool_]:
+    """Fit a committee without some features, and return its hits, shape (goals, 2)."""
+
+    def without(candidates: Candidates) -> Candidates:
+        features = candidates.features.copy()
+        features[:, columns] = 0
+        return candidates._replace(features=features)
+
+    committee, mean, deviation, _, _ = fit_order(list(map(without, lessons)), 0)
+    ordered = []
+    for test in map(without, tests):
+        scaled = ((torch.from_numpy(test.features) - mean) / deviation).clamp(-6, 6)
+        scores = committee(scaled)[..., 0].mean(0).numpy()
+        ordered.append(test._replace(is_right=test.is_right[np.argsort(-scores, kind="stable")]))
+    return first_hits(ordered)
+
+
+def first_hits(tests: list[Candidates]) -> NDArray[np.bool_]:
+    """Return whether the first one, and five, candidates have a right set, shape (goals, 2)."""
+    return np.array([[test.is_right[:k].any() for k in SHOWN] for test in tests])
+
+
+def wrong_answers(fold: int, out: Path, number: int) -> list[str]:
+    """Return targets with a wrong first set, drawn at random, with it and the right sets."""
+    path = published_fold(BOOK, f"fold-{fold}")
+    assert path is not None
+    predictions = json.loads((out / f"predictions-{fold}.json").read_text("utf-8"))
+    lines = []
+    for target, sets in json.loads(path.read_text("utf-8"))["test"].items():
+        right = list(dict.fromkeys(" + ".join(sorted(set(each))) for each in sets))
+        answers = [" + ".join(each) for each in predictions[target]]
+        if not answers or answers[0] not in right:
+            places = [answers.index(each) + 1 for each in right if each in answers]
+            place = min(places, default="none of ten")
+            first = answers[0] if answers else "no answer"
+            lines.append(f"{target}: {first}; right, at {place}: {', or '.join(right)}")
+    rows = np.random.default_rng(fold).choice(len(lines), min(number, len(lines)), replace=False)
+    return [f"{len(lines)} wrong first sets", *(lines[row] for row in sorted(rows))]
+
+
+def furnace(fold: int, out: Path) -> list[str]:
+    """Return lines of tables.csv: unseen targets made by several players after some attempts.
+
+    An attempt is a set for a target, and succeeds if a recipe of the literature has it. The player
+    tries the likeliest set of all targets not made yet; a set that failed leaves its probability to
+    the target's other sets. Frequency tries each target's first set of frequent precursors, then
+    each second one, targets of frequent precursors first. Random tries any of a target's candidates.
+    """
+    model = open_model(model_of_fold(fold, out))
+    scorer = model.scorer
+    assert isinstance(scorer, SetScorer)
+    knowledge = scorer.knowledge
+    right = defaultdict(set)
+    for row in rows_of_sets(model.opened.graph, model.opened.split.is_in("test")).tolist():
+        right[row[-1]].add(tuple(each for each in row[:-1] if each >= 0))
+    rng = np.random.default_rng(fold)
+    queues: dict[str, list[list[tuple[float, bool]]]] = {name: [] for name in PLAYERS}
+    for goal, sets in right.items():
+        try:
+            ranked = scorer.recipes(goal, 30)
+        except ConfigError:
+            continue
+        is_right = [each.ingredients in sets for each in ranked]
+        chances = np.array([each.probability for each in ranked])
+        left = 1 - np.append(0, np.cumsum(chances)[:-1])
+        queues["the model"].append(
+            list(zip(chances / np.maximum(left, 1e-9), is_right, strict=True))
+        )
+        order = rng.permutation(len(ranked))
+        draws = rng.random(len(ranked))
+        queues["random"].append([(draws[row], is_right[row]) for row in order])
+        frequent = knowledge.sets_by_frequency(scorer.evidence(goal))[:30]
+        rounds = []
+        for place, row in enumerate(frequent):
+            members = row[row >= 0]
+            names = tuple(sorted(knowledge.ingredient_ids[members].tolist()))
+            rarest = knowledge.counts[members].min()
+            rounds.append((rarest / len(knowledge.recipes) - place, names in sets))
+        queues["frequency"].append(rounds)
+    lines = []
+    for player in PLAYERS:
+        curve = made_by_attempt(queues[player])
+        for attempts in ATTEMPTS:
+            share = curve[min(attempts, len(curve)) - 1] / len(right)
+            lines.append(f'{PAGE},furnace,{player},"{attempts:,} attempts",{share:.3f},,')
+    return lines
+
+
+def made_by_attempt(queues: list[list[tuple[float, bool]]]) -> list[int]:
+    """Return the number of targets made after each attempt, the most urgent attempt first.
+
+    Args:
+        queues: for each target, urgency and success of its attempts in order.
+    """
+    heap = [(-queue[0][0], target, 0) for target, queue in enumerate(queues) if queue]
+    heapq.heapify(heap)
+    curve = [0]
+    while heap:
+        _, target, place = heapq.heappop(heap)
+        is_made = queues[target][place][1]
+        curve.append(curve[-1] + is_made)
+        if not is_made and place + 1 < len(queues[target]):
+            heapq.heappush(heap, (-queues[target][place + 1][0], target, place + 1))
+    return curve[1:]
+
+
 def main() -> None:
     """Train, evaluate, and print the lines of the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--predictions", type=Path)
     parser.add_argument("--folds", default="1,2,3,4,5")
+    parser.add_argument("--ablation", action="store_true")
+    parser.add_argument("--wrong", type=int, default=0, metavar="NUMBER")
+    parser.add_argument("--furnace", action="store_true")
     given = parser.parse_args()
     given.out.mkdir(exist_ok=True)
     records = []
-    for fold in map(int, given.folds.split(",")):
+    folds = list(map(int, given.folds.split(",")))
+    if given.ablation or given.wrong or given.furnace:
+        for fold in folds:
+            lines = ablation(fold, given.out) if given.ablation else []
+            lines += wrong_answers(fold, given.out, given.wrong) if given.wrong else []
+            lines += furnace(fold, given.out) if given.furnace else []
+            print("\n".join(lines), flush=True)
+        return
+    for fold in folds:
         path = given.out / f"ranked-{fold}.json"
         if not path.is_file():
             model = open_model(model_of_fold(fold, given.out))
@@ -147,7 +376,7 @@ def main() -> None:
         records.append(record)
         print(f"fold {fold}: calibration error {record.calibration_error:.3f}", flush=True)
     print("\n".join(table(records)))
-    print("\n".join(leads(given.out, list(map(int, given.folds.split(","))))))
+    print("\n".join(leads(given.out, folds)))
 
 
 if __name__ == "__main__":

@@ -51,6 +51,10 @@ class KnowledgeFileError(WordCraftKGError, ValueError):
     """A file of outside knowledge cannot be read or does not fit; the message names the line."""
 
 
+class RuleError(WordCraftKGError, ValueError):
+    """A user's own rule cannot be imported, fails, or returns no bool."""
+
+
 class GraphError(WordCraftKGError, ValueError):
     """A recipe graph cannot be built from the given recipe rows or entity ids."""
 

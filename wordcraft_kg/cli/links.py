@@ -46,6 +46,7 @@ def evaluate_links(
     graph: MovedGraph = None,
     max_queries: int = MAX_QUERIES,
     predictions: Paths = None,
+    rule: str | None = None,
     out: Path | None = None,
     force: Force = False,
     output: Output = Output(),
@@ -62,6 +63,8 @@ def evaluate_links(
             ranked. 0 ranks all.
         predictions: for a model of sets, a JSON file with sets of ingredients by goal, best first,
             such as {"mud": [["earth", "water"]]}, perhaps gzipped; may be repeated.
+        rule: for a model of sets, function of yours, module:function, that allows sets: it takes a
+            tuple of ingredients and the goal, and returns True or False.
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
@@ -76,10 +79,11 @@ def evaluate_links(
     trained = open_model(model, graph)
     check_output(folder, force=force)
     if is_set_model(trained):
-        _evaluate_sets(trained, model.name, predictions or [], folder, force, output)
+        _evaluate_sets(trained, model.name, predictions or [], rule, folder, force, output)
         return 0
-    if predictions:
-        raise ConfigError("`predictions` are compared with a model of sets alone. Leave it out.")
+    if predictions or rule:
+        setting = "predictions" if predictions else "rule"
+        raise ConfigError(f"`{setting}` is for a model of sets alone. Leave it out.")
     links = rank_links(
         trained.scorer,
         trained.opened,
@@ -105,6 +109,7 @@ def _evaluate_sets(
     trained: "Model",
     name: str,
     predictions: Sequence[Path],
+    rule: str | None,
     folder: Path,
     force: bool,
     output: Output,
@@ -113,8 +118,10 @@ def _evaluate_sets(
     from wordcraft_kg.base.artefacts import dump_json, staged_folder, write_atomically
     from wordcraft_kg.base.records import as_values
     from wordcraft_kg.evaluation.ranked_sets import rank_sets
+    from wordcraft_kg.models.scorers.sets.rules import read_rule
 
-    view, ranked = rank_sets(trained, name, predictions)
+    allowed = read_rule(rule) if rule else None
+    view, ranked = rank_sets(trained, name, predictions, allowed)
     with staged_folder(folder, force=force) as staging:
         write_atomically(staging / "sets.json", dump_json(as_values(view)))
         write_atomically(staging / "predictions.json", dump_json(ranked))
@@ -137,6 +144,8 @@ def _evaluate_sets(
         if method.answered is not None and method.answered < num_goals
     ]
     lines = [*aligned(rows), *few, calibration + unanswered, f"wrote {folder}/"]
+    if view.has_rule:
+        lines.append(f"the model's sets are those that {rule} allows")
     if view.trained_on == "full":
         lines.insert(0, "all goals were seen in training: memory, not prediction")
     output.result(view, lines)

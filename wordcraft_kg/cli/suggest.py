@@ -23,6 +23,7 @@ def suggest(
     goal: str,
     top: int = 5,
     any_parts: Flag = False,
+    rule: str | None = None,
     graph: MovedGraph = None,
     output: Output = Output(),
 ) -> None:
@@ -37,11 +38,16 @@ def suggest(
         top: most recipes to list.
         any_parts: also allow ingredients with parts that the goal lacks, or sets that lack a part
             of the goal.
+        rule: function of yours, module:function, that allows sets of a model of sets: it takes a
+            tuple of ingredients and the goal, and returns True or False.
     """
     from wordcraft_kg.evaluation.suggestions import open_suggesting, suggest_recipes
+    from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     whole("top", top, 1)
-    view = suggest_recipes(open_suggesting(model, graph), goal, top, has_coverage=not any_parts)
+    allowed = read_rule(rule) if rule else None
+    opened = open_suggesting(model, graph)
+    view = suggest_recipes(opened, goal, top, has_coverage=not any_parts, rule=allowed)
     output.result(view, list(suggestion_lines(view)))
 
 

@@ -18,6 +18,7 @@ from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT
+from wordcraft_kg.models.scorers.sets.rules import Rule
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 TOP = (1, 3, 5, 10)
@@ -80,6 +81,7 @@ class RankedSets(Record):
         unanswered: test goals without a suggestion of the model.
         trained_on: training graph of the model; full if all goals were seen in training, so that
             the shares are memory, not prediction.
+        has_rule: whether a rule of the user's chose among the model's sets.
     """
 
     model: str
@@ -89,6 +91,7 @@ class RankedSets(Record):
     calibration_error: Share
     unanswered: Count
     trained_on: TrainedOn = "partial"
+    has_rule: bool = False
 
 
 class _Goals(NamedTuple):
@@ -123,7 +126,7 @@ class _Goals(NamedTuple):
 
 
 def rank_sets(
-    model: Model, name: str, files: Sequence[Path] = ()
+    model: Model, name: str, files: Sequence[Path] = (), rule: Rule | None = None
 ) -> tuple[RankedSets, dict[str, list[list[str]]]]:
     """Evaluate a model of sets on the goals of its test recipes.
 
@@ -131,6 +134,7 @@ def rank_sets(
         model: the model; a test goal's train sets are no answers of any method.
         name: name of the model.
         files: predictions of others, see :func:`read_predictions`.
+        rule: which of the model's sets are allowed.
 
     Returns:
         the record, and the model's own predictions.
@@ -162,7 +166,7 @@ def rank_sets(
     is_right: list[bool] = []
     for row, (entity, label) in enumerate(zip(goals.ids, goals.labels, strict=True)):
         try:
-            ranked = scorer.recipes(entity, _LISTED + len(goals.taken[row]))
+            ranked = scorer.recipes(entity, _LISTED + len(goals.taken[row]), rule=rule)
         except ConfigError:
             ranked = []
         chance_of = {
@@ -201,6 +205,7 @@ def rank_sets(
         calibration_error=_calibration_error(np.array(chances), np.array(is_right)),
         unanswered=sum(not sets for sets in predictions.values()),
         trained_on=model.kg,
+        has_rule=rule is not None,
     )
     return record, predictions
 

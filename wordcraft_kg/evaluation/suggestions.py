@@ -23,6 +23,7 @@ from wordcraft_kg.models.recipes.set_training import with_new_entities
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT
+from wordcraft_kg.models.scorers.sets.rules import Rule
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 _SUPPORT = 3
@@ -181,6 +182,7 @@ def suggest_recipes(
     has_coverage: bool = True,
     size: int | None = None,
     new_only: bool = False,
+    rule: Rule | None = None,
 ) -> Suggestions:
     """Suggest recipes for a goal, also for one that the graph lacks if the model knows its parts.
 
@@ -191,16 +193,19 @@ def suggest_recipes(
         has_coverage: whether ingredients must bring the goal's parts, and no others.
         size: number of ingredients; None for any.
         new_only: whether recipes of the book are left out, by a model of sets.
+        rule: which sets of a model of sets are allowed.
 
     Raises:
-        ConfigError: if nothing is known of the goal.
+        ConfigError: if nothing is known of the goal, or the rule allows no set.
         UnknownEntityError: if a recipe scorer of pairs does not know the goal.
     """
     if not is_set_model(model):
+        if rule is not None:
+            raise ConfigError("`rule` chooses among the sets of a model of sets. Leave it out.")
         return _suggest_pairs(model, goal, top)
     goal = goal if goal in model.opened.graph else goal.strip()
     scorer, new = _scorer_of(model, [goal])
-    ranked = scorer.recipes(goal, 10**6, has_coverage=has_coverage)
+    ranked = scorer.recipes(goal, 10**6, has_coverage=has_coverage, rule=rule)
     split = model.opened.split
     sets = []
     for ranked_set in ranked:

@@ -6,12 +6,15 @@ import itertools
 import json
 import math
 import shutil
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.optimize
 import torch
+from link_helpers import interrupt_after
 
 from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
@@ -25,6 +28,7 @@ from wordcraft_kg.models.recipes import set_fitting
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_entities
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.sets import knowledge as set_knowledge
 from wordcraft_kg.models.scorers.sets import loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
@@ -106,8 +110,8 @@ def test_suggestions_bring_each_letter_and_no_other_unless_any_part_is_allowed(s
     suggestions = scorer.recipes("Gbdh", 10)
     assert len(suggestions) > 3
     for suggestion in suggestions:
-        letters = sorted(label[0] for label in labels_of(scorer, suggestion.ingredients))
-        assert letters == ["b", "d", "h"]
+        letters = {label[0] for label in labels_of(scorer, suggestion.ingredients)}
+        assert letters == {"b", "d", "h"}
     assert sum(suggestion.probability for suggestion in suggestions) <= 1
     assert len(scorer.recipes("Gbdh", 99, has_coverage=False)) > len(scorer.recipes("Gbdh", 99))
 
@@ -267,21 +271,83 @@ def test_the_beam_finds_what_a_full_search_finds(scorer):
     amounts = knowledge.amounts[scorer.entity_ids("Gceh").item()]
     log_network = np.random.default_rng(0).normal(size=size).astype(np.float32)
     goal = knowledge.goal(amounts, np.empty(0, np.float32), log_network)
-    sets = np.full((8, 8), -1, dtype=np.int64)
+    sets = np.full((99, 8), -1, dtype=np.int64)
     nothing = np.empty(0, dtype=np.float32)
-    assert loops.search(knowledge.lists, goal.keys, goal.shares, nothing, 4, sets) == 8
+    log_again = np.array([-1, -2, -3], dtype=np.float32)
+    count = loops.search(knowledge.lists, goal.keys, goal.shares, log_again, nothing, 4, sets)
+    shares = (goal.shares[0] + goal.shares[3]) / 2
     options = [
         [i for i in range(size) if knowledge.lists.has_part[i, key] and goal.is_allowed[i]]
         for key in goal.keys
     ]
-    scores = {
-        tuple(sorted(choice)): sum(
-            (goal.shares[0, key, i] + goal.shares[3, key, i]) / 2 for key, i in enumerate(choice)
-        )
-        for choice in itertools.product(*options)
-    }
-    expected = sorted(scores, key=scores.get, reverse=True)
-    assert [tuple(row[row >= 0].tolist()) for row in sets] == expected
+    scores = {}
+    for choice in itertools.product(*options):
+        for more in itertools.product(*([None, *each] for each in options)):
+            extra = [(key, i) for key, i in enumerate(more) if i is not None]
+            members = {*choice, *(i for _, i in extra)}
+            if len(members) == len(choice) + len(extra):
+                score = sum(shares[key, i] for key, i in enumerate(choice))
+                score += sum(shares[key, i] + log_again[key] for key, i in extra)
+                row = tuple(sorted(members))
+                scores[row] = max(score, scores.get(row, -np.inf))
+    assert count == len(scores) > 8
+    found = [scores[tuple(row[row >= 0].tolist())] for row in sets[:count]]
+    np.testing.assert_allclose(found, sorted(scores.values(), reverse=True), rtol=1e-5)
+
+
+def test_what_is_missing_equals_non_negative_least_squares():
+    rng = np.random.default_rng(0)
+    members = rng.random((20, 8, 6)).astype(np.float32)
+    members[:, :3, :3] += 2 * np.eye(3)
+    members[:, 3:] = 0
+    amounts = rng.random(6).astype(np.float32)
+    kinds = np.array([0, 0, 0, 0, 1, 2])
+    result = np.empty((20, 3), dtype=np.float32)
+    loops.balance(members, kinds, amounts, result)
+    for row in range(20):
+        weights, _ = scipy.optimize.nnls(members[row, :, :4].T, amounts[:4])
+        brought = weights @ members[row]
+        expected = [np.abs(brought - amounts)[:4].sum(), *(brought - amounts)[4:]]
+        np.testing.assert_allclose(result[row], expected, atol=0.02)
+
+
+def test_recipes_agree_with_a_set_by_the_ingredients_that_it_lacks(scorer, monkeypatch):
+    # All recipes may agree.
+    monkeypatch.setattr(set_knowledge, "_NEAR_RECIPES", 99)
+    knowledge = scorer.knowledge
+    goal = scorer.evidence(int(scorer.entity_ids("Gbdh")))
+    sets, _ = knowledge.candidates(goal)
+    agreements = knowledge._agreements(goal, sets)
+    for row, ingredients in enumerate(sets.tolist()):
+        for kernel in (0, 1):
+            total = share = 0.0
+            for recipe in knowledge.recipes:
+                members = knowledge.number_of[recipe[:-1][recipe[:-1] >= 0]]
+                useful = [each for each in members if goal.is_allowed[each]]
+                known = np.flatnonzero(knowledge.goal_ids == recipe[-1])[0]
+                weight = goal.similarity[kernel, known] * bool(useful)
+                total += weight
+                share += weight * 0.1 ** sum(each not in ingredients for each in useful)
+            assert agreements[row, kernel] == pytest.approx(np.log(share / total + 1e-3), rel=1e-3)
+
+
+def test_a_lost_part_that_a_goal_keeps_may_come_from_an_ingredient_of_it_alone(monkeypatch):
+    """Carbon for a carbide: cards with x lose it in most words, and X is a card of x alone."""
+    amounts = np.array(
+        [[1, 0, 1], [0, 1, 1], [0, 0, 1], *[[1, 1, 0]] * 5, *[[1, 1, 1]] * 2], dtype=np.float32
+    )
+    amounts /= amounts.sum(1, keepdims=True)
+    rows = [[0, 1, -1, goal] for goal in range(3, 8)] + [[0, 1, 2, 8]]
+    recipes = np.full((6, 9), -1)
+    recipes[:, [0, 1, 2, 8]] = rows
+    knowledge = SetKnowledge(recipes, amounts, np.zeros((10, 0), np.float32))
+    assert knowledge.is_key.tolist() == [True, True, False]
+    monkeypatch.setattr(set_knowledge, "_NEAR_SETS", 0)
+    goal = knowledge.goal(amounts[9], np.empty(0, np.float32), np.zeros(3, np.float32), entity=9)
+    sets, _ = knowledge.candidates(goal)
+    assert [0, 1, 2] in sets[:, :3].tolist()
+    without = knowledge.goal(amounts[3], np.empty(0, np.float32), np.zeros(3, np.float32))
+    assert 2 not in knowledge.candidates(without)[0]
 
 
 # --- the same bits, and folders from elsewhere ----------------------------------------------------
@@ -298,6 +364,40 @@ def test_equal_seeds_give_equal_bits_and_no_global_generator_changes(model, monk
     assert torch.equal(state, torch.random.get_rng_state())
     assert all(torch.equal(first[name], second[name]) for name in first)
     assert not torch.equal(first["network.first"], other["network.first"])
+
+
+def test_an_interrupted_training_continues_to_the_same_bytes(book, tmp_path, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
+    settings = RecipeScorerConfig(folds=3, parts=str(book / "parts.csv"))
+    config = RecipesConfig(str(book / "graph"), settings)
+    whole = train_recipes(config, tmp_path / "whole").folder
+    with pytest.raises(KeyboardInterrupt, match="2 of 4 networks are saved"):
+        train_recipes(config, tmp_path / "resumed", progress=interrupt_after(1))
+    fits = []
+    fit_network = set_fitting.fit_network
+    monkeypatch.setattr(
+        set_fitting,
+        "fit_network",
+        lambda *args, **settings: fits.append(args) or fit_network(*args, **settings),
+    )
+    resumed = train_recipes(config, tmp_path / "resumed").folder
+    # The last fold, and all recipes.
+    assert len(fits) == 2
+    name = "model.safetensors"
+    assert (resumed / name).read_bytes() == (whole / name).read_bytes()
+    assert not (resumed / "checkpoints").exists()
+
+
+def test_a_training_does_not_continue_with_other_parts(book, tmp_path, monkeypatch):
+    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
+    parts = tmp_path / "parts.csv"
+    shutil.copy(book / "parts.csv", parts)
+    config = RecipesConfig(str(book / "graph"), RecipeScorerConfig(folds=3, parts=str(parts)))
+    with pytest.raises(KeyboardInterrupt):
+        train_recipes(config, tmp_path / "model", progress=interrupt_after(1))
+    parts.write_text(parts.read_text().replace("Gab,a,1", "Gab,a,2"))
+    with pytest.raises(ArtefactError, match="`parts` or words have changed"):
+        train_recipes(config, tmp_path / "model")
 
 
 @pytest.mark.parametrize(
@@ -608,6 +708,80 @@ def test_words_of_minilm_are_of_built_in_books(scorer):
         with_new_entities(scorer, ["zzqx"], "none", "minilm")
 
 
+RULES = """
+def no_dx(ingredients, goal):
+    return "dx" not in ingredients
+
+def nothing(ingredients, goal):
+    return False
+
+def failing(ingredients, goal):
+    return ingredients["bx"]
+
+def text(ingredients, goal):
+    return "yes"
+
+number = 3
+"""
+
+
+@pytest.fixture
+def rules(tmp_path, monkeypatch):
+    (tmp_path / "rules_of_letters.py").write_text(RULES)
+    (tmp_path / "rules_with_a_fault.py").write_text("def no_dx(:")
+    monkeypatch.chdir(tmp_path)
+    path = list(sys.path)
+    yield
+    assert sys.path == path
+    sys.modules.pop("rules_of_letters", None)
+
+
+@pytest.mark.usefixtures("rules")
+def test_a_rule_of_the_user_leaves_sets_out_and_changes_no_probability(run, book, model, tmp_path):
+    command = ("suggest", book / "model", "--goal", "Gbdh", "--top", 9)
+    free, ruled = (
+        {tuple(each["ingredients"]): each["score"] for each in json.loads(out)["suggestions"]}
+        for out in (
+            run(*command, "--json").out,
+            run(*command, "--rule", "rules_of_letters:no_dx", "--json").out,
+        )
+    )
+    expected = {sets: score for sets, score in free.items() if "dx" not in sets}
+    assert len(expected) < len(free)
+    assert ruled == pytest.approx(expected, rel=1e-4)
+    shown = run(
+        "evaluate-links", book / "model", "--rule", "rules_of_letters:no_dx", "--out", "ruled"
+    )
+    assert "the model's sets are those that rules_of_letters:no_dx allows" in shown.out
+    predictions = json.loads((tmp_path / "ruled" / "predictions.json").read_text())
+    assert not any("dx" in each for sets in predictions.values() for each in sets)
+    assert json.loads((tmp_path / "ruled" / "sets.json").read_text())["has_rule"]
+    # Nothing is left of the rule in the model.
+    assert "dx" in run(*command).out
+
+
+@pytest.mark.usefixtures("rules")
+@pytest.mark.parametrize(
+    ("rule", "fault"),
+    [
+        ("no_dx", "expected module:function"),
+        ("missing_rules:no_dx", "cannot import missing_rules (ModuleNotFoundError"),
+        ("rules_with_a_fault:no_dx", "cannot import rules_with_a_fault (SyntaxError"),
+        ("rules_of_letters:missing", "has no such function"),
+        ("rules_of_letters:number", "has a int"),
+        ("rules_of_letters:failing", "failed for ax + bx -> Gab (TypeError"),
+        ("rules_of_letters:text", "returned 'yes' for"),
+        ("rules_of_letters:nothing", "the rule allows no likely set for 'Gab'"),
+    ],
+)
+def test_a_rule_that_is_no_function_of_sets_is_refused_with_the_reason(
+    run, book, model, rule, fault
+):
+    refused = run("suggest", book / "model", "--goal", "Gab", "--rule", rule)
+    assert refused.code == 1
+    assert fault in refused.err
+
+
 @pytest.mark.parametrize(
     ("query", "fault"),
     [
@@ -626,5 +800,7 @@ def test_queries_that_no_model_of_sets_can_answer_are_refused(run, book, model, 
 
 
 def test_a_recipe_scorer_of_pairs_suggests_the_train_recipes_of_a_goal(run, recipes_folder):
+    refused = run("suggest", recipes_folder, "--goal", "dough", "--rule", "operator:contains")
+    assert "`rule`" in refused.err or "--rule" in refused.err
     told = run("suggest", recipes_folder, "--goal", "dough", "--top", 3).out
     assert "flour + water -> dough" in told

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from hashlib import sha256
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +10,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.base.errors import GraphError
+from wordcraft_kg.base.errors import ArtefactError, GraphError
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.recipes.records import FitDone
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.networks import NAMES, Networks, fit
+from wordcraft_kg.runs.checkpoints import Checkpoints
 
 TOP = (1, 3, 5, 10)
 """Numbers of suggestions, for shares of goals with a right one among them."""
@@ -73,6 +76,7 @@ def fit_sets(
     *,
     seed: int,
     folds: int = 5,
+    saved: Checkpoints[FitDone] | None = None,
     after: Callable[[], None] = lambda: None,
 ) -> FittedSets:
     """Fit a model of sets.
@@ -83,7 +87,11 @@ def fit_sets(
         words: unit vectors of all entities, shape (E, D).
         seed: root seed.
         folds: parts of the train goals, each scored by knowledge without its recipes.
-        after: called after each fold, and at the end.
+        saved: where the networks of each fold, and of all recipes, are saved, and read if there.
+        after: called after each network that is fitted.
+
+    Raises:
+        ArtefactError: if a saved network is damaged, or of other data.
     """
     goals = np.unique(recipes[:, -1])
     fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
@@ -92,17 +100,31 @@ def fit_sets(
     fold_of_recipe = fold_of_entity[recipes[:, -1]]
     lessons: list[Candidates] = []
     whole = SetKnowledge(recipes, amounts, words)
+    data = b"".join(each.tobytes() for each in (recipes, amounts, words))
+    done = FitDone(trained_on=sha256(data).hexdigest())
+
+    def network_of(knowledge: SetKnowledge, number: int, members: int) -> Networks:
+        if saved is not None and number in saved.records():
+            checkpoint = saved.read(number)
+            if checkpoint.progress != done:
+                raise ArtefactError(
+                    f"`parts` or words have changed since '{saved.run_folder}' began. Restore the "
+                    "earlier files, or train again with `force`."
+                )
+            return Networks.of(checkpoint.tensors, "")
+        network = fit_network(knowledge, seed * 1_000 + number, members=members)
+        if saved is not None:
+            saved.save(number, network.tensors(""), done)
+        after()
+        return network
+
     for fold in range(folds):
         others = recipes[fold_of_recipe != fold]
         knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
-        network = fit_network(knowledge, seed * 1_000 + fold, members=1)
-        held_out = recipes[fold_of_recipe == fold]
-        lessons += candidates_of(knowledge, network, held_out)
-        after()
-    network = fit_network(whole, seed * 1_000 + folds, members=_MEMBERS)
-    fitted = _fit_committee(lessons, seed)
-    after()
-    return FittedSets(network, *fitted)
+        network = network_of(knowledge, fold, 1)
+        lessons += candidates_of(knowledge, network, recipes[fold_of_recipe == fold])
+    network = network_of(whole, folds, _MEMBERS)
+    return FittedSets(network, *fit_order(lessons, seed))
 
 
 def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks:
@@ -193,10 +215,22 @@ def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> l
     return results
 
 
-def _fit_committee(
+def fit_order(
     lessons: Sequence[Candidates], seed: int
 ) -> tuple[Networks, Tensor, Tensor, Tensor, tuple[float, ...]]:
-    """Fit the committee and the probabilities; each network leaves out a fifth of the goals."""
+    """Fit the committee and the probabilities; each network leaves out a fifth of the goals.
+
+    Args:
+        lessons: candidates of train goals.
+        seed: seed of weights, batches and the parts of goals.
+
+    Returns:
+        Committee, mean and deviation of features, calibration and shares, as in
+        :class:`FittedSets`.
+
+    Raises:
+        GraphError: if no goal has candidates.
+    """
     num_goals = len(lessons)
     lessons = [lesson for lesson in lessons if len(lesson.sets)]
     if not lessons:

@@ -36,7 +36,7 @@ from wordcraft_kg.models.scorers.sets.parts import (
     read_parts,
 )
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
-from wordcraft_kg.runs.checkpoints import Checkpoint
+from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.record import scorer_card
 from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.trackers import Log
@@ -176,6 +176,9 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         # The input `parts` also tells that a folder holds a model of sets.
         return {"inputs": {"parts": self.parts.sha256}}
 
+    def restored(self, run: RunFolder[FitDone]) -> None:
+        """Return None in place of a checkpoint: a resumed run reads the saved folds."""
+
     def fit(  # noqa: D102 - inherited
         self,
         run: RunFolder[FitDone],
@@ -184,15 +187,22 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         checkpoint: Checkpoint[FitDone] | None,
     ) -> TrainedSets:
         settings = self.config.settings
+        if not run.is_live:
+            run.resume(self.config)
         began = time.perf_counter()
+        # A resumed run fits only the networks that are not saved.
+        saved = Checkpoints(run.path, run.kind.saved_as[0], FitDone, kept=None)
         total = settings.folds + 1
-        steps = 0
+        steps = len(saved.records())
 
         def after() -> None:
             nonlocal steps
             steps += 1
             if run.interrupted.is_set():
-                raise KeyboardInterrupt
+                raise KeyboardInterrupt(
+                    f"interrupted; {steps} of {total} networks are saved in '{run.path}'. Repeat "
+                    "the command to fit the rest."
+                )
             if report:
                 report(steps, total, {})
 
@@ -203,6 +213,7 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
                 self.words,
                 seed=settings.seed,
                 folds=settings.folds,
+                saved=saved,
                 after=after,
             )
         tensors = {

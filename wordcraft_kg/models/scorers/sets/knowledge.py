@@ -1,7 +1,7 @@
 """Train recipes as knowledge of sets: parts that recipes lose, votes, candidates and features."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import torch
@@ -15,6 +15,7 @@ from wordcraft_kg.models.scorers.sets.loops import (
     NUM_KERNELS,
     WIDTHS,
     SetLists,
+    balance,
     search,
     vote,
 )
@@ -26,7 +27,9 @@ _LOST_FROM = 0.05
 """Share of recipes with a part whose goal lacks it, from which recipes lose the part."""
 _SHARED_FROM = 1.5
 """Mean number of ingredients that bring a part, from which a set shares it."""
-_BEAM = 40
+_RARELY_AGAIN = 1e-3
+"""Least share of recipes in which one ingredient more brings a part."""
+_BEAM = 60
 _TOP = 8
 _TOP_OF_ALL = 16
 """Ingredients that are tried for a part; in a model without parts, for each step."""
@@ -45,7 +48,11 @@ _WEIGHT_OF_SET = 50.0
 _FIRST, _SECOND = np.triu_indices(MOST_INGREDIENTS, 1)
 _SUM, _NETWORK_SUM, _SET_VOTE, _SIZE = 0, 6, 10, 23
 """Columns of features, for the order before the committee's."""
-_FEATURES_BEFORE_KINDS = 25
+_FEATURES_BEFORE_KINDS = 30
+_NEAR_RECIPES = 60
+"""Recipes of the nearest goals that may agree with a set."""
+_DISAGREEING = 0.1
+"""Weight of such a recipe for each of its ingredients that the set lacks."""
 Vector = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
@@ -56,8 +63,10 @@ class GoalEvidence:
 
     Attributes:
         keys: its key parts, shape (K,).
+        spares: its parts that recipes lose, shape (L,), which an ingredient without key parts may
+            bring.
         is_allowed: shape (N,), which ingredients bring no part that the goal lacks.
-        shares: log shares of ingredients by key part, shape (4, K, N).
+        shares: log shares of ingredients by key part and spare, shape (4, K + L, N).
         votes: shape (3, N).
         set_votes: shape (3, S).
         similarity: shape (3, G), to each known goal.
@@ -67,6 +76,7 @@ class GoalEvidence:
     """
 
     keys: Ids
+    spares: Ids
     is_allowed: Flags
     shares: Vector
     votes: Vector
@@ -88,6 +98,7 @@ class SetKnowledge:
         words: unit vectors of all entities, shape (E, D); D = 0 without words.
         has_parts: whether parts tell entities apart.
         lost: share of train recipes with each part whose goal lacks it, shape (P,).
+        is_kept: whether recipes keep a part, shape (P,).
         unmet: share of goals with each part that no ingredient brings, shape (P,).
         shared: mean number of ingredients that bring each part, shape (P,).
         is_key: whether a part is a key part, shape (P,).
@@ -118,6 +129,7 @@ class SetKnowledge:
         member_ids = np.unique(recipes[:, :-1])
         self.ingredient_ids = member_ids[member_ids >= 0]
         self.goal_ids, recipe_goals = np.unique(recipes[:, -1], return_inverse=True)
+        self._goal_words = words[self.goal_ids]
         self.number_of = np.full(len(amounts), NO_INGREDIENT, dtype=np.int64)
         self.number_of[self.ingredient_ids] = np.arange(len(self.ingredient_ids))
         members = self.numbers(recipes[:, :-1])
@@ -134,6 +146,12 @@ class SetKnowledge:
         is_told = is_in_goal.any(1)
         self._count_parts((is_in @ has_part.astype(np.float32))[is_told], is_in_goal[is_told])
         self.is_key = self.is_kept & (self.shared <= _SHARED_FROM) | (not self.has_parts)
+        # Ingredients such as carbon for a carbide: no key part, but a part that other goals lose.
+        self._is_spare: Flags = ~np.any(has_part[:, self.is_key], axis=1)
+        has_spare = (is_in @ (has_part * self._is_spare[:, None]).astype(np.float32)) > 0
+        kept_spares = (has_spare & is_in_goal).sum(0) / np.maximum(is_in_goal.sum(0), 1)
+        again = np.where(self.is_key, self.shared - 1, kept_spares)
+        self._log_again = np.log(np.clip(again, _RARELY_AGAIN, 1)).astype(np.float32)
         self.style_parts = ~self.is_key if style_parts is None else style_parts
         self.styles = self.style(has_part)
         self.counts: Vector = np.asarray(is_in.sum(0)).ravel()
@@ -166,6 +184,7 @@ class SetKnowledge:
         is_brought = brought > 0
         recipes_with = np.maximum(is_brought.sum(0), 1)
         self.lost = (is_brought & ~is_in_goal).sum(0) / recipes_with
+        self.is_kept = self.lost <= _LOST_FROM
         self.unmet = (is_in_goal & ~is_brought).sum(0) / np.maximum(is_in_goal.sum(0), 1)
         self.shared = brought.sum(0) / recipes_with
 
@@ -190,13 +209,15 @@ class SetKnowledge:
         """Number of features of a set."""
         return _FEATURES_BEFORE_KINDS + 2 * self.styles.shape[1]
 
-    def numbers(self, entities: Ids) -> Ids:
+    def numbers(self, entities: Ids, number_of: Ids | None = None) -> Ids:
         """Return sets by numbers of ingredients, ascending, -1 behind the last.
 
         Args:
-            entities: shape (n, 8), entities that train recipes use, -1 behind the last.
+            entities: shape (n, 8), entities that train recipes use, -1 for none.
+            number_of: numbers of all entities, shape (E,), if others stand for some.
         """
-        numbers = np.where(entities >= 0, self.number_of[entities], NO_INGREDIENT)
+        number_of = self.number_of if number_of is None else number_of
+        numbers = np.where(entities >= 0, number_of[entities], NO_INGREDIENT)
         # Behind all others: the largest number.
         numbers[entities < 0] = np.iinfo(np.int64).max
         numbers.sort(axis=1)
@@ -208,10 +229,6 @@ class SetKnowledge:
         columns = [np.sqrt(amounts), amounts > 0, words]
         return torch.from_numpy(np.concatenate(columns, axis=1)).float()
 
-    @cached_property
-    def _goal_words(self) -> Vector:
-        return self.words[self.goal_ids]
-
     def allowed(self, amounts: Vector) -> Flags:
         """Return which ingredients bring no part that goals lack, but lost ones, shape (n, N).
 
@@ -221,11 +238,6 @@ class SetKnowledge:
         is_lacking = (amounts <= 0) & self.is_kept
         has_part = self.lists.has_part.astype(np.float32)
         return (is_lacking.astype(np.float32) @ has_part.T) == 0
-
-    @property
-    def is_kept(self) -> Flags:
-        """Whether recipes keep a part, shape (P,)."""
-        return self.lost <= _LOST_FROM
 
     def nearest_ingredients(self, entities: Ids) -> tuple[Vector, Ids]:
         """Return the known ingredients that stand for entities which no train recipe uses.
@@ -286,19 +298,38 @@ class SetKnowledge:
         parts = np.flatnonzero(amounts > 0)
         keys = parts[self.is_key[parts]]
         keys = keys if len(keys) else parts
+        spares = parts[~self.is_kept[parts] & self.is_key[keys].all()]
         shares, missing = self._shares(keys, is_allowed, votes, log_network)
+        spare_shares, _ = self._shares(spares, is_allowed & self._is_spare, votes, log_network)
+        shares = np.concatenate([shares, spare_shares], axis=1)
         sizes = np.bincount(self._set_sizes, set_votes[1], MOST_INGREDIENTS + 1)[1:]
         log_sizes = np.log(sizes / max(sizes.sum(), _FLOOR**3) + _FLOOR).astype(np.float32)
         return GoalEvidence(
-            keys, is_allowed, shares, votes, set_votes, similarity, log_sizes, missing, amounts
+            keys,
+            spares,
+            is_allowed,
+            shares,
+            votes,
+            set_votes,
+            similarity,
+            log_sizes,
+            missing,
+            amounts,
         )
 
-    def candidates(self, goal: GoalEvidence, *, has_coverage: bool = True) -> tuple[Ids, Vector]:
+    def candidates(
+        self,
+        goal: GoalEvidence,
+        *,
+        has_coverage: bool = True,
+        is_allowed: Callable[[Ids], bool] = lambda row: True,
+    ) -> tuple[Ids, Vector]:
         """Return likely sets for a goal, by numbers of ingredients, and their features.
 
         Args:
             goal: from :meth:`goal`.
             has_coverage: whether sets must bring all key parts.
+            is_allowed: whether a set, shape (8,), is a candidate.
 
         Returns:
             sets, shape (n, 8), and features, shape (n, F); n = 0 if nothing is allowed.
@@ -308,7 +339,8 @@ class SetKnowledge:
         if goal.missing < 0 and len(goal.keys):
             log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
             top = _TOP if self.has_parts else _TOP_OF_ALL
-            num_sets = search(self.lists, goal.keys, goal.shares, log_sizes, top, sets)
+            log_again = self._log_again[np.append(goal.keys, goal.spares)]
+            num_sets = search(self.lists, goal.keys, goal.shares, log_again, log_sizes, top, sets)
         near = np.argsort(-goal.set_votes[0], kind="stable")[:_NEAR_SETS]
         near_sets = self.lists.sets[near]
         is_in = near_sets >= 0
@@ -317,6 +349,7 @@ class SetKnowledge:
             brings = (self.lists.has_part[near_sets][..., goal.keys] & is_in[..., None]).any(1)
             fits &= np.all(brings, axis=1)
         sets = np.unique(np.concatenate([sets[:num_sets], near_sets[fits]]), axis=0)
+        sets = sets[np.array([is_allowed(row) for row in sets], dtype=bool)]
         if not len(sets):
             return sets, np.empty((0, self.num_features), dtype=np.float32)
         features = self.features(goal, sets)
@@ -341,7 +374,8 @@ class SetKnowledge:
         votes = np.tile(self.counts, (NUM_KERNELS, 1))
         shares, _ = self._shares(goal.keys, goal.is_allowed, votes, np.log(self.counts))
         log_sizes = goal.log_sizes[: 0 if self.has_parts else None]
-        return sets[: search(self.lists, goal.keys, shares, log_sizes, _TOP, sets)]
+        log_again = self._log_again[goal.keys]
+        return sets[: search(self.lists, goal.keys, shares, log_again, log_sizes, _TOP, sets)]
 
     def _shares(
         self, keys: Ids, is_allowed: Flags, votes: Vector, log_network: Vector
@@ -374,43 +408,30 @@ class SetKnowledge:
             shares[-1, place, options] = scores - np.logaddexp.reduce(scores)
         return shares, missing
 
-    def features(
-        self,
-        goal: GoalEvidence,
-        sets: Ids,
-        styles: Vector | None = None,
-        shares: Vector | None = None,
-        proxies: Ids | None = None,
-    ) -> Vector:
+    def features(self, goal: GoalEvidence, sets: Ids) -> Vector:
         """Return the features of sets for a goal, shape (n, F).
 
         Args:
             goal: from :meth:`goal`.
-            sets: shape (n, 8), numbers of ingredients; those of unknown ones from N on.
-            styles: kinds of all ingredients, unknown ones included.
-            shares: log shares, unknown ones included.
-            proxies: known ingredient that stands for each.
+            sets: shape (n, 8), numbers of ingredients.
         """
-        styles = self.styles if styles is None else styles
-        shares = goal.shares if shares is None else shares
-        stand_ins = sets if proxies is None else proxies[sets]
         is_in = sets >= 0
         sizes = is_in.sum(1)
-        # Shape (4, keys, n, 8), and over keys, (4, n, 8).
-        member_shares = np.where(is_in, shares[:, :, sets], -np.inf)
+        # Shape (4, keys and spares, n, 8), and over these, (4, n, 8).
+        member_shares = np.where(is_in, goal.shares[:, :, sets], -np.inf)
         best_shares = member_shares.max(1, initial=NO_SHARE)
         sums = np.where(is_in, best_shares, 0).sum(2)
         minima = np.where(is_in, best_shares, np.inf).min(2)
-        key_sums = member_shares.max(3).sum(1)
+        key_sums = member_shares[:, : len(goal.keys)].max(3).sum(1)
         numbers = [self._numbers_of_sets.get(row.tobytes(), -1) for row in sets]
         is_known = np.array(numbers) >= 0
         set_shares = goal.set_votes[:, numbers] / np.maximum(goal.set_votes.sum(1), 1e-12)[:, None]
         counts = np.where(is_known, self.set_counts[numbers], 0)
         is_pair = is_in[:, _SECOND]
-        lifts = np.where(is_pair, self.lift[stand_ins[:, _FIRST], stand_ins[:, _SECOND]], 0)
+        lifts = np.where(is_pair, self.lift[sets[:, _FIRST], sets[:, _SECOND]], 0)
         smallest_lift = np.where(is_pair, lifts, np.inf).min(1)
-        log_counts = np.where(is_in, np.log(self.counts[stand_ins] + 1), 0)
-        style = np.where(is_in[..., None], styles[sets], 0).sum(1) / sizes[:, None]
+        log_counts = np.where(is_in, np.log(self.counts[sets] + 1), 0)
+        style = np.where(is_in[..., None], self.styles[sets], 0).sum(1) / sizes[:, None]
         near_style = goal.votes[1] @ self.styles / max(goal.votes[1].sum(), _SMALLEST)
         distance = style - near_style
         columns = [
@@ -429,7 +450,54 @@ class SetKnowledge:
             np.full(len(sets), np.log(goal.set_votes[0].sum() + _SMALLEST)),
             goal.log_sizes[sizes - 1],
             np.abs(distance).sum(1),
+            *self._balances(goal, sets).T,
+            *self._agreements(goal, sets).T,
             *distance.T,
             *style.T,
         ]
         return np.stack(columns, axis=1).astype(np.float32)
+
+    def _balances(self, goal: GoalEvidence, sets: Ids) -> Vector:
+        """Return what is missing or too much when amounts of ingredients add up to the goal.
+
+        Args:
+            goal: from :meth:`goal`.
+            sets: shape (n, 8), numbers of ingredients.
+
+        Returns:
+            shape (n, 3), for key parts, shared parts and lost parts.
+        """
+        members = self.amounts[self.ingredient_ids[sets]] * (sets >= 0)[..., None]
+        is_here = (goal.amounts > 0) | (members > 0).any((0, 1))
+        kinds = np.where(self.is_key, 0, np.where(self.is_kept, 1, 2))[is_here]
+        result = np.empty((len(members), 3), dtype=np.float32)
+        balance(np.ascontiguousarray(members[..., is_here]), kinds, goal.amounts[is_here], result)
+        return result
+
+    def _agreements(self, goal: GoalEvidence, sets: Ids) -> Vector:
+        """Return the log share of similar recipes that agree with sets, by two kernels.
+
+        A recipe counts less for each of its ingredients that the goal allows and the set lacks.
+
+        Args:
+            goal: from :meth:`goal`.
+            sets: shape (n, 8), numbers of ingredients.
+
+        Returns:
+            shape (n, 2).
+        """
+        similarity = goal.similarity[:, self.lists.recipe_goals]
+        most = min(_NEAR_RECIPES, similarity.shape[1])
+        near = np.argpartition(-similarity[1], most - 1)[:most]
+        uses = self._flags(self.lists.sets[self.lists.recipe_sets[near]]) * goal.is_allowed
+        num_lacking = uses.sum(1) - self._flags(sets) @ uses.T
+        weights = similarity[:2, near] * uses.any(1)
+        total = np.maximum(weights.sum(1), _SMALLEST)
+        return np.log(_DISAGREEING**num_lacking @ weights.T / total + _FLOOR)
+
+    def _flags(self, sets: Ids) -> Vector:
+        """Return which ingredients sets have, shape (n, N), 1 or 0."""
+        # Behind the last ingredient: the place of the padding.
+        flags = np.zeros((len(sets), len(self.counts) + 1), dtype=np.float32)
+        np.put_along_axis(flags, sets, 1, axis=1)
+        return flags[:, :-1]

@@ -18,6 +18,8 @@ WIDTHS = ((0.1, 0.15), (0.3, 0.5), (0.05, 0.08))
 _KINDS = np.array([width for width, _ in WIDTHS], dtype=np.float32)
 _AMOUNTS = np.array([width for _, width in WIDTHS], dtype=np.float32)
 NUM_KERNELS = len(WIDTHS)
+_SWEEPS = 20
+"""Rounds over a set's ingredients in which their amounts come to rest."""
 NO_SHARE = -12.0
 """Log share of an ingredient that lacks the part, or that the goal does not allow."""
 
@@ -118,15 +120,17 @@ def vote(lists, amounts, cosines, similarity, set_votes, votes):  # type: ignore
 
 
 @compiled
-def search(lists, keys, shares, log_sizes, top, sets):  # type: ignore[no-untyped-def]
+def search(lists, keys, shares, log_again, log_sizes, top, sets):  # type: ignore[no-untyped-def]
     """Write the best sets that cover all key parts, one part after the other.
 
-    Without parts, ``log_sizes`` has numbers, and each step adds an ingredient, or one again.
+    In a second round, each part, and each lost part that the goal has, may come from one ingredient
+    more. Without parts, ``log_sizes`` has numbers, and each step adds an ingredient, or one again.
 
     Args:
         lists: the train recipes.
         keys: key parts of the goal.
-        shares: log shares, shape (4, keys, N).
+        shares: log shares by key part and lost part of the goal, shape (4, keys + lost, N).
+        log_again: log probability that one ingredient more brings the part, shape (keys + lost,).
         log_sizes: log probability of each number of ingredients, shape (8,); empty with parts.
         top: most ingredients that are tried for a part.
         sets: shape (K, 8), is written.
@@ -137,18 +141,19 @@ def search(lists, keys, shares, log_sizes, top, sets):  # type: ignore[no-untype
     width = sets.shape[1]
     beam_width = len(sets)
     num_keys = len(keys)
+    num_parts = shares.shape[1]
     num_ingredients = shares.shape[2]
     # Of two kernels, the nearest goals' and the network's.
     mean_shares = 0.5 * shares[0] + 0.5 * shares[3]
-    options = np.empty((num_keys, num_ingredients), dtype=np.int64)
-    num_options = np.empty(num_keys, dtype=np.int64)
-    for place in range(num_keys):
+    options = np.empty((num_parts, num_ingredients), dtype=np.int64)
+    num_options = np.empty(num_parts, dtype=np.int64)
+    for place in range(num_parts):
         options[place] = np.argsort(-mean_shares[place], kind="mergesort")
         num_options[place] = min(top, np.sum(mean_shares[place] != NO_SHARE))
     is_free = len(log_sizes) > 0
     # Parts with few options first: they leave the beam the most room.
-    order = np.argsort(num_options, kind="mergesort")
-    steps = width if is_free else num_keys
+    order = np.argsort(num_options[:num_keys], kind="mergesort")
+    steps = width if is_free else num_keys + num_parts
     room = beam_width * (top + 1)
     next_sets = np.full((room, width), -1, dtype=np.int64)
     next_scores = np.empty(room)
@@ -158,32 +163,38 @@ def search(lists, keys, shares, log_sizes, top, sets):  # type: ignore[no-untype
     beam_sizes = np.zeros(beam_width, dtype=np.int64)
     in_beam = 1
     # Finished sets of a model without parts, of all sizes together.
-    finished = np.full((steps * beam_width, width), -1, dtype=np.int64)
-    finished_scores = np.empty(steps * beam_width)
+    finished = np.full((width * beam_width, width), -1, dtype=np.int64)
+    finished_scores = np.empty(width * beam_width)
     num_finished = 0
     for step in range(steps):
-        place = 0 if is_free else order[step]
+        is_again = not is_free and step >= num_keys
+        place = 0
+        if not is_free:
+            place = step - num_keys if is_again else order[step]
+        cost = log_again[place] if is_again else 0.0
         count = 0
         for row in range(in_beam):
             size = beam_sizes[row]
             is_covered = False
-            if not is_free:
+            if not is_free and not is_again:
                 for column in range(size):
                     if lists.has_part[beam[row, column], keys[place]]:
                         is_covered = True
                         break
-            if is_covered:
+            if is_covered or is_again:
                 next_sets[count] = beam[row]
                 next_scores[count] = beam_scores[row]
                 next_sizes[count] = size
                 count += 1
-                continue
-            if size == width:
+            if is_covered or size == width:
                 continue
             for slot in range(num_options[place]):
+                ingredient = options[place, slot]
+                if is_again and np.any(beam[row] == ingredient):
+                    continue
                 next_sets[count] = beam[row]
-                write_with(options[place, slot], size, next_sets[count])
-                next_scores[count] = beam_scores[row] + mean_shares[place, options[place, slot]]
+                write_with(ingredient, size, next_sets[count])
+                next_scores[count] = beam_scores[row] + mean_shares[place, ingredient] + cost
                 next_sizes[count] = size + 1
                 count += 1
         best = np.argsort(-next_scores[:count], kind="mergesort")
@@ -217,3 +228,44 @@ def search(lists, keys, shares, log_sizes, top, sets):  # type: ignore[no-untype
     for row in range(num_sets):
         sets[row] = finished[best[row]]
     return num_sets
+
+
+@compiled
+def balance(members, parts, amounts, result):  # type: ignore[no-untyped-def]
+    """Write how well amounts of ingredients can add up to a goal's key parts.
+
+    The amounts are those of least squares, none below 0.
+
+    Args:
+        members: shares of parts of each set's ingredients, shape (n, 8, P), 0 for none.
+        parts: 0 for a key part, 1 for a shared part, 2 for a lost one, shape (P,).
+        amounts: the goal's shares of parts, shape (P,).
+        result: shape (n, 3), is written: what is missing of the key parts or too much, and of the
+            shared and the lost parts what is too much, or too little if below 0.
+    """
+    num_parts = len(parts)
+    rest = np.empty(num_parts)
+    for row in range(len(members)):
+        weights = np.zeros(members.shape[1])
+        for part in range(num_parts):
+            rest[part] = amounts[part]
+        for _ in range(_SWEEPS):
+            for column in range(members.shape[1]):
+                product = 0.0
+                square = 0.0
+                for part in range(num_parts):
+                    if parts[part] == 0:
+                        share = members[row, column, part]
+                        product += share * rest[part]
+                        square += share * share
+                if square == 0:
+                    continue
+                weight = max(weights[column] + product / square, 0.0)
+                step = weight - weights[column]
+                weights[column] = weight
+                for part in range(num_parts):
+                    rest[part] -= step * members[row, column, part]
+        result[row] = 0
+        for part in range(num_parts):
+            left = abs(rest[part]) if parts[part] == 0 else -rest[part]
+            result[row, parts[part]] += left

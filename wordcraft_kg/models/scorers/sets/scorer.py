@@ -25,6 +25,7 @@ from wordcraft_kg.models.scorers.sets.knowledge import (
 from wordcraft_kg.models.scorers.sets.loops import NO_SHARE
 from wordcraft_kg.models.scorers.sets.networks import Networks
 from wordcraft_kg.models.scorers.sets.parts import Parts
+from wordcraft_kg.models.scorers.sets.rules import Rule
 
 _LIMIT = 6.0
 """Largest standardised feature, beyond which a committee knows nothing."""
@@ -176,7 +177,12 @@ class SetScorer(StoredScorer):
         return SetScorer(tensors, (*self.entities, *labels), self.graph_hash, **settings)
 
     def recipes(
-        self, goal: int | str, limit: int = 10, *, has_coverage: bool = True
+        self,
+        goal: int | str,
+        limit: int = 10,
+        *,
+        has_coverage: bool = True,
+        rule: Rule | None = None,
     ) -> list[RankedSet]:
         """Return the likeliest sets for a goal, best first.
 
@@ -185,22 +191,31 @@ class SetScorer(StoredScorer):
             limit: most sets.
             has_coverage: whether each key part of the goal must come from an ingredient, and no
                 ingredient may bring a part that the goal lacks and recipes do not lose.
+            rule: which sets are allowed, by labels; the probabilities stay those of any set.
 
         Raises:
             UnknownEntityError: if the scorer does not know the goal.
-            ConfigError: if the goal has a part that no train recipe brings.
+            ConfigError: if the goal has a part that no train recipe brings, or the rule allows no
+                candidate.
         """
         entity = int(self.entity_ids(goal))
         evidence = self.evidence(entity, has_coverage=has_coverage)
-        sets, features = self.knowledge.candidates(evidence, has_coverage=has_coverage)
+
+        def is_allowed(row: Ids) -> bool:
+            labels = (self.entities[each] for each in self.knowledge.ingredient_ids[row[row >= 0]])
+            return rule is None or rule(tuple(labels), self.entities[entity])
+
+        sets, features = self.knowledge.candidates(
+            evidence, has_coverage=has_coverage, is_allowed=is_allowed
+        )
         if not len(sets):
-            raise self._no_recipe(entity, evidence)
+            raise self._no_recipe(entity, evidence, has_rule=rule is not None)
         members = np.where(sets >= 0, self.knowledge.ingredient_ids[sets], NO_INGREDIENT)
-        if has_coverage:
+        if has_coverage and rule is None:
             scores = self._scores(features)
             scores = scores - self._total(scores)
         else:
-            # Sets that break the rule have the probabilities of any set.
+            # Sets that break coverage, or that a rule leaves, have the probabilities of any set.
             scores = self._score_for(entity, members)
         rows = np.argsort(-scores, kind="stable")[:limit]
         return [RankedSet(_ids(members[row]), float(scores[row])) for row in rows]
@@ -270,7 +285,7 @@ class SetScorer(StoredScorer):
         log_network = torch.log_softmax(network, 2).mean(0)[0].numpy()
         return knowledge.goal(amounts, words, log_network, entity=entity, has_coverage=has_coverage)
 
-    def _no_recipe(self, entity: int, evidence: GoalEvidence) -> ConfigError:
+    def _no_recipe(self, entity: int, evidence: GoalEvidence, *, has_rule: bool) -> ConfigError:
         label = self.entities[entity]
         if evidence.missing >= 0:
             part = self.part_labels[evidence.missing]
@@ -282,6 +297,11 @@ class SetScorer(StoredScorer):
                 fault = f"only '{label}' itself brings its part {part} without parts that it lacks"
             return ConfigError(
                 f"{fault}. Add recipes that bring it to the book, or suggest with `any_parts`."
+            )
+        if has_rule and len(evidence.keys):
+            return ConfigError(
+                f"the rule allows no likely set for '{label}'; expected one or more. Allow more "
+                "sets, or leave out `rule`."
             )
         return ConfigError(f"no set is likely for '{label}': it has no known part, and no words.")
 
@@ -305,29 +325,16 @@ class SetScorer(StoredScorer):
         total = self._none
         if len(candidates):
             total = self._total(self._scores(features))
-        # Unknown ingredients have numbers behind all known ones.
-        size = len(knowledge.ingredient_ids)
-        member_ids = np.unique(sets[sets >= 0])
-        unknown = member_ids[knowledge.number_of[member_ids] < 0]
+        # An ingredient that no train recipe uses counts as the most similar one.
+        unknown = np.setdiff1d(sets[sets >= 0], knowledge.ingredient_ids)
+        similarity, stand_ins = knowledge.nearest_ingredients(unknown)
         number_of = knowledge.number_of.copy()
-        number_of[unknown] = size + np.arange(len(unknown))
-        last = np.iinfo(np.int64).max
-        numbers = np.where(sets >= 0, number_of[sets], last)
-        numbers.sort(axis=1)
-        numbers[numbers == last] = NO_INGREDIENT
-        similarity, proxies = knowledge.nearest_ingredients(unknown)
-        has_part = knowledge.amounts[unknown] > 0
-        styles = knowledge.style(has_part)
-        shares = np.maximum(evidence.shares[..., proxies] + np.log(similarity), NO_SHARE)
-        shares[:, ~has_part[:, evidence.keys].T] = NO_SHARE
-        features = knowledge.features(
-            evidence,
-            numbers,
-            np.concatenate([knowledge.styles, styles]),
-            np.concatenate([evidence.shares, shares], axis=2).astype(np.float32),
-            np.concatenate([np.arange(size), proxies]),
-        )
-        scores = self._scores(features)
+        number_of[unknown] = stand_ins
+        likeness = np.zeros(len(number_of), dtype=np.float32)
+        likeness[unknown] = np.log(similarity)
+        numbers = knowledge.numbers(sets, number_of)
+        scores = self._scores(knowledge.features(evidence, numbers))
+        scores = scores + np.where(sets >= 0, likeness[sets], 0).sum(1)
         is_candidate = (numbers[:, None] == candidates[None]).all(2).any(1)
         totals = np.where(is_candidate, total, np.logaddexp(total, scores))
         result: Vector = scores - totals + self._faults(sets, evidence)

@@ -103,7 +103,9 @@ def tokens_of(rows: Sequence[dict[str, Any]], tokenizer: Any) -> list[tuple[list
         is_game = isinstance(row["prompt"], list)
         prompt = row["prompt"]
         if is_game:
-            prompt = tokenizer.apply_chat_template(prompt, tokenize=False, add_generation_prompt=True)
+            prompt = tokenizer.apply_chat_template(
+                prompt, tokenize=False, add_generation_prompt=True
+            )
         prompts.append(prompt)
         answers.append(row["answer"] + (tokenizer.eos_token if is_game else ""))
     texts = [tokenizer(part, add_special_tokens=False).input_ids for part in (prompts, answers)]
@@ -311,7 +313,9 @@ def main() -> None:
     first = commands.add_parser("prepare", help="write what the model learns")
     first.set_defaults(run=prepare)
     first.add_argument("graphs", nargs="+", help="graph folders, or a book for its default split")
-    first.add_argument("--chats", type=Path, nargs="+", required=True, help="by `chats`, text style")
+    first.add_argument(
+        "--chats", type=Path, nargs="+", required=True, help="by `chats`, text style"
+    )
     second = commands.add_parser("train", help="learn low-rank matrices")
     second.set_defaults(run=train_command)
     second.add_argument("texts", type=Path, help="folder of `prepare`")

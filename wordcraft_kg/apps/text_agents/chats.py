@@ -235,7 +235,8 @@ def _played(
         block = slice(start, start + AT_ONCE)
         numbers = tasks[block].tolist()
         talks = [
-            play.begin(task, seed) for task, seed in zip(numbers, seeds[block].tolist(), strict=True)
+            play.begin(task, seed)
+            for task, seed in zip(numbers, seeds[block].tolist(), strict=True)
         ]
         ids = [[graph.id_of(label) for label in _game(talk).start] for talk in talks]
         tables = padded(ids, world.nothing)

@@ -205,6 +205,16 @@ def loss_of(model: Any, batch: Sequence[Tree]) -> torch.Tensor:
     return (losses * torch.tensor(weights)).mean()
 
 
+def answers_in(row: Row) -> list[int]:
+    """Return the places of the answers in a game's messages, without those that are mistakes."""
+    mistakes = row.get("mistakes", ())
+    return [
+        place
+        for place, message in enumerate(row["messages"])
+        if message["role"] == "assistant" and place not in mistakes
+    ]
+
+
 def games_of(path: Path) -> Iterator[tuple[Row, list[tuple[str, str]]]]:
     """Yield the games of a file of `chats --style text`, each with the pairs of its answers.
 
@@ -215,8 +225,9 @@ def games_of(path: Path) -> Iterator[tuple[Row, list[tuple[str, str]]]]:
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         try:
             row = json.loads(line)
-            said = [text["content"] for text in row["messages"] if text["role"] == "assistant"]
-            pairs = [(first, second) for first, second in (text.split(" + ") for text in said)]
+            said = [row["messages"][place]["content"] for place in answers_in(row)]
+            last = [text.splitlines()[-1].split(" + ") for text in said]
+            pairs = [(first, second) for first, second in last]
             # These are read later: fail here, with the number of the line.
             row["id"], row["part"], row["attempts"]
         except (ValueError, LookupError, TypeError, AttributeError):
@@ -286,13 +297,12 @@ def chat_trees(
     for row in rows:
         messages = row["messages"]
         rules = prompts(messages[:1], False)
-        for place, message in enumerate(messages):
-            if message["role"] == "assistant":
-                before = prompts(messages[:place], True)
-                if before[: len(rules)] != rules:
-                    raise ValueError(f"'{row['id']}': the chat template changes the rules later.")
-                branch = [*before[len(rules) :], *tokens(message["content"]), end]
-                answers.setdefault(tuple(rules), []).append((branch, len(before) - len(rules)))
+        for place in answers_in(row):
+            before = prompts(messages[:place], True)
+            if before[: len(rules)] != rules:
+                raise ValueError(f"'{row['id']}': the chat template changes the rules later.")
+            branch = [*before[len(rules) :], *tokens(messages[place]["content"]), end]
+            answers.setdefault(tuple(rules), []).append((branch, len(before) - len(rules)))
 
     def drawn(rng: np.random.Generator) -> list[Tree]:
         made: list[Tree] = []

@@ -15,8 +15,9 @@ from wordcraft_kg.apps.text_agents.chats import (
     chat_rows,
 )
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play
+from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
+from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
 from wordcraft_kg.base.errors import ConfigError
 
 PLAYERS = ("oracle", "planner", "votes", "graph", "nearest-words", "random")
@@ -41,17 +42,22 @@ def called(message):
 
 @pytest.mark.slow
 def test_a_conversation_is_what_a_rollout_of_the_same_game_reads_and_says():
-    """The environment for TRL gives the same prompt, and the same reply to each call."""
-    prompts = {row["task_id"]: row for row in crafting_rows("kitchen", depth=[1, 2], distractors=2)}
+    """The environment for TRL gives the same state, and the same reply to each call."""
+    games = {row["task_id"]: row for row in crafting_rows("kitchen", depth=[1, 2], distractors=2)}
     rows, _ = rows_of(kitchen_plays(1, 2))
-    assert {row["id"] for row in rows} == prompts.keys()
+    assert len(rows) == len(games)
     environment = CraftingEnvironment()
     for row in rows[::7]:
         opening, *turns, closing = row["messages"]
-        game = prompts[row["id"]]
-        assert [opening] == game["prompt"]
         assert closing == {"role": "assistant", "content": CLOSING}
-        environment.reset(**game)
+        task, _, seed = row["id"].rpartition("-")
+        table = {"task_id": row["id"], "distractor_seed": int(seed)}
+        environment.reset(**games[f"{task}-0"] | table)
+        rules, _, state = opening["content"].partition("\n\n")
+        assert state == environment.talk.game.state
+        if row["wording"] == 0:
+            assert opening["content"] == tool_opening(environment.talk)
+        assert "Use the tool `combine`" in rules
         for said, reply in zip(turns[::2], turns[1::2], strict=True):
             assert (said["role"], said["content"], reply["role"]) == ("assistant", "", "tool")
             assert called(said)["name"] == reply["name"] == "combine"
@@ -68,7 +74,10 @@ def test_text_conversations_are_those_of_players_by_text():
     for row in rows:
         talk = games.named(row["id"]).begin()
         rules, *turns = row["messages"]
-        assert rules == {"role": "system", "content": talk.rules}
+        assert rules == {
+            "role": "system",
+            "content": worded_rules(talk, row["wording"], by_tool=False),
+        }
         heard = talk.game.state
         for asked, answer in zip(turns[::2], turns[1::2], strict=True):
             assert asked == {"role": "user", "content": heard}
@@ -122,6 +131,41 @@ def test_equal_conversations_are_written_once():
     plays = kitchen_plays(1)
     rows, counts = rows_of([*plays, *plays], tasks=20)
     assert (len(rows), counts.repeated) == (20, 20)
+
+
+def test_orders_wordings_and_distractors_vary():
+    rows, counts = rows_of(kitchen_plays(1), style="text", tasks=60, tables=5)
+    answers = [row["messages"][2]["content"].split(" + ") for row in rows]
+    ordered = [answer == sorted(answer) for answer in answers if len({*answer}) == 2]
+    assert 0.35 < sum(ordered) / len(ordered) < 0.65
+    assert {*counts.by_wording} == {*range(len(WORDINGS) + 1)}
+    assert len({row["messages"][0]["content"] for row in rows}) == len(WORDINGS) + 1
+    tables = Counter(row["messages"][1]["content"] for row in rows)
+    assert max(tables.values()) == 1
+
+
+def test_a_task_meets_other_distractors_at_each_number_of_them():
+    plays = [open_play("kitchen", "train", 1, number, None) for number in (2, 3)]
+    rows, _ = rows_of(plays, style="text", tasks=40)
+    few, many = ({*row["messages"][1]["content"].split()} for row in (rows[0], rows[40]))
+    assert rows[0]["goal"] == rows[40]["goal"]
+    assert not few <= many
+
+
+def test_mistakes_are_marked_and_made_good_or_lost():
+    rows, counts = rows_of(kitchen_plays(1, attempts=2), kept="all", mistakes=0.6, style="text")
+    assert counts.lost == sum(not row["made"] for row in rows)
+    assert counts.recovered == sum(row["made"] and bool(row["mistakes"]) for row in rows) > 20
+    replies = Counter()
+    for row in rows:
+        for place in row["mistakes"]:
+            last = place + 1 == len(row["messages"])
+            reply = "" if last else row["messages"][place + 1]["content"].splitlines()[0]
+            replies["invalid" if reply.startswith("Invalid") else "nothing"] += 1
+            assert last or reply.startswith("Invalid") or reply.endswith("-> nothing")
+    assert min(replies["invalid"], replies["nothing"]) > 20
+    _, short = rows_of(kitchen_plays(1), kept="all", mistakes=0.6)
+    assert short.lost > 10
 
 
 def test_each_row_has_the_mark_of_the_benchmark_but_no_request():

@@ -10,7 +10,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -20,11 +20,13 @@ from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import decided_pairs
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import name_of, tool_opening
+from wordcraft_kg.apps.text_agents.hosted_games import name_of
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
 from wordcraft_kg.base.artefacts import json_text, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.settings import MAX_SIZE
 from wordcraft_kg.graphs.arrays import padded
 
 if TYPE_CHECKING:
@@ -34,6 +36,10 @@ Style = Literal["tools", "text"]
 """Attempts as calls of the tool ``combine``, or as answers ``first + second``."""
 Kept = Literal["made", "shortest", "all"]
 """Games that made the goal, that made it with one of the shortest plans, or all games."""
+Message = dict[str, Any]
+"""A message of a conversation: its role, and its content or calls."""
+_INVALID = 0.3
+"""Share of mistakes that name an item that is not on the table; the others make nothing."""
 AT_ONCE = 2_000
 """Games that a player plays together."""
 CLOSING = "Done."
@@ -98,15 +104,17 @@ class ChatSettings:
     Attributes:
         style: calls of a tool, or text.
         kept: games to keep.
-        tables: tables for each task, with other distractors.
+        tables: tables for each task, each with distractors of its own.
         tasks: most tasks of each depth and number of distractors, evenly spaced; None for all.
-        seed: seed of the player, and of the first table of each task.
+        mistakes: probability of a mistake before each attempt of the player, from 0 to below 1.
+        seed: seed of the player, the tables, the wordings and the orders.
     """
 
     style: Style = "tools"
     kept: Kept = "made"
     tables: int = 1
     tasks: int | None = None
+    mistakes: float = 0.0
     seed: int = 0
 
 
@@ -120,7 +128,10 @@ class ChatCounts:
         left_out: games that were not to be kept.
         repeated: games left out because an equal conversation was written before.
         written: written conversations.
+        lost: written conversations that do not make the goal.
+        recovered: written conversations that make it after a mistake.
         by_depth: written conversations by depth.
+        by_wording: written conversations by wording of the rules.
     """
 
     played: int = 0
@@ -128,7 +139,10 @@ class ChatCounts:
     left_out: int = 0
     repeated: int = 0
     written: int = 0
+    lost: int = 0
+    recovered: int = 0
     by_depth: Counter[int] = field(default_factory=Counter)
+    by_wording: Counter[int] = field(default_factory=Counter)
 
 
 def canary() -> str:
@@ -153,7 +167,8 @@ def chat_rows(
 
     Yields:
         Rows with ``id`` (the game's name), ``messages``, ``tools`` in this style, ``part``,
-        ``depth``, ``distractors``, ``goal``, ``attempts`` (those taken) and ``canary``.
+        ``depth``, ``distractors``, ``goal``, ``attempts`` (those taken), ``made``, ``wording``,
+        ``mistakes`` (places of the messages that a learner should not imitate) and ``canary``.
 
     Raises:
         ConfigError: for games of another part than train.
@@ -169,19 +184,24 @@ def chat_rows(
         # A generator for each depth and number of distractors: others do not change its games.
         key = [settings.seed, play.settings.depth or 0, play.settings.distractors or 0]
         rng = np.random.default_rng(key)
+        words = np.random.default_rng([*key, 1])
         for talk, pairs in _played(play, player, settings, rng):
             game = _game(talk)
-            messages = _said(talk, pairs, settings.style)
+            wording = int(words.integers(len(WORDINGS) + 1))
+            messages, mistakes = _said(talk, pairs, settings, wording, words)
             counts.played += 1
             counts.made += game.is_made
-            if not _is_kept(game, settings.kept):
+            if not _is_kept(game, settings.kept, mistakes):
                 counts.left_out += 1
             elif (digest := _digest(messages)) in digests:
                 counts.repeated += 1
             else:
                 digests.add(digest)
                 counts.written += 1
+                counts.lost += not game.is_made
+                counts.recovered += game.is_made and bool(mistakes)
                 counts.by_depth[play.settings.depth or 0] += 1
+                counts.by_wording[wording] += 1
                 schema = COMBINE_SET if game.most_picks else COMBINE
                 tools = {"tools": [schema]} if settings.style == "tools" else {}
                 yield {
@@ -193,6 +213,9 @@ def chat_rows(
                     "distractors": play.settings.distractors,
                     "goal": game.goal,
                     "attempts": len(game.pairs),
+                    "made": game.is_made,
+                    "wording": wording,
+                    "mistakes": mistakes,
                     "canary": canary(),
                 }
 
@@ -203,63 +226,93 @@ def _played(
     """Yield each game's conversation at its beginning, and the player's pairs."""
     assert isinstance(play.games, TaskGames)
     world = play.games.world
-    tasks = chosen_tasks(world, settings.tasks).tolist()
-    seeds = range(settings.seed, settings.seed + settings.tables)
-    games = list(product(tasks, seeds))
-    starts = range(0, len(games), AT_ONCE)
-    for start in steps("playing", starts):
-        block = games[start : start + AT_ONCE]
-        talks = [play.begin(task, seed) for task, seed in block]
-        graph = world.graph
-        ids = []
-        for talk in talks:
-            ids.append([graph.id_of(label) for label in _game(talk).start])
-        tables = padded(ids, world.nothing)
-        pairs = decided_pairs(world, [task for task, _ in block], tables, player, rng)
-        yield from zip(talks, pairs, strict=True)
-
-
-def _said(talk: Conversation, pairs: Sequence[Picks | None], style: Style) -> list[dict[str, Any]]:
-    """Play a game again in words; return all messages."""
-    if style == "tools":
-        messages: list[dict[str, Any]] = [{"role": "user", "content": tool_opening(talk)}]
-    else:
-        messages = [
-            {"role": "system", "content": talk.rules},
-            {"role": "user", "content": talk.game.state},
+    graph = world.graph
+    tasks = np.tile(chosen_tasks(world, settings.tasks), settings.tables)
+    # Each game has a seed of its own: with a seed for each table, a task would meet the same
+    # distractors at every depth and number of distractors.
+    seeds = rng.integers(MAX_SIZE, size=len(tasks))
+    for start in steps("playing", range(0, len(tasks), AT_ONCE)):
+        block = slice(start, start + AT_ONCE)
+        numbers = tasks[block].tolist()
+        talks = [
+            play.begin(task, seed)
+            for task, seed in zip(numbers, seeds[block].tolist(), strict=True)
         ]
+        ids = [[graph.id_of(label) for label in _game(talk).start] for talk in talks]
+        tables = padded(ids, world.nothing)
+        yield from zip(talks, decided_pairs(world, numbers, tables, player, rng), strict=True)
+
+
+def _said(
+    talk: Conversation,
+    pairs: Sequence[Picks | None],
+    settings: ChatSettings,
+    wording: int,
+    rng: np.random.Generator,
+) -> tuple[list[Message], list[int]]:
+    """Play a game again in words; return all messages, and the places of mistakes."""
+    by_tool = settings.style == "tools"
+    rules = worded_rules(talk, wording, by_tool=by_tool)
+    messages: list[Message] = [{"role": "system", "content": rules}]
+    messages.append({"role": "user", "content": talk.game.state})
+    if by_tool:
+        messages = [{"role": "user", "content": f"{rules}\n\n{talk.game.state}"}]
+    mistakes: list[int] = []
     for pair in pairs:
+        if not talk.is_over and rng.random() < settings.mistakes:
+            mistakes.append(len(messages))
+            messages += _turn(talk, _mistake(_game(talk), rng), by_tool)
+        # A mistake may have taken the last attempt.
+        if talk.is_over:
+            break
         # An empty slot: there is no answer in words for it.
         if pair is None:
             talk.game.lose_attempt()
             continue
-        if style == "text":
-            answer = " + ".join(pair)
-            messages.append({"role": "assistant", "content": answer})
-            messages.append({"role": "user", "content": talk.hear(answer)})
-            continue
-        arguments: dict[str, Any] = {"items": list(pair)}
-        if not talk.game.most_picks:
-            arguments = dict(zip(("first", "second"), pair, strict=True))
-        call = {"type": "function", "function": {"name": "combine", "arguments": arguments}}
-        # Without a content, data sets fill in None, which chat templates may print.
-        messages.append({"role": "assistant", "content": "", "tool_calls": [call]})
-        reply = talk.combine(*pair)
-        messages.append({"role": "tool", "name": "combine", "content": reply})
-    if style == "tools":
+        messages += _turn(talk, rng.permutation(pair).tolist(), by_tool)
+    if by_tool:
         messages.append({"role": "assistant", "content": CLOSING})
     else:
         # After the last answer nobody is asked any more.
         messages.pop()
-    return messages
+    return messages, mistakes
 
 
-def _is_kept(game: TaskGame, choice: Kept) -> bool:
-    if choice == "all":
-        return None not in game.pairs
-    if choice == "made":
-        return game.is_made and None not in game.pairs
-    return game.is_made and len(game.pairs) == game.tasks.depth
+def _turn(talk: Conversation, picks: Sequence[str], by_tool: bool) -> list[Message]:
+    """Make an attempt; return the player's message and the reply."""
+    if not by_tool:
+        answer = " + ".join(picks)
+        reply = {"role": "user", "content": talk.hear(answer)}
+        return [{"role": "assistant", "content": answer}, reply]
+    arguments: dict[str, Any] = {"items": list(picks)}
+    if not talk.game.most_picks:
+        arguments = dict(zip(("first", "second"), picks, strict=True))
+    call = {"type": "function", "function": {"name": "combine", "arguments": arguments}}
+    # Without a content, data sets fill in None, which chat templates may print.
+    message: Message = {"role": "assistant", "content": "", "tool_calls": [call]}
+    return [message, {"role": "tool", "name": "combine", "content": talk.combine(*picks)}]
+
+
+def _mistake(game: TaskGame, rng: np.random.Generator) -> list[str]:
+    """Return two items of which one is not on the table, or that make nothing by train recipes."""
+    table = game.labels
+    if rng.random() < _INVALID:
+        absent = sorted({*game.graph.entities} - {*table})
+        return [str(rng.choice(table)), str(rng.choice(absent))]
+    ids = {label: game.graph.id_of(label) for label in table}
+    outcomes = game.world.outcomes
+    pairs = [
+        pair
+        for pair in combinations(sorted(table, key=ids.__getitem__), 2)
+        if not outcomes.get((ids[pair[0]], ids[pair[1]]))
+    ]
+    return list(pairs[rng.integers(len(pairs))]) if pairs else [table[0], table[0]]
+
+
+def _is_kept(game: TaskGame, choice: Kept, mistakes: Sequence[int]) -> bool:
+    if choice == "shortest":
+        return game.is_made and not mistakes and len(game.pairs) == game.tasks.depth
+    return None not in game.pairs and (choice == "all" or game.is_made)
 
 
 def _digest(messages: Any) -> bytes:

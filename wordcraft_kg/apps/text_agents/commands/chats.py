@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from wordcraft_kg.base.artefacts import check_output_file
-from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.settings import MAX_SIZE, number_in, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.cli.options import Book, Force, Words
@@ -34,6 +34,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     tasks: int | None = None,
     keep: Literal["made", "shortest", "all"] = "made",
     style: Literal["tools", "text"] = "tools",
+    mistakes: float = 0.0,
     seed: int = 0,
     force: Force = False,
     output: Output = Output(),
@@ -52,19 +53,23 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         depth: comma-separated depths of tasks, 1 to 5. Default: 1.
         distractors: comma-separated numbers of distractors on a table. Default: 8.
         attempts: attempts in a game. Default: the task's depth.
-        tables: tables for each task, with other distractors.
+        tables: tables for each task, each with distractors of its own.
         tasks: most tasks for each depth and number of distractors, evenly spaced. Default: all.
         keep: games that made the goal (made), those of them in the fewest possible attempts
             (shortest), or all.
         style: calls of the tool combine (tools), or lines such as water + earth (text).
-        seed: seed of the player, and of the first table of each task.
+        mistakes: probability of a mistake before each attempt: an item that is not on the table, or
+            a pair that makes nothing. Their places are in each line, so that a learner can skip
+            them. With more attempts than the depth, games recover; else they are lost.
+        seed: seed of the player, the tables, the wordings and the orders.
     """
     depths = whole_numbers("depth", depth or ["1"])
     for task_depth in depths:
         whole("depth", task_depth, 1, MAX_DEPTH)
     numbers = whole_numbers("distractors", distractors or ["8"])
     whole("seed", seed, 0, MAX_SIZE - 1)
-    whole("tables", tables, 1, MAX_SIZE - seed)
+    whole("tables", tables, 1, MAX_SIZE)
+    number_in("mistakes", mistakes, 0, 0.9, "a probability from 0 to 0.9")
     if tasks is not None:
         whole("tasks", tasks, 1, MAX_SIZE)
     from wordcraft_kg.apps.text_agents.benchmark_players import named_player
@@ -86,7 +91,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     first = plays[0].games
     assert isinstance(first, TaskGames)
     title, played_by = named_player(player, source, first.world.tasks)
-    settings = ChatSettings(style, keep, tables, tasks, seed)
+    settings = ChatSettings(style, keep, tables, tasks, mistakes, seed)
     counts = ChatCounts()
     rows = chat_rows(plays, played_by, settings, counts)
     digest = write_chats(out, rows, force=force)

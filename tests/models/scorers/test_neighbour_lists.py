@@ -77,6 +77,7 @@ class SlowFeatures:
         self.made = {result for *_, result in self.recipes}
         self.regression = kernel_tables(recipes, rows, cosines)
         self.word_regression = word_tables(recipes, vectors)
+        self.expected = expected_results(recipes, vectors.astype(float))
 
     def links(self, x, c):
         return sum(result == c and x in (a, b) for a, b, result in self.recipes)
@@ -138,6 +139,7 @@ class SlowFeatures:
             math.log1p(sum(c in (one, other) for one, other, _ in self.recipes)),
             self.regression[0][a, b],
             self.word_regression[0][a, b],
+            self.expected(a, b, c),
         ]
 
     def of_table(self, a, b, c):
@@ -176,6 +178,27 @@ def kernel_tables(recipes, rows, cosines):
 
 def word_tables(recipes, vectors):
     return regressions(recipes, vectors.astype(float) @ vectors.astype(float).T)
+
+
+def expected_results(recipes, vectors):
+    """How well a result's words fit the regression of results: least squares with further rows."""
+    known = vectors[np.unique(recipes)]
+    _, directions = np.linalg.eigh(known.T @ known)
+    words = vectors @ directions[:, ::-1]
+
+    def inputs(a, b):
+        return [*(words[a] + words[b]), *(4 * words[a] * words[b])]
+
+    dim = vectors.shape[1]
+    rows = [*(inputs(a, b) for a, b, _ in recipes), *(math.sqrt(3) * np.eye(2 * dim))]
+    targets = np.concatenate([words[recipes[:, 2]], np.zeros((2 * dim, dim))])
+    weights, *_ = np.linalg.lstsq(np.array(rows), targets)
+
+    def cosine(a, b, c):
+        expected = inputs(a, b) @ weights
+        return expected @ words[c] / max(np.linalg.norm(expected), 1e-6)
+
+    return cosine
 
 
 def regressions(recipes, kernel):

@@ -22,11 +22,11 @@ make.
     link side   Σ k²(x, x') k²(c, c') n(x', c')
                 over x' in N(x), c' in G(c); n counts recipes
 
-and the same by words (w⁴ for k²), without c; known recipes; kernel regression; cosines;
-degrees. A product below .002 ends a search in both lists. A hash table answers whether a pair has
-recipes. A book of at most 2,048 entities has all k and word cosines in matrices: most of the time
-of a table went to products of word vectors. All slots of a table share its goal, so the links to
-the goal's neighbours are listed once, by their ingredient.
+and the same by words (w⁴ for k²), without c; known recipes; kernel regression; the words that
+regression expects of a result; cosines; degrees. A product below .002 ends a search in both lists.
+A hash table answers whether a pair has recipes. A book of at most 2,048 entities has all k and word
+cosines in matrices: most of the time of a table went to products of word vectors. All slots of a
+table share its goal, so the links to the goal's neighbours are listed once, by their ingredient.
 
 **Links** are scored by networks (rankers) of such features: for componentOf(x, c) those of the link
 side, for combinesWith(a, b) known pairs of one end and a neighbour of the other; both with kernel

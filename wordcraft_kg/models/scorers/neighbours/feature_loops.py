@@ -5,13 +5,14 @@ what depends on the goal and a result once for all pairs that may make it. See "
 recipes" in docs/explanation/recipe-scorer.md.
 """
 
-from math import log, log1p
+from math import log, log1p, sqrt
 from typing import Any
 
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled, in_place
 from wordcraft_kg.models.scorers.neighbours.hash_loops import makes, num_links, pair_place
+from wordcraft_kg.models.scorers.neighbours.regression import PRODUCT
 from wordcraft_kg.models.scorers.neighbours.similar import (
     clear,
     dot,
@@ -30,6 +31,8 @@ LEAST = np.float32(2e-3)
 
 Validation prefers 2e-3 to 3e-5 and to no limit, and it looks at 44 of 1,024 pairs of neighbours.
 """
+SHORTEST = np.float32(1e-6)
+"""Shortest vector with a direction."""
 MOST_RESULTS = 64
 """Results of a neighbour pair that count; a pair with more, in a damaged book, costs no more."""
 NUM_LINKS = 13
@@ -69,7 +72,8 @@ OF_SLOTS = 15
     _GOAL_USES,
     _PAIR_REGRESSION,
     _PAIR_WORD_REGRESSION,
-) = range(2 * OF_SLOTS, 2 * OF_SLOTS + 13)
+    _RESULT_REGRESSION,
+) = range(2 * OF_SLOTS, 2 * OF_SLOTS + 14)
 
 
 @in_place
@@ -433,6 +437,31 @@ def _write_slot_features(links, counts, i, j, out):  # type: ignore[no-untyped-d
 
 
 @in_place
+def _expect_result(coordinates, weights, a, b, pair, expected):  # type: ignore[no-untyped-def]
+    """Write the direction of the words that regression expects of a pair's result.
+
+    Args:
+        coordinates: by words, shape (T, m), of which the first r count.
+        weights: ``lists.result_weights``, shape (2 r, r).
+        a: entity id.
+        b: entity id.
+        pair: row of ``expected``.
+        expected: receives a vector of length 1, or zeros without words; shape (P, r).
+    """
+    size = weights.shape[1]
+    expected[pair] = 0
+    for row in range(size):
+        total = coordinates[a, row] + coordinates[b, row]
+        scaled_product = PRODUCT * coordinates[a, row] * coordinates[b, row]
+        for column in range(size):
+            expected[pair, column] += total * weights[row, column]
+            expected[pair, column] += scaled_product * weights[size + row, column]
+    length = sqrt(product(expected, expected, pair, pair))
+    for column in range(size):
+        expected[pair, column] /= max(length, SHORTEST)
+
+
+@in_place
 def _write_pair_features(lists, goal, table, pairs, slots, neighbours, results, pair_values, out):  # type: ignore[no-untyped-def]
     """Write the features of a table's pairs and a goal.
 
@@ -446,13 +475,14 @@ def _write_pair_features(lists, goal, table, pairs, slots, neighbours, results, 
         neighbours: known pairs of neighbours, from :func:`_all_neighbour_pairs`.
         results: k² of each result of these and the goal, and the same by words, shape (T,).
         pair_values: features of the pairs alone: places in the hash table and both regressions,
-            shape (P,); word cosines and similarities of slots, shape (A, A).
+            shape (P,); expected words of results, shape (P, r); word cosines and similarities of
+            slots, shape (A, A).
         out: shape (P, F).
     """
     first_slots, second_slots = pairs
     links, counts = slots
     starts, places, weights, words = neighbours
-    own_places, regression, word_regression, cosines, kernels = pair_values
+    own_places, regression, word_regression, expected, cosines, kernels = pair_values
     results_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
     goal_made = log1p(lists.num_makers[goal])
     goal_uses = log1p(lists.num_uses[goal])
@@ -476,6 +506,7 @@ def _write_pair_features(lists, goal, table, pairs, slots, neighbours, results, 
         features[_GOAL_USES] = goal_uses
         features[_PAIR_REGRESSION] = regression[pair]
         features[_PAIR_WORD_REGRESSION] = word_regression[pair]
+        features[_RESULT_REGRESSION] = product(expected, lists.by_words.right, pair, goal)
 
 
 @compiled
@@ -508,6 +539,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
     own_places = np.empty(len(one), dtype=np.int64)
     regression = np.empty(len(one), dtype=np.float32)
     word_regression = np.empty(len(one), dtype=np.float32)
+    expected = np.empty((len(one), lists.result_weights.shape[1]), dtype=np.float32)
     kernel = lists.by_kernel
     word = lists.by_words
     # Room for more pairs than there are costs nothing: memory that nobody writes to is not taken.
@@ -545,6 +577,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
                 own_places[pair] = pair_place(*hashed, a, b)
                 regression[pair] = product(kernel.pair_left, kernel.right, a, b)
                 word_regression[pair] = product(word.pair_left, word.right, a, b)
+                _expect_result(word.right, lists.result_weights, a, b, pair, expected)
         for row in range(begin, end):
             goal = goals[row]
             spread(lists, goal, structure)
@@ -566,7 +599,7 @@ def table_features(lists, goals, tables, one, other, links, out):  # type: ignor
                 (links[row], counts),
                 (starts, *known_pairs),
                 (alike, words),
-                (own_places, regression, word_regression, cosines, kernels),
+                (own_places, regression, word_regression, expected, cosines, kernels),
                 out[row],
             )
 

@@ -16,7 +16,12 @@ from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts, profiles
 from wordcraft_kg.models.scorers.neighbours.blocks import blocks_of, write_blocks
-from wordcraft_kg.models.scorers.neighbours.regression import RANK, Factors, link_factors
+from wordcraft_kg.models.scorers.neighbours.regression import (
+    RANK,
+    Factors,
+    link_factors,
+    result_weights,
+)
 
 Numbers = NDArray[np.int32]
 Floats = NDArray[np.float32]
@@ -86,6 +91,8 @@ class Lists(NamedTuple):
         by_kernel: links by regression with the similarity k, as products, see
             :class:`~.regression.Factors`.
         by_words: links by regression with the product of word vectors, likewise.
+        result_weights: shape (2 r, r), of the regression of results, see
+            :func:`~.regression.result_weights`.
         half_starts, half_nodes, half_values: sparse rows of the matrix H, shape (T, nodes):
             completion is ``H R Hᵀ``, and H is ``nodesᵀ R``, with the matrices of
             :func:`~wordcraft_kg.models.scorers.kernel.completion_parts`.
@@ -122,6 +129,7 @@ class Lists(NamedTuple):
     num_makers: Numbers
     by_kernel: Factors
     by_words: Factors
+    result_weights: Floats
     half_starts: Ids
     half_nodes: Numbers
     half_values: Floats
@@ -274,6 +282,7 @@ def make_lists(
         num_makers=num_makers,
         by_kernel=by_kernel,
         by_words=by_words,
+        result_weights=result_weights(ordered, by_words.right),
         half_starts=half_starts,
         half_nodes=half_nodes,
         half_values=half_values,

@@ -38,6 +38,7 @@ OF_PAIRS = (
     "goal_uses",
     "pair_regression",
     "pair_word_regression",
+    "result_regression",
     "combines_pair",
 )
 """Features of a pair (a, b) and a goal c.
@@ -51,6 +52,7 @@ OF_PAIRS = (
 | pair_words, pair_kernel, itself | word cosine and similarity of a and b; a equals b |
 | goal_made, goal_uses | log(1 + recipes that make c, that use c) |
 | pair_regression, pair_word_regression | combinesWith(a, b) by kernel regression |
+| result_regression | cosine of c's words and those that regression from a and b expects |
 | combines_pair | score of combinesWith(a, b), where outside knowledge tells of pairs; else 0 |
 """
 FEATURES = (

@@ -3,17 +3,18 @@
 The table is a recipe file, so every command that takes a book reads it without options.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from wordcraft_kg.base.artefacts import check_output_file
+from wordcraft_kg.base.artefacts import check_output_file, output_target, write_atomically
 from wordcraft_kg.base.errors import OutputExistsError, RecipeFileError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.suggestions import Suggestion
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.book_files import write_book
-from wordcraft_kg.graphs.book_files.writing import write_rows
+from wordcraft_kg.graphs.book_files.texts import own_header
+from wordcraft_kg.graphs.book_files.writing import csv_line
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
@@ -64,15 +65,25 @@ def write_suggestions(suggestions: Sequence[Suggestion], out: Path) -> None:
     check_new_table(out)
     if not suggestions:
         raise RecipeFileError(f"{out} was not written: there is no suggestion to write.")
-    rows = [
-        (
-            (*suggestion.ingredients, suggestion.result),
-            (f"{suggestion.probability:.3f}", because_cell(suggestion), ""),
-        )
-        for suggestion in suggestions
-    ]
-    book = RecipeBook.of("suggestions", [labels for labels, _ in rows])
-    write_rows(book, out, COLUMNS, rows)
+    delimiter = "," if out.suffix.lower() == ".csv" else "\t"
+    write_atomically(output_target(out), table_lines(suggestions, delimiter))
+
+
+def table_lines(suggestions: Sequence[Suggestion], delimiter: str = ",") -> Iterator[str]:
+    """Yield the lines of a table of suggestions: a header, and a line for each.
+
+    Args:
+        suggestions: recipes, in the order of the lines.
+        delimiter: one character between cells.
+    """
+    width = max((len(suggestion.ingredients) for suggestion in suggestions), default=2)
+    yield csv_line((*own_header(width), *COLUMNS), delimiter)
+    for suggestion in suggestions:
+        empty = [""] * (width - len(suggestion.ingredients))
+        probability = f"{suggestion.probability:.3f}"
+        further_cells = (probability, because_cell(suggestion), "")
+        cells = (*suggestion.ingredients, *empty, suggestion.result, *further_cells)
+        yield csv_line(cells, delimiter)
 
 
 def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:

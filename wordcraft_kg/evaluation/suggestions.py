@@ -29,7 +29,7 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.records import SetMetrics
 from wordcraft_kg.models.recipes.set_training import with_new_entities
-from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
@@ -138,8 +138,8 @@ class Wish(Record):
             )
         if self.pair and len(self.pair) != 2:
             raise ConfigError(
-                f"'{' + '.join(self.pair)}' has {len(self.pair)} ingredients; expected two, such "
-                "as ham + cheese."
+                f"'{' + '.join(self.pair)}' is no pair; expected two ingredients, such as ham + "
+                "cheese. For recipes with one item use `with_item`."
             )
         for label in self.labels:
             graph.id_of(label)
@@ -250,6 +250,14 @@ def check_file_query(scorer: object, query: Query) -> None:
             "triples. Give each recipe as an argument, a + b + c -> d, or use `score_sets` in "
             "Python."
         )
+
+
+def can_suggest(model: Model) -> bool:
+    """Return whether a model scores whole recipes, and knows how probable they are."""
+    folds = folds_of(model.scorer)
+    has_probabilities = folds is not None and folds.probabilities is not None
+    is_of_pairs = isinstance(whole_of(model.scorer), RecipeScorer)
+    return is_set_model(model) or (is_of_pairs and has_probabilities)
 
 
 def open_suggesting(folder: Path, graph: str | None = None) -> Model:

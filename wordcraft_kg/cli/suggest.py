@@ -1,54 +1,110 @@
 """``wordcraft-kg suggest``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from cyclopts import Parameter
+
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.cli.console import Flag, Output, aligned
-from wordcraft_kg.cli.options import MovedGraph
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.cli.console import Flag, Output, aligned, command_line, split_labels
+from wordcraft_kg.cli.options import MovedGraph, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.suggestions import Suggestions
+    from wordcraft_kg.evaluation.suggestions import SetSupport, Suggestion, Suggestions
 
 EXAMPLES = (
-    "wordcraft-kg suggest models/everyday-recipes --goal bread",
+    "wordcraft-kg suggest models/everyday-recipes",
+    "wordcraft-kg suggest models/everyday-recipes ham + cheese",
+    "wordcraft-kg suggest models/everyday-recipes --with-item banana --out suggestions.csv",
+    "wordcraft-kg suggest models/everyday-recipes --accept suggestions.csv --out longer.csv",
     "wordcraft-kg suggest models/materials --goal BaTi0.9Zr0.1O3 --top 5 --json",
 )
 
 
-def suggest(
+def suggest(  # noqa: PLR0913 - parameters are the command's options
     model: Path,
-    *,
-    goal: str,
-    top: int = 5,
+    *pair: str,
+    goal: str | None = None,
+    with_item: str | None = None,
+    start: Annotated[Words, Parameter(name="--from")] = None,
+    top: int = 20,
     any_parts: Flag = False,
     rule: str | None = None,
+    out: Path | None = None,
+    accept: Path | None = None,
     graph: MovedGraph = None,
     output: Output = Output(),
 ) -> None:
-    """Suggest recipes for a goal, best first, with the train recipes that support them.
+    """Suggest recipes that the book lacks, the most probable first, with the recipes behind them.
 
-    A model of sets (train-recipes on a book of larger sets, or with --parts) gives probabilities,
-    and suggests recipes for goals that the book lacks, by their parts and words.
+    Without further words, suggestions are for the whole book. On a page of 20 no item is in more
+    than three, but those that you name. Where no known entity fits a pair, the most similar recipe
+    tells by analogy. A model of sets (train-recipes on a book of larger sets, or with --parts)
+    also suggests recipes for goals that the book lacks, by their parts and words.
 
     Args:
         model: model folder from train-recipes.
-        goal: entity to make.
+        pair: what might a + b make? Quote labels with several words.
+        goal: entity to make; a model of sets lists known recipes, too.
+        with_item: entity that each recipe uses.
+        start: comma-separated entities: list what they make, in how many steps, known and likely.
         top: most recipes to list.
         any_parts: also allow ingredients with parts that the goal lacks, or sets that lack a part
             of the goal.
         rule: function of yours, module:function, that allows sets of a model of sets: it takes a
             tuple of ingredients and the goal, and returns True or False.
+        out: CSV or TSV file for the suggestions, which build-graph reads; put x into its column
+            accept. With --accept, file for the longer book. An existing file is never replaced.
+        accept: such a file: write a copy of the book with its ticked recipes to --out.
     """
-    from wordcraft_kg.evaluation.suggestions import open_suggesting, suggest_recipes
+    from wordcraft_kg.evaluation import suggestion_files
+    from wordcraft_kg.evaluation.queries import pieces_of_recipe
+    from wordcraft_kg.evaluation.suggestions import (
+        Wish,
+        open_suggesting,
+        suggest as suggest_for,
+        suggest_recipes,
+    )
     from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     whole("top", top, 1)
     allowed = read_rule(rule) if rule else None
     opened = open_suggesting(model, graph)
-    view = suggest_recipes(opened, goal, top, has_coverage=not any_parts, rule=allowed)
-    output.result(view, list(suggestion_lines(view)))
+    book = opened.opened.graph
+    if accept is not None:
+        if out is None or pair or goal or with_item or start:
+            raise ConfigError("`accept` writes a longer book to `out`; give both, and no query.")
+        recipes = suggestion_files.ticked(accept, book)
+        suggestion_files.write_accepted(book, recipes, out)
+        lines = [
+            f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and "
+            f"{len(recipes):,} of {accept}   next: {command_line('build-graph', out)}"
+        ]
+        output.result({"out": str(out), "accepted": list(recipes)}, lines)
+        return
+    if out is not None:
+        suggestion_files.check_new_table(out)
+    labels: tuple[str, ...] = ()
+    if pair:
+        labels, result = pieces_of_recipe(pair, frozenset(book.entities))
+        if result is not None:
+            raise ConfigError(f"'{' '.join(pair)}' has a result; expected a pair. Use score.")
+    wish = Wish(goal=goal, item=with_item, pair=labels, table=tuple(split_labels(start or [])))
+    if goal is not None and wish.labels == (goal,):
+        view = suggest_recipes(opened, goal, top, has_coverage=not any_parts, rule=allowed)
+    elif allowed is not None:
+        raise ConfigError("`rule` chooses among the sets of a single goal; give `goal` alone.")
+    else:
+        view = suggest_for(opened, wish, top, has_coverage=not any_parts)
+    lines = list(suggestion_lines(view))
+    if out is not None:
+        suggestion_files.write_suggestions(view.suggestions, out)
+        count = counted(len(view.suggestions), "suggestion")
+        lines.append(f"wrote {out}: {count}; put x into the column accept, then --accept {out}")
+    output.result(view, lines)
 
 
 def suggestion_lines(view: "Suggestions") -> Iterator[str]:
@@ -56,25 +112,41 @@ def suggestion_lines(view: "Suggestions") -> Iterator[str]:
     if view.new:
         names = ", ".join(f"'{label}'" for label in view.new)
         yield f"{names} not in the graph: scored by parts and words."
-    if not view.suggestions:
+    if view.wish.table:
+        yield f"known: {counted(view.num_made, 'entity', 'entities')} from these"
+        yield from _table(view.made)
+        if view.num_made > len(view.made):
+            yield f"  ... and {view.num_made - len(view.made):,} more"
+        yield "likely, not in the book:"
+    if view.combines is not None:
+        pair = " + ".join(view.wish.pair)
+        yield f"{pair} makes something that the book lacks: probability {view.combines:.3f}"
+    if view.suggestions:
+        yield from _table(view.suggestions)
+    else:
         yield "no answer: nothing is left to propose"
-        return
-    rows = [("probability" if view.suggestions[0].probability is not None else "nats", "", "")]
-    for suggestion in view.suggestions:
-        value = f"{suggestion.score:.3f}"
-        if suggestion.probability is not None:
-            value = f"{suggestion.probability:.3f}"
-        recipe = f"{' + '.join(suggestion.ingredients)} -> {view.goal}"
-        rows.append((f"{value:>11}", suggestion.known, recipe))
-    heading, *lines = aligned(rows)
-    yield heading.rstrip()
-    for line, suggestion in zip(lines, view.suggestions, strict=True):
-        yield line
-        if suggestion.because:
-            supports = (
-                f"{' + '.join(near.ingredients)} -> {near.result} ({near.strength:.2g})"
-                for near in suggestion.because
-            )
-            yield f"{'':11}  because {', '.join(supports)}"
+    if view.analogies:
+        yield "no known entity fits:"
+    for analogy in view.analogies:
+        yield f"  {' + '.join(analogy.ingredients)} -> ?   as {_recipe(analogy.like)}"
     if view.trained_on == "full":
         yield "The model was trained on all recipes, test recipes included."
+
+
+def _table(suggestions: "Sequence[Suggestion]") -> Iterator[str]:
+    rows = [("probability", "", "")]
+    for suggestion in suggestions:
+        place = suggestion.known if suggestion.steps is None else f"step {suggestion.steps}"
+        recipe = f"{' + '.join(suggestion.ingredients)} -> {suggestion.result}"
+        rows.append((f"{suggestion.probability:>11.3f}", place, recipe))
+    heading, *lines = aligned(rows)
+    yield heading.rstrip()
+    for line, suggestion in zip(lines, suggestions, strict=True):
+        yield line
+        if suggestion.because:
+            supports = (f"{_recipe(near)} ({near.strength:.2g})" for near in suggestion.because)
+            yield f"{'':11}  because {', '.join(supports)}"
+
+
+def _recipe(support: "SetSupport") -> str:
+    return f"{' + '.join(support.ingredients)} -> {support.result}"

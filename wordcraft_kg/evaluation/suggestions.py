@@ -1,26 +1,35 @@
-"""Suggested recipes for a goal, and scores of whole sets, with the recipes that support them."""
+"""Suggested recipes that a book lacks, and scores of whole sets, each with supporting recipes.
 
-from collections.abc import Sequence
+:func:`suggest` answers a :class:`Wish`: for the whole book, with an item, for a goal, of a pair, or
+of a list of entities. :mod:`~wordcraft_kg.evaluation.likely_recipes` finds recipes of pairs; models
+of sets rank the sets of each goal.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from pathlib import Path
 
+import msgspec
 import numpy as np
-import torch
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Record, Share
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.evaluation.likely_recipes import LikelyRecipes, RecipeFinder
 from wordcraft_kg.evaluation.queries import OPEN, Query, RecipeQuery, pieces_of_recipe
 from wordcraft_kg.evaluation.scores import Known
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import TrainedOn
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, label_fault
 from wordcraft_kg.graphs.splits import Part, Split
-from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.records import SetMetrics
 from wordcraft_kg.models.recipes.set_training import with_new_entities
-from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT
 from wordcraft_kg.models.scorers.sets.rules import Rule
@@ -28,8 +37,20 @@ from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 _SUPPORT = 3
 """Most supporting recipes of a suggestion."""
-_SHORTLIST = 150
-"""Ingredients whose pairs a recipe scorer compares for a goal, by their link to it."""
+PAGE = 20
+"""Suggestions that a reader takes in at once."""
+MOST_OF_ITEM = 3
+"""Most suggestions of a page with one item that the reader did not name: with more, a page is a
+single finding with many faces, and three show that it is no slip."""
+FIT = 0.25
+"""Largest probability of a result with which no known entity fits a pair: three others are as
+likely together."""
+ANALOGIES = 3
+"""Most pairs that are listed without a result."""
+MOST_GOALS = 2_000
+"""Most goals whose sets a model of sets ranks at once; each takes milliseconds."""
+_SETS = 20
+"""Sets of each of these goals that are looked at."""
 
 
 class SetSupport(Record):
@@ -47,40 +68,115 @@ class SetSupport(Record):
 
 
 class Suggestion(Record):
-    """A recipe for a goal.
+    """A recipe.
 
     Attributes:
         ingredients: labels of the ingredients.
-        probability: that a recipe of the goal has exactly these ingredients, calibrated on train
-            goals that the model had not seen; None for a recipe scorer of pairs.
-        score: higher is more plausible; log probability in nats for a model of sets.
+        result: label of the result.
+        probability: of pairs, that the pair makes the result; of sets, that a recipe of the result
+            has exactly these ingredients. Calibrated on train recipes that the model had not seen;
+            1 for a known recipe.
         known: split part with the recipe, or ``new``.
         because: train recipes of similar goals, or with similar ingredients.
+        steps: attempts in a row until the result is there, from a list of entities; None elsewhere.
     """
 
     ingredients: tuple[str, ...]
-    probability: Share | None
-    score: float
+    result: str
+    probability: Share
     known: Known
     because: tuple[SetSupport, ...]
+    steps: Count | None = None
+
+
+class Analogy(Record):
+    """A pair that probably makes something, which no known entity fits.
+
+    Attributes:
+        ingredients: labels of the pair.
+        probability: that the pair makes something.
+        like: the most similar known recipe; its strength is the word cosine of the ingredients that
+            differ.
+    """
+
+    ingredients: tuple[str, ...]
+    probability: Share
+    like: SetSupport
+
+
+class Wish(Record):
+    """The recipes that a user wants; without any name those of the whole book.
+
+    Attributes:
+        goal: label of the result; None for any.
+        item: label of an ingredient; None for any.
+        pair: labels of both ingredients; empty for any.
+        table: labels of the entities to begin with; empty for any.
+    """
+
+    goal: str | None = None
+    item: str | None = None
+    pair: tuple[str, ...] = ()
+    table: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """All named entities."""
+        return tuple(filter(None, (self.goal, self.item, *self.pair, *self.table)))
+
+    def check(self, graph: RecipeGraph) -> None:
+        """Check that the graph has all named entities.
+
+        Raises:
+            UnknownEntityError: for the first that it lacks, with the nearest labels.
+            ConfigError: if several wishes are named, or a pair has not two ingredients.
+        """
+        named = [name for name in ("goal", "item", "pair", "table") if getattr(self, name)]
+        if len(named) > 1:
+            raise ConfigError(
+                f"{' and '.join(named)} together; expected one of a pair, an item, a goal and a "
+                "list of entities. Leave the others out."
+            )
+        if self.pair and len(self.pair) != 2:
+            raise ConfigError(
+                f"'{' + '.join(self.pair)}' is no pair; expected two ingredients, such as ham + "
+                "cheese. For recipes with one item use `with_item`."
+            )
+        for label in self.labels:
+            graph.id_of(label)
+
+    def takes(self, ingredients: Sequence[str], steps: int | None) -> bool:
+        """Return whether a recipe of any goal is wanted; without steps, entities do not make it."""
+        has_pair = not Counter(self.pair) - Counter(ingredients)
+        has_item = self.item is None or self.item in ingredients
+        return has_pair and has_item and not (self.table and steps is None)
 
 
 class Suggestions(Record):
-    """Suggested recipes for a goal.
+    """Suggested recipes.
 
     Attributes:
-        goal: label of the goal.
+        wish: the wanted recipes.
         parts: shares of the goal's parts; empty without parts.
-        new: entities of the query that the graph lacks, known by their parts and words.
+        new: entities of the wish that the graph lacks, known by their parts and words.
         suggestions: recipes, best first.
         trained_on: training graph of the model.
+        analogies: pairs without a fitting result.
+        combines: probability that the wanted pair makes something that the book lacks; None without
+            a pair.
+        made: known recipes by which the listed entities lead to others, in order of their steps.
+        num_made: number of such entities; ``made`` may be cut.
     """
 
-    goal: str
+    wish: Wish
     parts: dict[str, float]
     new: tuple[str, ...]
     suggestions: tuple[Suggestion, ...]
     trained_on: TrainedOn
+    analogies: tuple[Analogy, ...] = ()
+    combines: Share | None = None
+    made: tuple[Suggestion, ...] = ()
+    num_made: Count = 0
 
 
 @dataclass(frozen=True)
@@ -157,6 +253,14 @@ def check_file_query(scorer: object, query: Query) -> None:
         )
 
 
+def can_suggest(model: Model) -> bool:
+    """Return whether a model scores whole recipes, and knows how probable they are."""
+    folds = folds_of(model.scorer)
+    has_probabilities = folds is not None and folds.probabilities is not None
+    is_of_pairs = isinstance(whole_of(model.scorer), RecipeScorer)
+    return is_set_model(model) or (is_of_pairs and has_probabilities)
+
+
 def open_suggesting(folder: Path, graph: str | None = None) -> Model:
     """Open a model that can suggest recipes.
 
@@ -202,7 +306,7 @@ def suggest_recipes(
     if not is_set_model(model):
         if rule is not None:
             raise ConfigError("`rule` chooses among the sets of a model of sets. Leave it out.")
-        return _suggest_pairs(model, goal, top)
+        return suggest(model, Wish(goal=goal), top)
     goal = goal if goal in model.opened.graph else goal.strip()
     scorer, new = _scorer_of(model, [goal])
     ranked = scorer.recipes(goal, 10**6, has_coverage=has_coverage, rule=rule)
@@ -217,7 +321,7 @@ def suggest_recipes(
         _suggestion(split, scorer, ranked_set.ingredients, goal, ranked_set.score)
         for ranked_set in sets[:top]
     ]
-    return Suggestions(goal, _parts(scorer, goal), new, tuple(suggestions), model.kg)
+    return Suggestions(Wish(goal=goal), _parts(scorer, goal), new, tuple(suggestions), model.kg)
 
 
 def score_set(model: Model, query: SetQuery) -> Suggestions:
@@ -233,7 +337,7 @@ def score_set(model: Model, query: SetQuery) -> Suggestions:
     goal = query.result
     score = float(scorer.score_sets(row, scorer.entity_ids([goal]).numpy())[0])
     suggestion = _suggestion(model.opened.split, scorer, tuple(sorted(ids)), goal, score)
-    return Suggestions(goal, _parts(scorer, goal), new, (suggestion,), model.kg)
+    return Suggestions(Wish(goal=goal), _parts(scorer, goal), new, (suggestion,), model.kg)
 
 
 def _scorer_of(model: Model, labels: Sequence[str]) -> tuple[SetScorer, tuple[str, ...]]:
@@ -270,7 +374,7 @@ def _suggestion(
     ]
     labels = tuple(entities[entity] for entity in ids)
     split_part = _known(split, labels, goal)
-    return Suggestion(labels, float(np.exp(score)), score, split_part, tuple(support))
+    return Suggestion(labels, goal, float(np.exp(score)), split_part, tuple(support))
 
 
 def _known(split: Split, ingredients: Sequence[str], result: str) -> Known:
@@ -291,27 +395,206 @@ def _known(split: Split, ingredients: Sequence[str], result: str) -> Known:
     return next(part for part in parts if split.is_in(part)[number])
 
 
-def _suggest_pairs(model: Model, goal: str, top: int) -> Suggestions:
-    """Suggest pairs by a recipe scorer, among the ingredients that best link to the goal."""
-    scorer = whole_of(model.scorer)
-    assert isinstance(scorer, RecipeScorer)
-    (target,) = scorer.entity_ids([goal])
-    everything = torch.arange(len(scorer.entities))
-    links = scorer.score(everything, COMPONENT_OF, target)
-    links[target] = -torch.inf
-    shortlist = torch.topk(links, min(_SHORTLIST, len(links) - 1)).indices
-    pairs = torch.tensor(list(combinations_with_replacement(shortlist.tolist(), 2)))
-    scores = scorer.score_recipes(pairs[:, 0], pairs[:, 1], target)
-    best = torch.sort(scores, descending=True, stable=True).indices[:top]
-    suggestions = []
-    for row in best.tolist():
-        first, second = sorted(scorer.entities[entity] for entity in pairs[row].tolist())
-        support = [
-            SetSupport(witness.recipe.ingredients, witness.result, witness.strength)
-            for witness in scorer.supporting_recipes(first, second, goal, limit=_SUPPORT)
+# --- recipes that the book lacks ------------------------------------------------------------------
+
+
+def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = True) -> Suggestions:
+    """Suggest recipes that the book lacks, the most probable first, none of them for one item only.
+
+    Args:
+        model: from :func:`open_suggesting`.
+        wish: the wanted recipes.
+        top: most recipes.
+        has_coverage: whether ingredients must bring the goal's parts, by a model of sets.
+
+    Raises:
+        ConfigError: if the model has no probabilities, or, of sets, too many goals.
+        UnknownEntityError: for an entity that the graph lacks.
+    """
+    if wish.goal is not None and is_set_model(model):
+        return suggest_recipes(model, wish.goal, top, has_coverage=has_coverage, new_only=True)
+    graph = model.opened.graph
+    wish.check(graph)
+    steps = layers(graph, wish.table) if wish.table else None
+    analogies: tuple[Analogy, ...] = ()
+    combines = None
+    if is_set_model(model):
+        listed = _likely_sets(model, wish, steps, top, has_coverage=has_coverage)
+    else:
+        finder = finder_of(model)
+        likely = likely_pairs(finder, wish, graph, steps)
+        rows = varied(likely.rows.tolist(), top, {graph.id_of(label) for label in wish.labels})
+        listed = [
+            _suggested_pair(finder.whole, likely.rows[row], float(likely.probabilities[row]), steps)
+            for row in rows
         ]
-        split_part = _known(model.opened.split, (first, second), goal)
-        suggestions.append(
-            Suggestion((first, second), None, float(scores[row]), split_part, tuple(support))
+        analogies = _analogies(finder, likely, graph, is_alone=bool(wish.pair))
+        combines = float(likely.combines[0]) if wish.pair else None
+    made = [] if steps is None else _made(model.opened.split, steps)
+    return Suggestions(
+        wish, {}, (), tuple(listed), model.kg, analogies, combines, tuple(made[:top]), len(made)
+    )
+
+
+def finder_of(model: Model) -> RecipeFinder:
+    """Return the finder of recipes of pairs that the whole book lacks, test recipes included.
+
+    Raises:
+        ConfigError: if the model has no probabilities.
+    """
+    graph = model.opened.graph
+    return RecipeFinder.of(model.scorer, graph.recipes, allows_self_results=graph.has_self_results)
+
+
+def likely_pairs(
+    finder: RecipeFinder, wish: Wish, graph: RecipeGraph, steps: Ids | None = None
+) -> LikelyRecipes:
+    """Return the recipes of pairs that a wish asks for, all that are looked at.
+
+    Args:
+        finder: of the graph's model.
+        wish: the wanted recipes.
+        graph: the recipe graph.
+        steps: shape (E,), attempts in which the listed entities lead to each; -1 for never.
+    """
+    if wish.goal is not None:
+        goal = graph.id_of(wish.goal)
+        return finder.likely(finder.pairs_for(goal), goal=goal)
+    if wish.item is not None:
+        return finder.likely(finder.pairs_with(graph.id_of(wish.item)))
+    if wish.pair:
+        return finder.likely(np.array([sorted(map(graph.id_of, wish.pair))]))
+    if steps is not None:
+        return finder.likely(finder.pairs_of(np.flatnonzero(steps >= 0)))
+    return finder.likely(finder.pairs_like_known())
+
+
+def varied(rows: Iterable[Sequence[int]], top: int, named: Iterable[int] = ()) -> list[int]:
+    """Return the places of recipes for pages on which no item has more than its share.
+
+    Args:
+        rows: entities of each recipe, the best first.
+        top: most recipes.
+        named: entities that the reader asked for, which may be in every recipe.
+
+    Returns:
+        places in ``rows``: pages of :data:`PAGE` recipes, each with an entity at most
+        :data:`MOST_OF_ITEM` times; a recipe that has no room waits for the next page.
+    """
+    waiting = list(enumerate(map(frozenset, rows)))
+    chosen: list[int] = []
+    while waiting and len(chosen) < top:
+        uses = Counter[int]()
+        page: list[int] = []
+        later = []
+        for place, items in waiting:
+            is_crowded = any(uses[item] >= MOST_OF_ITEM for item in items.difference(named))
+            if len(page) == PAGE or is_crowded:
+                later.append((place, items))
+            else:
+                page.append(place)
+                uses.update(items)
+        chosen += page
+        waiting = later
+    return chosen[:top]
+
+
+def _suggested_pair(
+    scorer: RecipeScorer, row: Ids, probability: float, steps: Ids | None
+) -> Suggestion:
+    first, second, result = (scorer.entities[entity] for entity in row.tolist())
+    support = [
+        SetSupport(witness.recipe.ingredients, witness.result, witness.strength)
+        for witness in scorer.supporting_recipes(first, second, result, limit=_SUPPORT)
+    ]
+    step = _step(steps, row[:2].tolist())
+    return Suggestion((first, second), result, probability, "new", tuple(support), step)
+
+
+def _step(steps: Ids | None, ingredients: Sequence[int]) -> int | None:
+    """Return the attempt in which ingredients can be combined; None if nothing leads there."""
+    if steps is None or (steps[list(ingredients)] < 0).any():
+        return None
+    return int(steps[list(ingredients)].max()) + 1
+
+
+def _analogies(
+    finder: RecipeFinder, likely: LikelyRecipes, graph: RecipeGraph, *, is_alone: bool
+) -> tuple[Analogy, ...]:
+    """Return the pairs that most probably make something which no known entity fits.
+
+    A pair ``is_alone`` that a user asked for, and is listed whether it makes something or not.
+    """
+    fits = likely.combines * likely.best_shares if is_alone else likely.best_shares
+    gaps = np.where(fits < FIT, likely.combines * (1 - likely.best_shares), 0)
+    analogies = []
+    for row in np.argsort(-gaps, kind="stable")[:ANALOGIES].tolist():
+        pair = likely.pairs[row].tolist()
+        like = finder.analogy(*pair) if gaps[row] > 0 else None
+        if like is not None:
+            *ingredients, result = graph.labels(like[0])
+            support = SetSupport(tuple(ingredients), result, like[1])
+            analogies.append(Analogy(graph.labels(pair), float(likely.combines[row]), support))
+    return tuple(analogies)
+
+
+def _made(split: Split, steps: Ids) -> list[Suggestion]:
+    """Return a known recipe for each entity that the listed ones lead to, in order of steps."""
+    graph = split.graph
+    *ingredients, results = graph.sets.T
+    # The padding of small recipes is there from the start; what is never made comes last.
+    never = graph.num_recipes + 1
+    from_start = np.append(np.where(steps < 0, never, steps), 0)
+    before = np.max([from_start[column] for column in ingredients], axis=0)
+    is_first = (before < never) & (before + 1 == from_start[results])
+    _, rows = np.unique(results[is_first], return_index=True)
+    rows = np.flatnonzero(is_first)[rows]
+    rows = rows[np.argsort(from_start[results[rows]], kind="stable")]
+    made = []
+    for recipe in graph.recipe_labels(graph.sets[rows]):
+        step = int(from_start[graph.id_of(recipe.result)])
+        part = _known(split, recipe.ingredients, recipe.result)
+        made.append(Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step))
+    return made
+
+
+def _likely_sets(
+    model: Model, wish: Wish, steps: Ids | None, top: int, *, has_coverage: bool
+) -> list[Suggestion]:
+    """Return the most probable sets that a wish asks for, of all goals that the book makes."""
+    scorer = model.scorer
+    assert isinstance(scorer, SetScorer)
+    split = model.opened.split
+    graph = split.graph
+    goals = np.flatnonzero(graph.recipe_counts).tolist()
+    if len(goals) > MOST_GOALS:
+        raise ConfigError(
+            f"{graph.name} has {len(goals):,} goals; a model of sets ranks the sets of at most "
+            f"{MOST_GOALS:,} at once. Name a goal."
         )
-    return Suggestions(goal, {}, (), tuple(suggestions), model.kg)
+    ranked = []
+    for goal in goals:
+        # Without a set for one goal there are those of the others.
+        with suppress(ConfigError):
+            ranked += [
+                (each, goal) for each in scorer.recipes(goal, _SETS, has_coverage=has_coverage)
+            ]
+    ranked.sort(key=lambda found: -found[0].score)
+    wanted = []
+    for ranked_set, goal in ranked:
+        labels = graph.labels(ranked_set.ingredients)
+        step = _step(steps, ranked_set.ingredients)
+        is_new = _known(split, labels, graph.entities[goal]) == "new"
+        has_self = goal in ranked_set.ingredients and not graph.has_self_results
+        if is_new and not has_self and wish.takes(labels, step):
+            wanted.append((ranked_set, goal, step))
+    named = {graph.id_of(label) for label in wish.labels}
+    rows = varied(((*ranked_set.ingredients, goal) for ranked_set, goal, _ in wanted), top, named)
+    suggestions = []
+    for row in rows:
+        ranked_set, goal, step = wanted[row]
+        suggestion = _suggestion(
+            split, scorer, ranked_set.ingredients, graph.entities[goal], ranked_set.score
+        )
+        suggestions.append(msgspec.structs.replace(suggestion, steps=step))
+    return suggestions

@@ -20,16 +20,17 @@ from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
+from wordcraft_kg.evaluation.suggestions import Wish, suggest
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.recipes import set_fitting
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_entities
 from wordcraft_kg.models.recipes.training import train_recipes
-from wordcraft_kg.models.scorers.sets import knowledge as set_knowledge
-from wordcraft_kg.models.scorers.sets import loops
+from wordcraft_kg.models.scorers.sets import knowledge as set_knowledge, loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
 from wordcraft_kg.models.scorers.sets.parts import read_parts
@@ -804,3 +805,21 @@ def test_a_recipe_scorer_of_pairs_suggests_the_train_recipes_of_a_goal(run, reci
     assert "`rule`" in refused.err or "--rule" in refused.err
     told = run("suggest", recipes_folder, "--goal", "dough", "--top", 3).out
     assert "flour + water -> dough" in told
+
+
+def test_a_model_of_sets_suggests_for_the_whole_book_an_item_a_pair_and_a_list(run, book, model):
+    graph = model.opened.graph
+    known = set(graph.recipe_labels())
+    best = suggest(model, Wish(), 1).suggestions[0].ingredients
+    for wish in (Wish(), Wish(item="ax"), Wish(pair=best[:2]), Wish(table=best)):
+        found = suggest(model, wish, 20).suggestions
+        assert found
+        assert not known.intersection(Recipe(each.ingredients, each.result) for each in found)
+        for each in found:
+            assert wish.item is None or wish.item in each.ingredients
+            assert set(wish.pair) <= set(each.ingredients)
+            # The listed entities make known ones, too, which further steps use.
+            assert (each.steps is not None) == bool(wish.table)
+    table = book / "found.csv"
+    assert run("suggest", book / "model", "--with-item", "ax", "--out", table).code == 0
+    assert max(map(len, open_book(table).recipes)) > 3

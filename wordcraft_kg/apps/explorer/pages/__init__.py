@@ -24,6 +24,7 @@ from wordcraft_kg.apps.explorer.pages import (
     pair,
     path,
     runs,
+    suggestions,
     tasks,
 )
 from wordcraft_kg.base.errors import ConfigError
@@ -38,6 +39,7 @@ CORE: tuple[Page[Any], ...] = (
     path.PAGE,
     link.PAGE,
     pair.PAGE,
+    suggestions.PAGE,
     tasks.PAGE,
     episode.PAGE,
     runs.PAGE,

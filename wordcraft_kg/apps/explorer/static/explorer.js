@@ -113,6 +113,30 @@
   // Going back, browsers fill in what was chosen last, and not what the page shows.
   addEventListener("pageshow", () => document.querySelectorAll("form.filters").forEach((filters) => filters.reset()));
 
+  // --- ticked suggestions become a file, without a server ---
+
+  const suggestions = document.getElementById("suggestions");
+  if (suggestions) {
+    const save = document.getElementById("save");
+    const ticked = () => [...suggestions.querySelectorAll("input:checked")];
+    const count = () => {
+      const number = ticked().length;
+      save.disabled = !number;
+      document.getElementById("ticks").textContent = number ? `${number} ticked` : "";
+    };
+    save.hidden = false;
+    suggestions.addEventListener("change", count);
+    save.addEventListener("click", () => {
+      // A line ends with the empty cell for the tick.
+      const lines = [suggestions.dataset.header, ...ticked().map((box) => `${box.dataset.line}x`)];
+      const file = new Blob([lines.map((line) => `${line}\n`).join("")], { type: "text/csv" });
+      const address = URL.createObjectURL(file);
+      make("a", { href: address, download: "suggestions.csv" }).click();
+      setTimeout(() => URL.revokeObjectURL(address));
+    });
+    count(); // a page that is shown again may keep its ticks
+  }
+
   // --- what changes while it is looked at ---
 
   const renew = async () => {

@@ -1,0 +1,61 @@
+"""The page with suggested recipes, to tick and to save as a file."""
+
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.page import Page, PageState
+from wordcraft_kg.base.records import Record
+from wordcraft_kg.evaluation.suggestion_files import table_lines
+from wordcraft_kg.evaluation.suggestions import Suggestions, Wish, can_suggest, suggest
+
+TOP = 40
+"""Suggestions of the page: two pages of the command, as a screen has room."""
+
+
+class SuggestionsState(PageState):
+    """Page settings; without an item and a goal the page is for the whole book.
+
+    Attributes:
+        item: label of an ingredient.
+        goal: label of a result.
+        model: name of the model; empty for the first that suggests recipes.
+    """
+
+    item: str = ""
+    goal: str = ""
+    model: str = ""
+
+
+class SuggestionsProfile(Record):
+    """Suggestions of a model.
+
+    Attributes:
+        model: name of the model.
+        models: names of the models that suggest recipes.
+        found: the suggestions.
+        header: first line of their table.
+        lines: line of each suggestion, with an empty last cell for the tick.
+    """
+
+    model: str
+    models: tuple[str, ...]
+    found: Suggestions
+    header: str
+    lines: tuple[str, ...]
+
+
+def _models(explored: Explored) -> tuple[str, ...]:
+    return tuple(
+        name for name, predictor in explored.models.items() if can_suggest(predictor.model)
+    )
+
+
+def _view(explored: Explored, state: SuggestionsState) -> SuggestionsProfile:
+    names = _models(explored)
+    name = state.model or next(iter(names), "")
+    predictor = explored.predictor(name)
+    wish = Wish(goal=state.goal or None, item=state.item or None)
+    found = suggest(predictor.model, wish, TOP)
+    header, *lines = (line.removesuffix("\n") for line in table_lines(found.suggestions))
+    return SuggestionsProfile(predictor.name, names, found, header, tuple(lines))
+
+
+PAGE = Page("suggestions", SuggestionsState, _view, title="Suggestions", is_there=_models)

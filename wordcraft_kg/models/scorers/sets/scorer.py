@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -28,6 +29,8 @@ from wordcraft_kg.models.scorers.sets.parts import Parts
 
 _LIMIT = 6.0
 """Largest standardised feature, beyond which a committee knows nothing."""
+_KEPT_GOALS = 64
+"""Goals whose evidence is kept."""
 _RAREST = 1e-4
 """Least share of recipes that lose a part, or leave it unmet."""
 _LAYOUTS = {
@@ -92,6 +95,7 @@ class SetScorer(StoredScorer):
     """
 
     kind: ClassVar[str] = "sets"
+    shared: ClassVar[tuple[str, ...]] = ("amounts", "part_names", "words")
 
     def __init__(
         self,
@@ -122,6 +126,8 @@ class SetScorer(StoredScorer):
         self._mean = tensors["mean"]
         self._deviation = tensors["deviation"]
         self._temperature, self._none = tensors["calibration"].tolist()
+        # A goal's sets are scored in several calls, such as a beam's.
+        self._known_goal = lru_cache(_KEPT_GOALS)(self._goal)
         sizes = (len(self.knowledge.ingredient_ids), self.knowledge.num_features)
         if sizes != (self._network.second.shape[2], len(self._mean)):
             raise ValueError("the networks do not fit the recipes")
@@ -297,14 +303,17 @@ class SetScorer(StoredScorer):
         """Return the log sum over candidates, and none of them."""
         return float(np.logaddexp.reduce(np.append(scores, self._none)))
 
+    def _goal(self, goal: int) -> tuple[GoalEvidence, Ids, float]:
+        """Return evidence of a goal, its candidates, and the log sum over them and none."""
+        evidence = self.evidence(goal)
+        candidates, features = self.knowledge.candidates(evidence)
+        total = self._total(self._scores(features)) if len(candidates) else self._none
+        return evidence, candidates, total
+
     def _score_for(self, goal: int, sets: Ids) -> Vector:
         """Return the log probabilities of sets for one goal."""
         knowledge = self.knowledge
-        evidence = self.evidence(goal)
-        candidates, features = knowledge.candidates(evidence)
-        total = self._none
-        if len(candidates):
-            total = self._total(self._scores(features))
+        evidence, candidates, total = self._known_goal(goal)
         # Unknown ingredients have numbers behind all known ones.
         size = len(knowledge.ingredient_ids)
         member_ids = np.unique(sets[sets >= 0])

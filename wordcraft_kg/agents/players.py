@@ -32,7 +32,7 @@ from wordcraft_kg.models.policies.sources.sets import SetScores, likely_sets
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
-from wordcraft_kg.models.scorers.config import SelfEdges
+from wordcraft_kg.models.scorers.config import SelfEdges, has_table
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, glove_features, make_features, named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -451,19 +451,22 @@ def scorer_players(
         view = ScoreView("standardise", self_edges, observed)
         return knowledge_player(make_sources(names, scorer, view, tasks=tasks))
 
-    players = {
-        "v": of("v"),
-        "u": of("u"),
-        "u+v, self edges kept": of("u", "v"),
-        "u+v, self edges observed": of("u", "v", self_edges="observed"),
-        "u+v, self edges dropped": of("u", "v", self_edges="drop"),
-    }
+    main_model = whole_of(scorer)
+    players: dict[str, Player] = {}
+    # A scorer of sets needs tables for links, which a large graph has no room for.
+    if not isinstance(main_model, SetScores) or has_table(graph.num_entities):
+        players = {
+            "v": of("v"),
+            "u": of("u"),
+            "u+v, self edges kept": of("u", "v"),
+            "u+v, self edges observed": of("u", "v", self_edges="observed"),
+            "u+v, self edges dropped": of("u", "v", self_edges="drop"),
+        }
     # The sources w and p refuse train tasks, where scores would be in-sample.
     if BestRecipe.serves(scorer):
         players[BEST_PAIR if graph.has_pairs_only else BEST_SET] = of("w")
     if plans and BestPlan.serves(scorer) and graph.has_pairs_only:
         players[PLANNER] = of("p")
-    main_model = whole_of(scorer)
     # Train tasks need the source, which chooses a model that has not seen their recipes.
     if isinstance(main_model, SetScores) and not graph.has_pairs_only and tasks is None:
         players[BEST_SET] = set_player(main_model)

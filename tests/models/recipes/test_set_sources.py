@@ -23,6 +23,7 @@ from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.recipes import set_fitting
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 
 
 @pytest.fixture(scope="module")
@@ -96,3 +97,22 @@ def test_a_policy_with_w_is_saved_with_its_scorer_of_sets(model, world, tmp_path
     ]
     assert results[0].success.mean() > 0.8
     np.testing.assert_array_equal(results[0].last, results[1].last)
+
+
+def test_train_tasks_are_scored_by_the_model_that_has_not_seen_their_goals(model, world):
+    scorer = model.scorer
+    train = world.variant(part="train")
+    (w,) = make_sources(["w"], scorer, tasks=train.tasks)
+    folds = folds_of(scorer)
+    assert folds.count == 2
+    for task in (0, len(train.tasks) - 1):
+        fold = int(w.model_of_task[task]) - 1
+        left_out = folds.left_out(fold)
+        goal = int(train.tasks.goals[task])
+        assert goal not in left_out.knowledge.recipes[:, -1]
+        label = scorer.entities[goal]
+        states = states_at(train, scorer, label, ("hy", "ax", "bx", "dx"), ("bx",))
+        (expected,) = make_sources(["w"], left_out)
+        with_task = states._replace(task=torch.tensor([task]))
+        assert torch.equal(w(with_task), expected(states))
+        assert not torch.equal(w(with_task), w(states))

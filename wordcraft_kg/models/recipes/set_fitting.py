@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,8 @@ class FittedSets(NamedTuple):
         deviation: of each feature, shape (F,).
         calibration: temperature, and score of none of the candidates, shape (2,).
         top: share of unseen train goals with a right set among the first 1, 3, 5 and 10.
+        folds: the same without each fold of the train goals, for cross-fitting; none if too few
+            goals are left without a fold.
     """
 
     network: Networks
@@ -46,6 +49,7 @@ class FittedSets(NamedTuple):
     deviation: Tensor
     calibration: Tensor
     top: tuple[float, ...]
+    folds: tuple["FittedSets", ...] = ()
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all weights by the names in a model folder."""
@@ -64,6 +68,20 @@ class Candidates(NamedTuple):
     sets: Ids
     features: Vector
     is_right: NDArray[np.bool_]
+
+
+def folds_of_recipes(recipes: Ids, folds: int, seed: int) -> Ids:
+    """Return the fold of each recipe's goal, shape (R,), from 0.
+
+    Args:
+        recipes: shape (R, 9), as for :func:`fit_sets`.
+        folds: number of folds.
+        seed: root seed.
+    """
+    goals, goal_of_recipe = np.unique(recipes[:, -1], return_inverse=True)
+    fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
+    result: Ids = fold_of_goal[goal_of_recipe.ravel()]
+    return result
 
 
 def fit_sets(
@@ -85,24 +103,28 @@ def fit_sets(
         folds: parts of the train goals, each scored by knowledge without its recipes.
         after: called after each fold, and at the end.
     """
-    goals = np.unique(recipes[:, -1])
-    fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
-    fold_of_entity = np.zeros(len(amounts), dtype=np.int64)
-    fold_of_entity[goals] = fold_of_goal
-    fold_of_recipe = fold_of_entity[recipes[:, -1]]
-    lessons: list[Candidates] = []
+    fold_of_recipe = folds_of_recipes(recipes, folds, seed)
+    lessons: list[list[Candidates]] = []
+    networks = []
     whole = SetKnowledge(recipes, amounts, words)
     for fold in range(folds):
         others = recipes[fold_of_recipe != fold]
         knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
         network = fit_network(knowledge, seed * 1_000 + fold, members=1)
         held_out = recipes[fold_of_recipe == fold]
-        lessons += candidates_of(knowledge, network, held_out)
+        networks.append(network)
+        lessons.append(candidates_of(knowledge, network, held_out))
         after()
     network = fit_network(whole, seed * 1_000 + folds, members=_MEMBERS)
-    fitted = _fit_committee(lessons, seed)
+    fitted = _fit_committee(list(chain(*lessons)), seed)
+    parts = []
+    for fold in range(folds):
+        # No goal of the fold is a lesson of its committee.
+        other_lessons = list(chain(*lessons[:fold], *lessons[fold + 1 :]))
+        if any(len(lesson.sets) for lesson in other_lessons):
+            parts.append(FittedSets(networks[fold], *_fit_committee(other_lessons, seed)))
     after()
-    return FittedSets(network, *fitted)
+    return FittedSets(network, *fitted, tuple(parts) if len(parts) == folds else ())
 
 
 def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks:

@@ -33,6 +33,7 @@ _KEPT_GOALS = 64
 """Goals whose evidence is kept."""
 _RAREST = 1e-4
 """Least share of recipes that lose a part, or leave it unmet."""
+_STYLE = "style_parts"
 _LAYOUTS = {
     "recipes": "R 9 int64",
     "amounts": "E P float32",
@@ -92,6 +93,9 @@ class SetScorer(StoredScorer):
         kind: ``sets``, the scorer kind in ``vocabulary.json``.
         knowledge: train recipes and all that they tell.
         part_labels: names of the parts, P of them.
+        cross_fitted: the same with a model for each left-out fold of train, which agents need; None
+            without. A :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer, which
+            this module does not know.
     """
 
     kind: ClassVar[str] = "sets"
@@ -117,9 +121,13 @@ class SetScorer(StoredScorer):
             ValueError: if tensors do not fit together.
         """
         super().__init__(entities, graph_hash, **kwargs)
-        self._tensors = {name: tensors[name] for name in _LAYOUTS}
+        self._tensors = {name: tensors[name] for name in _layouts(tensors)}
         words = tensors["words"].float().numpy()
-        self.knowledge = SetKnowledge(tensors["recipes"].numpy(), tensors["amounts"].numpy(), words)
+        style_parts = tensors[_STYLE].numpy() if _STYLE in tensors else None
+        self.knowledge = SetKnowledge(
+            tensors["recipes"].numpy(), tensors["amounts"].numpy(), words, style_parts
+        )
+        self.cross_fitted: Any = None
         self.part_labels = names_of_parts(tensors["part_names"])
         self._network = Networks.of(tensors, "network.")
         self._committee = Networks.of(tensors, "committee.")
@@ -140,7 +148,7 @@ class SetScorer(StoredScorer):
         num_parts = len(names_of_parts(tensors["part_names"]))
         inputs = 2 * num_parts + tensors["words"].shape[-1]
         sizes = {"E": size, "P": num_parts, "I": inputs, "9": MOST_INGREDIENTS + 1, "1": 1, "2": 2}
-        check_tensors(tensors, _LAYOUTS, **sizes)
+        check_tensors(tensors, _layouts(tensors), **sizes)
         recipes = tensors["recipes"]
         ingredients = recipes[:, :-1]
         is_padding = ingredients == NO_INGREDIENT
@@ -376,6 +384,11 @@ class SetScorer(StoredScorer):
         scores = np.full(len(self.entities), NO_SHARE, dtype=np.float32)
         scores[self.knowledge.ingredient_ids] = best
         return scores
+
+
+def _layouts(tensors: Mapping[str, Tensor]) -> dict[str, str]:
+    """Return the layouts of a model's tensors; the model without a fold names its kinds, too."""
+    return _LAYOUTS | ({_STYLE: "P bool"} if _STYLE in tensors else {})
 
 
 def names_of_parts(tensor: Tensor) -> tuple[str, ...]:

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 import torch
 
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.players import knowledge_players, recipe_oracle, set_player
 from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.agents.training import AgentTraining
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.states import States
@@ -167,3 +170,15 @@ def test_an_explanation_adds_up_and_names_the_action_to_combine(world, policy):
 def test_policies_of_pairs_refuse_sets(world, kind):
     with pytest.raises(ConfigError, match="Choose `policy` attention"):
         make_policy(PolicyConfig(policy=kind, features="random"), world.graph, world.num_slots)
+
+
+def test_a_training_on_sets_takes_attention_and_long_unrolls_by_itself(caplog):
+    opened = open_graph(BOOK)
+    config = AgentTraining.settled(AgentConfig(BOOK, tasks=TaskConfig(max_attempts=2)), opened)
+    assert "attention in place of pairs" in caplog.text
+    assert (config.policy.policy, config.trainer.unroll) == ("attention", 12)
+    given = AgentConfig(BOOK, trainer=ImpalaConfig(unroll=3, batch_size=8))
+    settled = AgentTraining.settled(given, opened)
+    assert (settled.trainer.unroll, settled.trainer.batch_size) == (3, 8)
+    pairs = AgentConfig("kitchen")
+    assert AgentTraining.settled(pairs, open_graph("kitchen")) is pairs

@@ -412,6 +412,26 @@ class AgentConfig(RunConfig):
             if getattr(policy, name) != getattr(default, name):
                 raise ConfigError(f"`{name}` configures the use of a scorer: give a `scorer` too.")
 
+    def for_sets(self, most_ingredients: int) -> "AgentConfig":
+        """Return the settings for recipes of up to so many ingredients.
+
+        A policy of pairs becomes attention, and an unroll that was left open as long as the longest
+        episode, with the batches and the rate of several attempts.
+        """
+        policy = self.policy
+        if policy.policy == "pairs":
+            # Without a scorer, nothing is mixed: the value that attention has then.
+            mixing = policy.mixing if self.scorer else "free"
+            policy = replace(policy, policy="attention", mixing=mixing, weigh_plans=False)
+        actions = self.tasks.episode // 2 * most_ingredients
+        defaults = {"unroll": self.tasks.episode, **RECOMMENDED}
+        values = {"unroll": actions, **SEVERAL}
+        trainer = self.trainer
+        if trainer.preset == "recommended":
+            is_open = {name for name in values if getattr(trainer, name) == defaults[name]}
+            trainer = replace(trainer, **{name: values[name] for name in sorted(is_open)})
+        return replace(self, policy=policy, trainer=trainer)
+
     def check_preset(self) -> None:
         """Check that the settings are the preset's, for a preset that is to be kept to the letter.
 

@@ -5,12 +5,12 @@ chosen slot in each environment, shape (N,).
 
 If recipes have other sizes than two, the last slot is the action to combine. Players without
 knowledge of recipes combine as many entities as most train recipes have. A player of scores
-combines once no entity on the table has a score above 0, the mean of all, and picks none twice.
+combines once no entity on the table has a score above 0, the mean of all, and picks none twice,
+unless a source scores the action to combine.
 """
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -20,7 +20,7 @@ from torch import Tensor
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.envs.batch import State
-from wordcraft_kg.graphs.arrays import Ids, padded
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -28,10 +28,11 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.policies.sources.sets import SetScores, likely_sets
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
-from wordcraft_kg.models.scorers.config import SelfEdges
+from wordcraft_kg.models.scorers.config import SelfEdges, has_table
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, glove_features, make_features, named
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -56,21 +57,8 @@ PLANNER = "planner"
 """Name of the player by plans, among :func:`scorer_players`."""
 BEST_SET = "best set"
 """Name of the player of the set with the highest score, among :func:`scorer_players`."""
-_BEAM = 16
-"""Sets of each size that :func:`set_player` extends by every entity on the table."""
-_PADDED = 8
-"""Places of a set for :class:`SetScores`, whatever the largest recipe of a graph."""
 CELLS = 200_000
 """Maximum number of slot pairs to score at once: a state with A slots has A² pairs."""
-
-
-@runtime_checkable
-class SetScores(Protocol):
-    """A scorer of whole sets of ingredients."""
-
-    def score_sets(self, sets: Ids, goals: Ids) -> NDArray[np.float32]:
-        """Score sets, shape (N, 8), ids padded with -1, for goals (N,); returns shape (N,)."""
-        ...
 
 
 def random_entity(state: State, rng: np.random.Generator) -> Ids:
@@ -113,6 +101,7 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     trained on the task's recipes, and GraphMismatchError if the tasks belong to another graph or
     split than a cross-fitted scorer.
     """
+    has_combine_score = any(getattr(source, "scores_combine", False) for source in sources)
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         bind_tasks(sources, state.world)
@@ -123,7 +112,7 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
             rows = inputs.rows(start, end)
             for source in sources:
                 scores[start:end] += source(rows).numpy()
-        if state.world.has_combine:
+        if state.world.has_combine and not has_combine_score:
             # None twice, and of equal scores to combine comes first.
             scores[_is_selected(state)] = -np.inf
             scores[:, -1] = np.finfo(float).tiny
@@ -205,7 +194,9 @@ def set_player(scorer: SetScores) -> Player:
             tried = {_without(picks, state.nothing) for picks in state.tried[i].tolist()}
             key = (goal, entities, frozenset(tried))
             if key not in best_sets:
-                best_sets[key] = _best_set(scorer, goal, entities, most_picks, tried)
+                likely, _ = likely_sets(scorer, goal, entities, range(1, most_picks + 1))
+                picks = [_without(row, -1) for row in likely.tolist()]
+                best_sets[key] = next((ids for ids in picks if ids not in tried), entities[:1])
             missing = Counter(best_sets[key])
             missing.subtract(_without(state.selection[i].tolist(), state.nothing))
             targets = [entity for entity, number in missing.items() if number > 0]
@@ -218,34 +209,6 @@ def set_player(scorer: SetScores) -> Player:
 def _without(ids: Sequence[int], nothing: int) -> tuple[int, ...]:
     """Return the ids of entities in ascending order, without the padding."""
     return tuple(sorted(entity for entity in ids if entity != nothing))
-
-
-def _best_set(
-    scorer: SetScores,
-    goal: int,
-    entities: tuple[int, ...],
-    most_picks: int,
-    tried: set[tuple[int, ...]],
-) -> tuple[int, ...]:
-    """Return the untried set of at most ``most_picks`` entities with the highest score found."""
-    beam: list[tuple[int, ...]] = [()]
-    best_set: tuple[int, ...] = entities[:1]  # if all have been tried
-    best_score = -np.inf
-    for _ in range(most_picks):
-        extended = {tuple(sorted((*parts, entity))) for parts in beam for entity in entities}
-        # Sorted, so that equal scores are decided alike in every process.
-        candidates = sorted(extended)
-        sets = padded(candidates, -1, _PADDED)
-        scores = scorer.score_sets(sets, np.full(len(sets), goal))
-        order = np.argsort(-scores, kind="stable").tolist()
-        beam = [candidates[row] for row in order[:_BEAM]]
-        for row in order:
-            if candidates[row] not in tried:
-                if scores[row] > best_score:
-                    best_set = candidates[row]
-                    best_score = float(scores[row])
-                break
-    return best_set
 
 
 def words_player(graph: RecipeGraph, knowledge: RecipeKnowledge | None = None) -> dict[str, Player]:
@@ -488,21 +451,25 @@ def scorer_players(
         view = ScoreView("standardise", self_edges, observed)
         return knowledge_player(make_sources(names, scorer, view, tasks=tasks))
 
-    players = {
-        "v": of("v"),
-        "u": of("u"),
-        "u+v, self edges kept": of("u", "v"),
-        "u+v, self edges observed": of("u", "v", self_edges="observed"),
-        "u+v, self edges dropped": of("u", "v", self_edges="drop"),
-    }
+    main_model = whole_of(scorer)
+    players: dict[str, Player] = {}
+    # A scorer of sets needs tables for links, which a large graph has no room for.
+    if not isinstance(main_model, SetScores) or has_table(graph.num_entities):
+        players = {
+            "v": of("v"),
+            "u": of("u"),
+            "u+v, self edges kept": of("u", "v"),
+            "u+v, self edges observed": of("u", "v", self_edges="observed"),
+            "u+v, self edges dropped": of("u", "v", self_edges="drop"),
+        }
     # The sources w and p refuse train tasks, where scores would be in-sample.
-    if BestRecipe.serves(scorer) and graph.has_pairs_only:
-        players[BEST_PAIR] = of("w")
+    if BestRecipe.serves(scorer):
+        players[BEST_PAIR if graph.has_pairs_only else BEST_SET] = of("w")
     if plans and BestPlan.serves(scorer) and graph.has_pairs_only:
         players[PLANNER] = of("p")
-    # On train tasks it would have seen the recipes.
-    if isinstance(scorer, SetScores) and not graph.has_pairs_only and tasks is None:
-        players[BEST_SET] = set_player(scorer)
+    # Train tasks need the source, which chooses a model that has not seen their recipes.
+    if isinstance(main_model, SetScores) and not graph.has_pairs_only and tasks is None:
+        players[BEST_SET] = set_player(main_model)
     return players
 
 

@@ -177,6 +177,20 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         if config.trainer.compile:
             check_compiler(torch.device(config.trainer.device))
 
+    @classmethod
+    def settled(cls, config: AgentConfig, opened: OpenedGraph) -> AgentConfig:  # noqa: D102
+        graph = opened.graph
+        if graph.has_pairs_only:
+            return config
+        settled = config.for_sets(graph.most_ingredients)
+        if settled.policy != config.policy:
+            logging.getLogger(__name__).warning(
+                "`policy` attention in place of pairs: recipes of %s have up to %d ingredients.",
+                graph.name,
+                graph.most_ingredients,
+            )
+        return settled
+
     @cached_property
     def envs(self) -> State:
         """Environments at the start of the first episodes; slow to make for a large graph.

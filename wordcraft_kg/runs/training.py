@@ -62,6 +62,11 @@ class Training(ABC, Generic[C, P, T]):
         return cls(config, opened)
 
     @classmethod
+    def settled(cls, config: C, opened: OpenedGraph) -> C:
+        """Return the settings with the values that the graph decides; by default all are given."""
+        return config
+
+    @classmethod
     def input_hashes(cls, config: C) -> Mapping[str, str | None]:
         """Return the hash of each input except the graph, by setting; None without the input."""
         return {}
@@ -163,6 +168,7 @@ def train(
     # What can be wrong is checked before the first file is written: the graph, the trackers, then
     # an earlier run in the folder.
     opened = open_graph(config.graph)
+    config = trainer.settled(config, opened)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = checked_trackers(trackers)
     record = None if force else _earlier(folder, trainer.kind)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from hashlib import sha256
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +42,8 @@ class FittedSets(NamedTuple):
         deviation: of each feature, shape (F,).
         calibration: temperature, and score of none of the candidates, shape (2,).
         top: share of unseen train goals with a right set among the first 1, 3, 5 and 10.
+        folds: the same without each fold of the train goals, for cross-fitting; none if too few
+            goals are left without a fold.
     """
 
     network: Networks
@@ -49,6 +52,7 @@ class FittedSets(NamedTuple):
     deviation: Tensor
     calibration: Tensor
     top: tuple[float, ...]
+    folds: tuple["FittedSets", ...] = ()
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all weights by the names in a model folder."""
@@ -67,6 +71,20 @@ class Candidates(NamedTuple):
     sets: Ids
     features: Vector
     is_right: NDArray[np.bool_]
+
+
+def folds_of_recipes(recipes: Ids, folds: int, seed: int) -> Ids:
+    """Return the fold of each recipe's goal, shape (R,), from 0.
+
+    Args:
+        recipes: shape (R, 9), as for :func:`fit_sets`.
+        folds: number of folds.
+        seed: root seed.
+    """
+    goals, goal_of_recipe = np.unique(recipes[:, -1], return_inverse=True)
+    fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
+    result: Ids = fold_of_goal[goal_of_recipe.ravel()]
+    return result
 
 
 def fit_sets(
@@ -93,12 +111,9 @@ def fit_sets(
     Raises:
         ArtefactError: if a saved network is damaged, or of other data.
     """
-    goals = np.unique(recipes[:, -1])
-    fold_of_goal = np.random.default_rng([seed, 1]).permutation(len(goals)) % folds
-    fold_of_entity = np.zeros(len(amounts), dtype=np.int64)
-    fold_of_entity[goals] = fold_of_goal
-    fold_of_recipe = fold_of_entity[recipes[:, -1]]
-    lessons: list[Candidates] = []
+    fold_of_recipe = folds_of_recipes(recipes, folds, seed)
+    lessons: list[list[Candidates]] = []
+    networks = []
     whole = SetKnowledge(recipes, amounts, words)
     data = b"".join(each.tobytes() for each in (recipes, amounts, words))
     done = FitDone(trained_on=sha256(data).hexdigest())
@@ -121,10 +136,19 @@ def fit_sets(
     for fold in range(folds):
         others = recipes[fold_of_recipe != fold]
         knowledge = SetKnowledge(others, amounts, words, whole.style_parts)
+        held_out = recipes[fold_of_recipe == fold]
         network = network_of(knowledge, fold, 1)
-        lessons += candidates_of(knowledge, network, recipes[fold_of_recipe == fold])
+        networks.append(network)
+        lessons.append(candidates_of(knowledge, network, held_out))
     network = network_of(whole, folds, _MEMBERS)
-    return FittedSets(network, *fit_order(lessons, seed))
+    fitted = fit_order(list(chain(*lessons)), seed)
+    parts = []
+    for fold in range(folds):
+        # No goal of the fold is a lesson of its committee.
+        other_lessons = list(chain(*lessons[:fold], *lessons[fold + 1 :]))
+        if any(len(lesson.sets) for lesson in other_lessons):
+            parts.append(FittedSets(networks[fold], *fit_order(other_lessons, seed)))
+    return FittedSets(network, *fitted, tuple(parts) if len(parts) == folds else ())
 
 
 def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks:

@@ -10,17 +10,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import safetensors.torch
 import torch
 from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.base import ConfigError, as_values, dump_json, nearest, write_atomically
-from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.base.tensors import copied, torch_threads
 from wordcraft_kg.graphs import MOST_INGREDIENTS, Ids, OpenedGraph, RecipeGraph
+from wordcraft_kg.graphs.folds import OUTSIDE, Folds
+from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.records import FitDone, SetMetrics, TrainedSets
-from wordcraft_kg.models.recipes.set_fitting import fit_sets
+from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes
+from wordcraft_kg.models.scorers.cross_fitting import Fold, FoldsRecord
 from wordcraft_kg.models.scorers.features import make_features, named
-from wordcraft_kg.models.scorers.folder import write_scorer
+from wordcraft_kg.models.scorers.folder import (
+    FOLDS_RECORD,
+    FOLDS_TENSORS,
+    OF_RECIPE,
+    write_scorer,
+)
 from wordcraft_kg.models.scorers.sets.knowledge import (
     MOST_KINDS,
     NO_INGREDIENT,
@@ -163,6 +172,12 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
                 f"{graph.name} has {num_ingredients:,} different ingredients; a model of sets "
                 f"takes {MOST_KINDS:,}. Leave out `parts` for a recipe scorer of pairs."
             )
+        # Agents learn by models without a fold of the train recipes.
+        self.folds: Folds | None = None
+        if settings.kg == "partial":
+            of_recipe = np.full(graph.num_recipes, OUTSIDE, dtype=np.int64)
+            of_recipe[is_used] = folds_of_recipes(self.recipes, settings.folds, settings.seed)
+            self.folds = Folds(opened.split, settings.folds, settings.seed, of_recipe)
         num_goals = len(np.unique(self.recipes[:, -1]))
         if num_goals < max(_FEWEST_GOALS, settings.folds):
             raise ConfigError(
@@ -174,7 +189,10 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         self, run: RunFolder[FitDone], report: Progress | None
     ) -> Mapping[str, Any]:
         # The input `parts` also tells that a folder holds a model of sets.
-        return {"inputs": {"parts": self.parts.sha256}}
+        inputs = {"parts": self.parts.sha256}
+        if self.folds is not None:
+            inputs["folds"] = self.folds.hash
+        return {"inputs": inputs}
 
     def restored(self, run: RunFolder[FitDone]) -> None:
         """Return None in place of a checkpoint: a resumed run reads the saved folds."""
@@ -224,6 +242,10 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             **fitted.tensors(),
         }
         write_scorer(run.path, SetScorer.kind, tensors, self.opened.graph)
+        outputs: tuple[str, ...] = _OUTPUTS
+        if self.folds is not None and fitted.folds:
+            outputs += (FOLDS_RECORD, FOLDS_TENSORS)
+            self._write_folds(run.path, self.folds, fitted)
         knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)
         metrics = SetMetrics(
             kg=settings.kg,
@@ -239,8 +261,36 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
             shared=self._shares(knowledge.shared, knowledge.is_kept & ~knowledge.is_key),
         )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
-        run.finish(_OUTPUTS, self._card(metrics))
+        run.finish(outputs, self._card(metrics))
         return TrainedSets(run.path, metrics)
+
+    def _write_folds(self, folder: Path, folds: Folds, fitted: FittedSets) -> None:
+        """Write the models without each fold, whose links nobody ranks."""
+        tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
+        style_parts = SetKnowledge(self.recipes, self.parts.amounts, self.words).style_parts
+        records = []
+        fold_of_train = folds.of_recipe[folds.split.is_in("train")]
+        for number, without_fold in enumerate(fitted.folds):
+            own_tensors = {
+                "recipes": torch.from_numpy(self.recipes[fold_of_train != number]),
+                "style_parts": torch.from_numpy(style_parts),
+                **without_fold.tensors(),
+            }
+            tensors |= {f"fold{number}.{name}": value for name, value in own_tensors.items()}
+            triples = folds.triples([number])
+            trained_on = triples_hash(triples)
+            records.append(
+                Fold(
+                    trained_on=trained_on,
+                    triples=len(triples),
+                    queries=0,
+                    mrr=None,
+                    in_sample_mrr=None,
+                )
+            )
+        record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(records))
+        write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(copied(tensors)))
+        write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
 
     def _shares(self, values: Vector, is_shown: Flags) -> dict[str, float]:
         """Return values of some parts by name, the largest first."""

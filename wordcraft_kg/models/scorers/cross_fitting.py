@@ -390,8 +390,8 @@ def whole_of(scorer: TripleScorer) -> TripleScorer:
 
 
 def folds_of(scorer: TripleScorer) -> CrossFitted | None:
-    """Return the scorer if it is cross-fitted (a model for each left-out fold), otherwise None."""
-    return scorer if isinstance(scorer, CrossFitted) else None
+    """Return the scorer with a model for each left-out fold; None if there are none."""
+    return scorer if isinstance(scorer, CrossFitted) else getattr(scorer, "cross_fitted", None)
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:

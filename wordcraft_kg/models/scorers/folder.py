@@ -143,7 +143,12 @@ def load_scorer(
             f"{folder} does not contain a scorer ({reason(error)}). Train again."
         ) from None
     if FOLDS_RECORD in files.run.outputs:
-        scorer = _cross_fitted(files, scorer, vocabulary, tensors)
+        folded = _cross_fitted(files, scorer, vocabulary, tensors)
+        if isinstance(scorer, SetScorer):
+            # It answers queries of its own, such as for goals that the graph lacks.
+            scorer.cross_fitted = folded
+        else:
+            scorer = folded
     if graph is not None:
         check_scorer(scorer, graph)
     return scorer

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.models.policies.sources import W
+from wordcraft_kg.models.policies.sources.sets import BestSet
 from wordcraft_kg.models.policies.sources.source import (
     Evidence,
     FoldedSource,
@@ -22,6 +23,7 @@ from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 SUPPORTING = 3
 """Most recipes that support the score of a slot."""
@@ -59,8 +61,10 @@ class BestRecipe(FoldedSource):
     @classmethod
     def of_scorer(  # noqa: D102 - inherited
         cls, scorer: TripleScorer, view: ScoreView
-    ) -> "BestRecipe":
+    ) -> FoldedSource:
         main_model = whole_of(scorer)
+        if isinstance(main_model, SetScorer):
+            return BestSet.of_scorer(scorer, view)
         if not isinstance(main_model, RecipeScorer):
             raise ConfigError(
                 "`use` recipe (w) needs recipe scores, and this scorer only has link scores. Use a "
@@ -73,12 +77,14 @@ class BestRecipe(FoldedSource):
     @staticmethod
     def serves(scorer: TripleScorer) -> bool:
         """Return whether a scorer has recipe scores, which this source needs."""
-        return isinstance(whole_of(scorer), RecipeScorer)
+        return isinstance(whole_of(scorer), RecipeScorer | SetScorer)
 
     @classmethod
     def restored(  # noqa: D102 - inherited
         cls, num_entities: int, constants: Mapping[str, Tensor]
     ) -> Source:
+        if BestSet.is_stored(constants):
+            return BestSet.restored(num_entities, constants)
         models = (cls.num_folds(constants) or 0) + 1
         knowledge = RecipeKnowledge(with_prefix(constants, "knowledge."), num_entities, models)
         return cls(num_entities, knowledge, constants.get("fold_of_recipe"))

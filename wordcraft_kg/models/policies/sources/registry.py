@@ -109,7 +109,8 @@ def tables_are_too_large(
     )
     if not isinstance(scorer, FactoredScorer):
         raise ConfigError(
-            f"{cost}; only ComplEx, DistMult and recipe scorers work without tables. Use one."
+            f"{cost}; only ComplEx, DistMult and recipe scorers work without tables. Use one, or "
+            "`use` recipe of a model of sets."
         )
     if scale not in FACTORED_SCALES:
         raise ConfigError(

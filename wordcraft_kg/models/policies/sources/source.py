@@ -196,6 +196,7 @@ class Source(nn.Module, ABC):
         reads_task: True if scores depend on ``states.task``.
         reads_attempts: True if scores depend on ``states.attempts``, which are then required.
         takes_sets: True if the source can score with several selected entities.
+        scores_combine: True if the source scores the action to combine, too.
         num_entities: E, also the id for empty slots and no selection.
         graph_hash: content hash of the recipe graph; empty for sources restored with a policy.
     """
@@ -204,6 +205,7 @@ class Source(nn.Module, ABC):
     reads_task: bool = False
     reads_attempts: ClassVar[bool] = False
     takes_sets: ClassVar[bool] = False
+    scores_combine: ClassVar[bool] = False
 
     def __init__(self, num_entities: int):
         """Prepare a source for E entities, without buffers."""
@@ -438,32 +440,39 @@ class FoldedSource(Source):
         return self.model_of_task.index_select(0, task)
 
 
-def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledge:
-    """Return the knowledge of a recipe scorer, on the CPU, which shares its tensors.
+def models_of(scorer: TripleScorer, view: ScoreView) -> list[TripleScorer]:
+    """Return a scorer's model of all recipes, then those without each fold that tasks need.
 
     Of a cross-fitted scorer, if ``view`` has tasks to score: K + 1 models, on all folds and without
     each fold.
 
     Args:
-        scorer: a recipe scorer, cross-fitted or not.
+        scorer: a scorer, cross-fitted or not.
         view: the tasks to score.
 
     Raises:
         LeakError: if a left-out model was trained on other recipes than its folds say.
         GraphMismatchError: if the tasks' graph has another number of recipes than the scorer's.
     """
-    main_model = whole_of(scorer)
-    assert isinstance(main_model, RecipeScorer)
+    models = [whole_of(scorer)]
     folded = folds_of(scorer)
-    models = [main_model.knowledge]
     if folded is not None and view.tasks is not None:
         for fold in range(folded.count):
             folded.trained_on(fold, view.tasks.graph)  # raises LeakError
-            left_out = folded.left_out(fold)
-            assert isinstance(left_out, RecipeScorer)
-            models.append(left_out.knowledge)
+            models.append(folded.left_out(fold))
+    return models
+
+
+def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledge:
+    """Return the knowledge of a recipe scorer, on the CPU, which shares its tensors.
+
+    Args:
+        scorer: a recipe scorer, cross-fitted or not.
+        view: the tasks to score, as for :func:`models_of`, whose errors it raises.
+    """
+    recipe_models = [model for model in models_of(scorer, view) if isinstance(model, RecipeScorer)]
     # Stacked even if alone, because moving a module moves its tensors in place.
-    return RecipeKnowledge.stacked(models).cpu()
+    return RecipeKnowledge.stacked([model.knowledge for model in recipe_models]).cpu()
 
 
 def share_lists(sources: Iterable[Source]) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -29,8 +30,11 @@ from wordcraft_kg.models.scorers.sets.rules import Rule
 
 _LIMIT = 6.0
 """Largest standardised feature, beyond which a committee knows nothing."""
+_KEPT_GOALS = 64
+"""Goals whose evidence is kept."""
 _RAREST = 1e-4
 """Least share of recipes that lose a part, or leave it unmet."""
+_STYLE = "style_parts"
 _LAYOUTS = {
     "recipes": "R 9 int64",
     "amounts": "E P float32",
@@ -90,9 +94,13 @@ class SetScorer(StoredScorer):
         kind: ``sets``, the scorer kind in ``vocabulary.json``.
         knowledge: train recipes and all that they tell.
         part_labels: names of the parts, P of them.
+        cross_fitted: the same with a model for each left-out fold of train, which agents need; None
+            without. A :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer, which
+            this module does not know.
     """
 
     kind: ClassVar[str] = "sets"
+    shared: ClassVar[tuple[str, ...]] = ("amounts", "part_names", "words")
 
     def __init__(
         self,
@@ -114,15 +122,21 @@ class SetScorer(StoredScorer):
             ValueError: if tensors do not fit together.
         """
         super().__init__(entities, graph_hash, **kwargs)
-        self._tensors = {name: tensors[name] for name in _LAYOUTS}
+        self._tensors = {name: tensors[name] for name in _layouts(tensors)}
         words = tensors["words"].float().numpy()
-        self.knowledge = SetKnowledge(tensors["recipes"].numpy(), tensors["amounts"].numpy(), words)
+        style_parts = tensors[_STYLE].numpy() if _STYLE in tensors else None
+        self.knowledge = SetKnowledge(
+            tensors["recipes"].numpy(), tensors["amounts"].numpy(), words, style_parts
+        )
+        self.cross_fitted: Any = None
         self.part_labels = names_of_parts(tensors["part_names"])
         self._network = Networks.of(tensors, "network.")
         self._committee = Networks.of(tensors, "committee.")
         self._mean = tensors["mean"]
         self._deviation = tensors["deviation"]
         self._temperature, self._none = tensors["calibration"].tolist()
+        # A goal's sets are scored in several calls, such as a beam's.
+        self._known_goal = lru_cache(_KEPT_GOALS)(self._goal)
         sizes = (len(self.knowledge.ingredient_ids), self.knowledge.num_features)
         if sizes != (self._network.second.shape[2], len(self._mean)):
             raise ValueError("the networks do not fit the recipes")
@@ -135,7 +149,7 @@ class SetScorer(StoredScorer):
         num_parts = len(names_of_parts(tensors["part_names"]))
         inputs = 2 * num_parts + tensors["words"].shape[-1]
         sizes = {"E": size, "P": num_parts, "I": inputs, "9": MOST_INGREDIENTS + 1, "1": 1, "2": 2}
-        check_tensors(tensors, _LAYOUTS, **sizes)
+        check_tensors(tensors, _layouts(tensors), **sizes)
         recipes = tensors["recipes"]
         ingredients = recipes[:, :-1]
         is_padding = ingredients == NO_INGREDIENT
@@ -317,14 +331,17 @@ class SetScorer(StoredScorer):
         """Return the log sum over candidates, and none of them."""
         return float(np.logaddexp.reduce(np.append(scores, self._none)))
 
+    def _goal(self, goal: int) -> tuple[GoalEvidence, Ids, float]:
+        """Return evidence of a goal, its candidates, and the log sum over them and none."""
+        evidence = self.evidence(goal)
+        candidates, features = self.knowledge.candidates(evidence)
+        total = self._total(self._scores(features)) if len(candidates) else self._none
+        return evidence, candidates, total
+
     def _score_for(self, goal: int, sets: Ids) -> Vector:
         """Return the log probabilities of sets for one goal."""
         knowledge = self.knowledge
-        evidence = self.evidence(goal)
-        candidates, features = knowledge.candidates(evidence)
-        total = self._none
-        if len(candidates):
-            total = self._total(self._scores(features))
+        evidence, candidates, total = self._known_goal(goal)
         # An ingredient that no train recipe uses counts as the most similar one.
         unknown = np.setdiff1d(sets[sets >= 0], knowledge.ingredient_ids)
         similarity, stand_ins = knowledge.nearest_ingredients(unknown)
@@ -374,6 +391,11 @@ class SetScorer(StoredScorer):
         scores = np.full(len(self.entities), NO_SHARE, dtype=np.float32)
         scores[self.knowledge.ingredient_ids] = best
         return scores
+
+
+def _layouts(tensors: Mapping[str, Tensor]) -> dict[str, str]:
+    """Return the layouts of a model's tensors; the model without a fold names its kinds, too."""
+    return _LAYOUTS | ({_STYLE: "P bool"} if _STYLE in tensors else {})
 
 
 def names_of_parts(tensor: Tensor) -> tuple[str, ...]:

@@ -1,0 +1,118 @@
+"""The source of recipes (w) on books whose recipes have any number of ingredients."""
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+from test_set_models import letters_book
+
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.players import BEST_SET, knowledge_player, scorer_players
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import write_graph_folder
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
+from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.policies.states import States
+from wordcraft_kg.models.recipes import set_fitting
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    folder = letters_book(tmp_path_factory.mktemp("letters"))
+    content = open_book(folder / "letters.csv")
+    split = make_split(RecipeGraph.from_book(content), SplitConfig("by-goal"))
+    write_graph_folder(folder / "graph", content, split)
+    settings = RecipeScorerConfig(folds=2, parts=str(folder / "parts.csv"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(set_fitting, "_EPOCHS", 12)
+        config = RecipesConfig(str(folder / "graph"), settings)
+        return open_model(train_recipes(config, folder / "model").folder)
+
+
+@pytest.fixture(scope="module")
+def world(model):
+    return World(model.opened, WordCraftConfig(part="test", num_distractors=4))
+
+
+def states_at(world, scorer, goal, labels, selected=(), size=3):
+    nothing = world.nothing
+    selection = [*scorer.entity_ids(list(selected)).tolist(), *[nothing] * size][:size]
+    table = [*scorer.entity_ids(list(labels)).tolist(), nothing, nothing]
+    return States(scorer.entity_ids([goal]), torch.tensor([selection]), torch.tensor([table]))
+
+
+@pytest.mark.parametrize("selected", [(), ("bx",), ("bx", "bx"), ("bx", "hy")])
+def test_w_is_the_score_of_the_best_set_that_completes_the_selection(model, world, selected):
+    scorer = model.scorer
+    labels = ("hy", "ax", "bx", "dx")
+    states = states_at(world, scorer, "Gbdh", labels, selected)
+    (w,) = make_sources(["w"], scorer)
+    goal = int(states.goal)
+
+    def score(ids):
+        row = np.full((1, 8), -1)
+        row[0, : len(ids)] = ids
+        return float(scorer.score_sets(row, np.array([goal]))[0])
+
+    table = scorer.entity_ids(list(labels)).tolist()
+    picks = scorer.entity_ids(list(selected)).tolist()
+    for slot, entity in enumerate(table):
+        sets = [
+            (*picks, entity, *rest)
+            for size in range(3 - len(picks))
+            for rest in itertools.combinations_with_replacement(table, size)
+        ]
+        expected = max(max(score(sorted(ids)) for ids in sets), -30)
+        assert float(w(states)[0, slot]) == pytest.approx(expected, abs=1e-5)
+    assert float(w(states)[0, 4]) == 0  # an empty slot
+    combined = max(score(sorted(picks)), -30) if picks else 0
+    assert float(w(states)[0, -1]) == pytest.approx(combined, abs=1e-5)
+
+
+def test_a_player_of_w_makes_unseen_goals_as_the_player_of_the_best_set(model, world):
+    (w,) = make_sources(["w"], model.scorer)
+    by_w = Evaluator(world, distractor_seeds=1)(knowledge_player([w])).success
+    players = scorer_players(world.graph, model.scorer, model.triples)
+    by_set = Evaluator(world, distractor_seeds=1)(players[BEST_SET]).success
+    assert by_w.mean() > 0.8
+    np.testing.assert_array_equal(by_w, by_set)
+
+
+def test_a_policy_with_w_is_saved_with_its_scorer_of_sets(model, world, tmp_path):
+    config = PolicyConfig(use="w", features="random", kg_only=True, mixing="residual")
+    policy, _ = make_policy(config, world.graph, world.num_slots, scorer=model.scorer)
+    loaded = load_policy(save_policy(tmp_path / "policy", policy.eval()))
+    results = [
+        Evaluator(world, distractor_seeds=1)(PolicyPlayer(player)) for player in (policy, loaded)
+    ]
+    assert results[0].success.mean() > 0.8
+    np.testing.assert_array_equal(results[0].last, results[1].last)
+
+
+def test_train_tasks_are_scored_by_the_model_that_has_not_seen_their_goals(model, world):
+    scorer = model.scorer
+    train = world.variant(part="train")
+    (w,) = make_sources(["w"], scorer, tasks=train.tasks)
+    folds = folds_of(scorer)
+    assert folds.count == 2
+    for task in (0, len(train.tasks) - 1):
+        fold = int(w.model_of_task[task]) - 1
+        left_out = folds.left_out(fold)
+        goal = int(train.tasks.goals[task])
+        assert goal not in left_out.knowledge.recipes[:, -1]
+        label = scorer.entities[goal]
+        states = states_at(train, scorer, label, ("hy", "ax", "bx", "dx"), ("bx",))
+        (expected,) = make_sources(["w"], left_out)
+        with_task = states._replace(task=torch.tensor([task]))
+        assert torch.equal(w(with_task), expected(states))
+        assert not torch.equal(w(with_task), w(states))

@@ -163,6 +163,7 @@ def train(
     # What can be wrong is checked before the first file is written: the graph, the trackers, then
     # an earlier run in the folder.
     opened = open_graph(config.graph)
+    config = replace(config, graph=opened.source)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = checked_trackers(trackers)
     record = None if force else _earlier(folder, trainer.kind)

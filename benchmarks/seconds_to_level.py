@@ -32,8 +32,9 @@ from wordcraft_kg.agents.sb3 import MaskableSB3Policy
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World, open_world_graph
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import TaskObservation
+from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
@@ -155,7 +156,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     torch.set_num_threads(1)
-    opened = open_world_graph(options.book)
+    opened = open_graph(options.book)
     train, test = (
         World(opened, WordCraftConfig(part, options.depth, options.distractors))
         for part in ("train", "test")

@@ -38,8 +38,8 @@ from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_l
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World, open_world_graph
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
@@ -247,7 +247,7 @@ def main() -> None:
     clock = time.process_time if options.cpu_time else time.perf_counter
     unit = "steps per CPU second" if options.cpu_time else "steps/s"
     torch.set_num_threads(options.threads)
-    opened = open_world_graph(options.book)
+    opened = open_graph(options.book)
     policy = PolicyConfig(options.policy, use=options.use)
     memory = 1.0 if options.policy == "pairs" else 0.0
     config = ImpalaConfig(

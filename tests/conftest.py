@@ -313,3 +313,26 @@ def alchemy_path():
 def alchemy(alchemy_path):
     """Little Alchemy 2 with its five base entities."""
     return RecipeGraph.from_book(open_book(alchemy_path), ["air", "earth", "fire", "time", "water"])
+
+
+@pytest.fixture
+def forget_plugins(monkeypatch):
+    """Return a function that forgets all plugins, as another process does; at the end, too."""
+    from wordcraft_kg.agents.players import PLAYERS
+    from wordcraft_kg.base import registry
+    from wordcraft_kg.envs.config import REWARDS
+    from wordcraft_kg.graphs.splits import SPLITS
+    from wordcraft_kg.models.policies.config import POLICIES
+    from wordcraft_kg.models.policies.sources import SOURCES
+
+    registries = (POLICIES, SOURCES, REWARDS, SPLITS, PLAYERS)
+    built_in = [dict(kind._known) for kind in registries]
+
+    def forget():
+        monkeypatch.setattr(registry, "_LOADED", {})
+        for kind, known in zip(registries, built_in, strict=True):
+            monkeypatch.setattr(kind, "_known", dict(known))
+            monkeypatch.setattr(kind, "_plugins", {})
+
+    forget()
+    return forget

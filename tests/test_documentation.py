@@ -21,7 +21,8 @@ import yaml
 
 import wordcraft_kg as wk
 from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.cli import main, make_app
+from wordcraft_kg.base.registry import load_plugin
+from wordcraft_kg.cli import main, make_app, without_plugins
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs import Recipe, RecipeGraph, open_book, open_graph
 from wordcraft_kg.graphs.export import export_graph
@@ -55,7 +56,6 @@ EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELS
 LONG = (
     "first_steps",
     "own_scorer",
-    "own_source",
     "own_tracker",
     "pykeen_model",
     "stable_baselines",
@@ -201,11 +201,14 @@ PRINTED = [
 @pytest.mark.parametrize(
     ("page", "line"), PRINTED, ids=[f"{page}: {' '.join(line)[:60]}" for page, line in PRINTED]
 )
-def test_a_printed_command_has_existing_options_and_readable_values(page, line):
+def test_a_printed_command_has_existing_options_and_readable_values(page, line, forget_plugins):
     """Tutorials and README run as a whole above; here every command of every page is at least read."""
     if {"--help", "--install-completion", "help", "--version"} & {*line}:
         return
-    make_app().parse_args(line, exit_on_error=False, print_error=False)
+    words, plugins = without_plugins(line)
+    for plugin in plugins:
+        load_plugin(ROOT / plugin)
+    make_app().parse_args(words, exit_on_error=False, print_error=False)
 
 
 def pages_of(section):
@@ -581,8 +584,9 @@ TEXTS = [
     ),
     (
         lambda: wk.SplitConfig("by-goals"),
-        "ConfigError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot, "
-        "by-goal, by-kind, none. Did you mean 'by-goal'?",
+        "NotRegisteredError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot, "
+        "by-goal, by-kind, none. Did you mean 'by-goal'? Name the file that has it with --plugin (in "
+        "Python load_plugin), or install its package.",
     ),
     (
         lambda: wk.make_split(wk.RecipeGraph.from_recipes([("a", "b", "c")]), wk.SplitConfig()),

@@ -18,6 +18,8 @@ IN_ORDER = (
         "open_graph",
         "SplitConfig",
         "make_split",
+        "write_graph_folder",
+        "load_plugin",
         "WordCraftConfig",
         "World",
     ),

@@ -9,9 +9,10 @@ from .agents.config import (
 )
 from .agents.evaluation import evaluate as evaluate
 from .agents.training import train_agent as train_agent
+from .base.registry import load_plugin as load_plugin
 from .envs.config import WordCraftConfig as WordCraftConfig
 from .envs.world import World as World
-from .graphs.folder import open_graph as open_graph
+from .graphs.folder import open_graph as open_graph, write_graph_folder as write_graph_folder
 from .graphs.library import open_book as open_book
 from .graphs.recipe_graph import RecipeGraph as RecipeGraph
 from .graphs.splits import SplitConfig as SplitConfig, make_split as make_split

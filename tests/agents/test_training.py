@@ -38,7 +38,6 @@ from wordcraft_kg.base.errors import (
     GraphMismatchError,
     TrainingError,
 )
-from wordcraft_kg.envs.world import open_world_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.states import States
@@ -397,7 +396,7 @@ def test_tables_recur_where_pairs_are_scored_and_not_in_the_papers_preset():
     assert (tables("u,v,w", preset="paper"), tables("u,v,w", tables=0)) == (0, 0)
     assert AgentConfig("kitchen").trainer.tables == 0
     config = AgentConfig("kitchen", trainer=ImpalaConfig(batch_size=3, tables=7))
-    engine = AgentTraining(config, open_world_graph("kitchen")).envs.engine
+    engine = AgentTraining(config, open_graph("kitchen")).envs.engine
     # Three episodes in each of three environments: as few as hold seven tables.
     assert engine._draws.repeat == 3
 

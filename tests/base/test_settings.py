@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from wordcraft_kg import ComplExConfig, ImpalaConfig, LinkModelConfig, PolicyConfig
-from wordcraft_kg.base import extras, settings
+from wordcraft_kg.base import registry, settings
 from wordcraft_kg.base.errors import ConfigError, reason
-from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.progress import listening, stage, steps
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.settings import (
     MAX_DIM,
     MAX_SIZE,
@@ -115,8 +115,13 @@ def test_the_memory_of_a_container_and_the_addresses_in_use_are_counted(tmp_path
 def installed(monkeypatch, **things):
     """Pretend that packages with entry points are installed; a function stands for what loading
     does."""
-    points = [SimpleNamespace(name=name, load=load) for name, load in things.items()]
-    monkeypatch.setattr(extras, "entry_points", lambda group: points)
+    points = [
+        SimpleNamespace(name=name, load=load, attr="" if name == "module" else name)
+        for name, load in things.items()
+    ]
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: points if group == "colours" else []
+    )
 
 
 def test_an_entry_point_names_a_thing_or_a_module_that_adds_things(monkeypatch):
@@ -143,7 +148,7 @@ def test_a_package_that_cannot_be_imported_is_told_each_time(monkeypatch):
         raise ImportError("broken")
 
     colours = Registry("colours", {"red": 1})
-    installed(monkeypatch, broken=broken)
+    installed(monkeypatch, module=broken)
     assert colours["red"] == 1
     for _ in range(2):
         with pytest.raises(ImportError, match="broken"):

@@ -11,7 +11,7 @@ import torch
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError
-from wordcraft_kg.base.extras import Registry
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.models.folder import MODELS, open_model
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.runs.record import read_run

@@ -20,7 +20,7 @@ from wordcraft_kg.agents.records import (
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import GraphMismatchError, WordCraftKGError
 from wordcraft_kg.base.tensors import with_prefix
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph
 from wordcraft_kg.models.folder import read_history
 from wordcraft_kg.models.policies.folder import load_policy, read_policy
 from wordcraft_kg.models.policies.policy import Policy
@@ -150,7 +150,7 @@ def read_agent_run(folder: str | Path) -> AgentRun:
     return AgentRun(name, checkpoint, config, files.run, metrics, None)
 
 
-def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> OpenedAgent:
+def open_agent(folder: str | Path, graph: GraphLike | None = None) -> OpenedAgent:
     """Open an agent's run folder for evaluation; an unfinished run at its last checkpoint.
 
     Args:

@@ -20,6 +20,7 @@ from wordcraft_kg.base.settings import (
     whole,
 )
 from wordcraft_kg.envs.config import (
+    REWARDS,
     Ambiguity,
     DistractorPolicy,
     DistractorWeighting,
@@ -27,6 +28,7 @@ from wordcraft_kg.envs.config import (
 )
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.sources import need_no_scorer
 from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
@@ -67,8 +69,8 @@ class TaskConfig:
         depth: minimum attempts to solve a task, 1 to 5.
         distractors: entities on the table that no plan needs.
         max_attempts: attempts per episode. Default: depth.
-        reward: sparse (1 for the goal) or official (with the penalties and sub-goals in the paper's
-            released code); success counts only goals in both cases.
+        reward: sparse (1 for the goal), official (with the penalties and sub-goals in the paper's
+            released code), or a plugin's; success counts only goals in all cases.
         distractor_weighting: sample distractors by use (weight 1 + number of train recipes that
             use the entity as an ingredient) or uniform.
         distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
@@ -90,7 +92,7 @@ class TaskConfig:
     depth: int = WordCraftConfig.depth
     distractors: int = WordCraftConfig.num_distractors
     max_attempts: int | None = None
-    reward: Literal["sparse", "official"] = "sparse"
+    reward: str = "sparse"
     distractor_weighting: DistractorWeighting = WordCraftConfig.distractor_weighting
     distractor_policy: DistractorPolicy = WordCraftConfig.distractor_policy
     task_weighting: TaskWeighting = WordCraftConfig.task_weighting
@@ -385,8 +387,8 @@ class AgentConfig(RunConfig):
         is_pairs = is_recommended and not has_attention
         kind = self.policy.policy or ("pairs" if is_pairs else "attention")
         # In a single attempt, the number of attempts left is constant.
-        sees = is_recommended and kind != "mlp" and self.tasks.episode > 2
-        has_scorer = self.scorer is not None
+        sees = is_recommended and kind in ("pairs", "attention") and self.tasks.episode > 2
+        has_scorer = self.scorer is not None or need_no_scorer(self.policy.sources)
         # Measured with u and v in a single attempt; w has a penalty instead, and with p an agent
         # starts as its planner, without attention.
         is_single = self.tasks.episode == 2
@@ -431,6 +433,11 @@ class AgentConfig(RunConfig):
             is_open = {name for name in values if getattr(trainer, name) == defaults[name]}
             trainer = replace(trainer, **{name: values[name] for name in sorted(is_open)})
         return replace(self, policy=policy, trainer=trainer)
+
+    @property
+    def plugins(self) -> dict[str, str]:
+        """Hashes of the plugin files that the agent needs, by file name."""
+        return self.policy.plugins | REWARDS.plugins(self.tasks.reward)
 
     def check_preset(self) -> None:
         """Check that the settings are the preset's, for a preset that is to be kept to the letter.

@@ -26,8 +26,9 @@ from wordcraft_kg.envs.draws import (
     sampled_tasks,
     warn_of_sample,
 )
-from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids, padded
+from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.models.policies.policy import Policy
 
 # An odd factor of a 64-bit linear congruential generator: a product with it loses no bits.

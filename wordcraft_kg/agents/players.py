@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
-from wordcraft_kg.base.extras import Registry
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import State
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

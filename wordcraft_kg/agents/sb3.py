@@ -21,8 +21,9 @@ from torch import Tensor
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, LeakError
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.envs.vector import Arrays, WordCraftVectorEnv
-from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import TaskNumbers
+from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources.source import FoldedSource
 from wordcraft_kg.models.policies.states import States

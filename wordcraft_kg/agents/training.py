@@ -46,9 +46,9 @@ from wordcraft_kg.envs.draws import MOST_TASKS
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SPLITS
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.policies.config import PolicyKind
 from wordcraft_kg.models.policies.folder import (
     make_policy,
     usage,
@@ -56,6 +56,7 @@ from wordcraft_kg.models.policies.folder import (
     write_parameters,
 )
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.sources import need_no_scorer
 from wordcraft_kg.models.policies.sources.registry import tables_are_too_large
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
@@ -288,6 +289,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             inputs["features"] = features.sha256
             self.facts["missing_words"] = tuple(features.missing_words)
         self.facts["inputs"] = inputs
+        self.facts["plugins"] = config.plugins | SPLITS.plugins(self.opened.split.config.kind)
 
     def begin(  # noqa: D102 - inherited
         self,
@@ -514,7 +516,7 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
             yield json_text(msgspec.to_builtins(row)) + "\n"
 
 
-_KINDS: dict[PolicyKind, str] = {
+_KINDS = {
     "pairs": "Actor-critic on pairs",
     "attention": "Self-attention actor-critic",
     "mlp": "One-layer MLP",
@@ -535,7 +537,8 @@ def agent_card(
         run: record of the run, which says what the scorer was trained on.
         summary: final evaluation.
     """
-    kind = _KINDS[config.policy.policy or "attention"]
+    policy = config.policy.policy or "attention"
+    kind = _KINDS.get(policy, f"Network {policy}")
     rows = "\n".join(
         f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
         f"{result.tasks:,} tasks with {result.distractor_seeds} distractor seeds each"
@@ -562,7 +565,8 @@ run; `run.json` lists software versions.
 def _guide(config: AgentConfig, run: RunRecord) -> str:
     """Return the knowledge that guides the agent, for the title."""
     if not config.scorer:
-        return "without a knowledge graph"
+        has_sources = need_no_scorer(config.policy.sources)
+        return f"with {config.policy.use}" if has_sources else "without a knowledge graph"
     trained_on = "not trained on recipes"
     if run.kg != "none":
         trained_on = f"trained on the {run.kg} knowledge graph"

@@ -40,6 +40,7 @@ from cyclopts.help import DefaultFormatter, InlineText
 from wordcraft_kg import __version__
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ConfigError, StdoutError
+from wordcraft_kg.base.registry import load_plugin
 from wordcraft_kg.cli.console import Output, accept_all_characters
 from wordcraft_kg.cli.failures import Failure, Manual, failure_of
 
@@ -86,9 +87,11 @@ results. Start here:
 
 train-complex trains the paper's model instead; compare tests the differences between runs or
 between models."""
-CONFIGURED = (
-    "Options can also be set in a TOML file, --config FILE, in a table named after the command."
-)
+CONFIGURED = """Options can also be set in a TOML file, --config FILE, in a table named after the
+command.
+
+--plugin FILE.py, before or after any command, adds own policies, sources, rewards, splits and
+players (docs/own-ideas.md). The file runs as a program: name only files that you have read."""
 
 
 @cache
@@ -303,6 +306,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tokens = ["→" if token == "->" else token for token in words]
     if tokens[:1] == ["help"]:
         tokens = [*tokens[1:3], "--help"]
+    tokens, plugins = without_plugins(tokens)
     name = command_in(tokens)
     manual = manual_of(name) if name else None
     # A guess until the options are parsed: parsing itself may fail.
@@ -310,6 +314,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for token in tokens:
             _check_text(token, repr(token))
+        for plugin in plugins:
+            load_plugin(plugin)
         command, bound, _ = make_app().parse_args(tokens, print_error=False, exit_on_error=False)
         output = bound.arguments.get("output", output)
         _check_working_folder()
@@ -329,6 +335,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if failure is None:
             raise
         return failure.show(output)
+
+
+def without_plugins(tokens: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return a command line without ``--plugin FILE``, and the files; an absent file is "".
+
+    Before the command line is parsed: a plugin's names are values of its options.
+    """
+    words = iter(tokens)
+    left: list[str] = []
+    files: list[str] = []
+    for token in words:
+        option, has_value, value = token.partition("=")
+        if option == "--plugin":
+            files.append(value if has_value else next(words, ""))
+        else:
+            left.append(token)
+    return left, files
 
 
 def _close_stdout() -> None:
@@ -436,6 +459,11 @@ def _read_toml(path: str, command: str) -> dict[str, Any]:
         raise ConfigError(
             f"--config {path}: no table [{command.replace(' ', '.')}]; found {tables}. Put the "
             "options into a table named after the command."
+        )
+    if "plugin" in options:
+        raise ConfigError(
+            f"--config {path}: found `plugin`, but a file may come from anyone, so it names no "
+            "program to run. Remove it, and give --plugin FILE on the command line."
         )
     # Paths in a run's config.toml are relative to the file.
     from wordcraft_kg.runs.config_file import moved

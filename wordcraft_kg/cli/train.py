@@ -354,7 +354,7 @@ class RecipeTraining(TrainingCommand):
         config = RecipesConfig.read(trained.folder)
         # Only who has not chosen the words gets advice on them.
         if (config.settings.features, metrics.features) == ("auto", "glove"):
-            command = ENCODE.replace("GRAPH", shlex.quote(config.graph))
+            command = ENCODE.replace("GRAPH", shlex.quote(str(config.graph)))
             effect = (
                 "a sentence encoder raised success with new goals from .53 to .61 "
                 "on the built-in book everyday"

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.arrays import Array, Pairs, Sets, arrays_of
+from wordcraft_kg.envs.config import RewardConfig
 from wordcraft_kg.envs.draws import Ahead, Draws
 from wordcraft_kg.envs.world import World
 
@@ -330,11 +331,12 @@ class BatchEngine:
         self._goals = array(world.tasks.goals)
         self._intermediates = array(world.tasks.intermediates)
         self._final_pairs = array(world.tasks.final_pairs)
+        # A function gets whole states, in place of the shaped rewards.
         rewards = self.config.rewards
+        self._reward_function = None if isinstance(rewards, RewardConfig) else rewards
+        self._rewards = rewards if isinstance(rewards, RewardConfig) else RewardConfig()
         # Shaped rewards depend on what is new on the table, so tables are then always written.
-        self._is_shaped = bool(
-            rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward
-        )
+        self._is_shaped = rewards != RewardConfig()
         self._reward_dtype = reward_dtype
         self.rows = array(np.arange(self.num_envs))
         self._attempt_numbers = array(np.arange(self.config.attempts))
@@ -605,7 +607,11 @@ class BatchEngine:
             self._noted(state, picked),
             state.episode,
         )
-        return after, Step(reward, over, outcome, results.by_plan, picked.illegal, state.task)
+        step = Step(reward, over, outcome, results.by_plan, picked.illegal, state.task)
+        if self._reward_function is not None:
+            reward = self._reward_function(state, after, step)
+            step = step._replace(reward=cast(reward, self._reward_dtype))
+        return after, step
 
     def _pick_pairs(self, state: State, actions: Array, entities: Array, running: Array) -> _Picked:
         """Return what actions pick on a graph of pairs; ``entities`` are in the chosen slots."""
@@ -672,7 +678,7 @@ class BatchEngine:
             return reward
         makes_nothing = picked.is_pair & (picked.pair == self.pairs.no_pair)
         is_wrong = self.arrays.cast(makes_nothing, self._reward_dtype)
-        return reward + results.shaped - self.config.rewards.wrong_pair_penalty * is_wrong
+        return reward + results.shaped - self._rewards.wrong_pair_penalty * is_wrong
 
     def _combine(
         self,
@@ -748,9 +754,9 @@ class BatchEngine:
             is_intermediate = is_listed & (result != self.nothing)  # both are padded with nothing
             num_first = num_first + (is_intermediate & is_new)
             is_relevant = is_relevant | is_intermediate
-        reward = self.config.rewards.intermediate_reward * cast(num_first, self._reward_dtype)
+        reward = self._rewards.intermediate_reward * cast(num_first, self._reward_dtype)
         is_irrelevant = cast(attempts.makes & ~is_relevant, self._reward_dtype)
-        return reward - self.config.rewards.irrelevant_penalty * is_irrelevant
+        return reward - self._rewards.irrelevant_penalty * is_irrelevant
 
     def _noted(self, state: State, picked: _Picked) -> Array:
         """Return the tried pairs with those of this step, shape (N, attempts, 2 or S)."""

@@ -1,11 +1,12 @@
 """Settings for the crafting environments."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args, get_origin
 
 from wordcraft_kg.base.errors import ConfigError, UnknownSettingError
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.settings import (
     MAX_SIZE,
     nearest,
@@ -64,8 +65,15 @@ class RewardConfig:
             number_in(entry.name, value, 0, largest, "a finite number, 0 or more")
 
 
-REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
-"""Reward presets by name.
+RewardFunction = Callable[[Any, Any, Any], Any]
+"""Rewards (N,) of a step, from the batched state before, the state after, and the
+:class:`~wordcraft_kg.envs.batch.Step`, whose reward is 1 for the goal.
+"""
+REWARDS: Registry[RewardConfig | RewardFunction] = Registry(
+    "wordcraft_kg.rewards",
+    {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)},
+)
+"""Reward presets by name, and functions of plugins.
 
 ``official`` has the values in the paper's released code, with sub-goal rewards enabled.
 """
@@ -82,7 +90,8 @@ class WordCraftConfig:
             ingredients of the largest plan; 1, 2 and 8 in the paper. A task with fewer ingredients
             has more, so that all tables have the same size.
         max_attempts: attempts in an episode; None means ``depth``.
-        reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
+        reward: a preset's name (``sparse``, ``official``), that of a plugin's function, or a
+            :class:`RewardConfig`.
         distractor_weighting: weights of entities for drawing distractors without replacement:
             ``use`` is 1 + the number of train recipes that use the entity as an ingredient,
             ``uniform`` is equal. By ``use``, entities with few uses are rarely distractors, so the
@@ -126,7 +135,7 @@ class WordCraftConfig:
     illegal_action: IllegalAction = "waste"
     num_tasks: int = DRAWN_TASKS
     task_seed: int = 0
-    rewards: RewardConfig = field(
+    rewards: RewardConfig | RewardFunction = field(
         init=False,
         repr=False,
         compare=False,
@@ -153,9 +162,9 @@ class WordCraftConfig:
             if get_origin(entry.type) is Literal:
                 one_of(entry.name, getattr(self, entry.name), get_args(entry.type))
         # A name is kept as the setting, for records; its values are the derived field.
-        rewards = self.reward
+        rewards: Any = self.reward
         if not isinstance(rewards, RewardConfig):
-            one_of("reward", rewards, tuple(REWARDS))
+            REWARDS.check("reward", rewards)
             rewards = REWARDS[rewards]
         attempts = self.max_attempts or self.depth
         # Ways to the goal are searched for each drawn table; their number explodes with attempts.

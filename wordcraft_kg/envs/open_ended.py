@@ -17,7 +17,7 @@ from wordcraft_kg.base.errors import (
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
 from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.envs.config import METADATA, IllegalAction, check_mode
-from wordcraft_kg.envs.world import GraphLike, open_world_graph
+from wordcraft_kg.graphs.folder import GraphLike, open_graph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph, outcomes_of
 
@@ -161,7 +161,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         check_mode(render_mode)
         one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode
-        self.graph = graph if isinstance(graph, RecipeGraph) else open_world_graph(graph).graph
+        self.graph = graph if isinstance(graph, RecipeGraph) else open_graph(graph).graph
         self.max_attempts = whole("max_attempts", max_attempts, 1, MAX_SIZE)
         self.illegal_action = illegal_action
         self.discovery = Discovery(self.graph, base)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError, EpisodeError
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, State, Step
 from wordcraft_kg.envs.wordcraft import WordCraftEnv, observation_space
-from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import GraphLike
 
 Arrays = dict[str, NDArray[Any]]
 _NAMES = np.array(OUTCOMES, dtype=object)

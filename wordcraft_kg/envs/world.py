@@ -5,7 +5,6 @@ Environments, engines and evaluations share it, so that all play the same game.
 
 from collections.abc import Callable, Hashable, Mapping
 from itertools import combinations_with_replacement
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,38 +13,15 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
-from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph
+from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph, outcomes_of
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.task_search import SolutionSearch, make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
 
-GraphLike = str | Path | RecipeGraph | OpenedGraph
-"""A graph folder, a book's file or name, a graph (with the default split) or an opened graph."""
 SHORTCUT_TRIES = 1_000
 """Samples of distractors after which a table without shortcut is taken to be impossible."""
 _T = TypeVar("_T")
-
-
-def open_world_graph(graph: GraphLike) -> OpenedGraph:
-    """Open a graph with its split, for an environment; a bare graph has the default split.
-
-    Raises:
-        ConfigError: for a value of another type.
-        RecipeFileError: if ``graph`` names no graph folder, file or known book, or the book cannot
-            be read.
-        ArtefactError: if ``graph`` is a folder without a graph, or a damaged one.
-    """
-    if isinstance(graph, OpenedGraph):
-        return graph
-    if isinstance(graph, RecipeGraph):
-        return OpenedGraph(graph, default_split(graph), graph.name)
-    if not isinstance(graph, str | Path):
-        raise ConfigError(
-            f"`graph` {graph!r}: expected a graph folder, a book's file or name, a RecipeGraph or "
-            "an OpenedGraph."
-        )
-    return open_graph(graph)
 
 
 def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
@@ -177,7 +153,7 @@ class World:
         """
         if isinstance(graph, World):
             return cls(graph.opened, config, derived=graph._derived)
-        return cls(open_world_graph(graph), config)
+        return cls(open_graph(graph), config)
 
     @classmethod
     def of(cls, graph: "GraphLike | World", settings: Mapping[str, Any]) -> "World":

@@ -30,8 +30,8 @@ from wordcraft_kg.agents.players import (
 )
 from wordcraft_kg.agents.records import Success, TerminationReason
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.draws import MOST_TASKS, default_seeds, sampled_tasks

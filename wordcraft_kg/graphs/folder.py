@@ -21,7 +21,13 @@ from wordcraft_kg.base.artefacts import (
     what_is,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ArtefactError, GraphError, RecipeFileError, SplitError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphError,
+    RecipeFileError,
+    SplitError,
+)
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Hash, Record, as_values
 from wordcraft_kg.graphs.arrays import Ids, stacked
@@ -70,7 +76,8 @@ class OpenedGraph:
     """A recipe graph with a train/validation/test split.
 
     Trained models record the source, to open the same graph and split when they are evaluated. To
-    train on your own split, write a graph folder and open the folder.
+    train on your own split, write a graph folder (``write_graph_folder``) and open the folder, or
+    give the opened graph again whenever a run is opened.
 
     Attributes:
         graph: the recipe graph.
@@ -176,7 +183,7 @@ def _derived_files(split: Split, book: RecipeBook) -> dict[str, Iterable[str]]:
 
 @stage("writing the graph folder")
 def write_graph_folder(
-    out: Path,
+    out: str | Path,
     book: RecipeBook,
     split: Split,
     *,
@@ -200,6 +207,13 @@ def write_graph_folder(
         OutputExistsError: if ``out`` exists and ``force`` is False.
         RecipeFileError: if the book's name could not name a folder; no command would open it.
         OSError: if a file cannot be written; nothing is left then.
+
+    Example:
+        >>> book = open_book("kitchen")
+        >>> split = make_split(RecipeGraph.from_book(book), SplitConfig("by-goal", seed=1))
+        >>> _ = write_graph_folder("graphs/kitchen-by-goal", book, split)
+        >>> open_graph("graphs/kitchen-by-goal").split.hash == split.hash
+        True
     """
     if not _is_folder_name(book.name):
         raise RecipeFileError(
@@ -207,7 +221,7 @@ def write_graph_folder(
             "control characters. Rename the book."
         )
     graph = split.graph
-    with staged_folder(out, force=force) as folder:
+    with staged_folder(Path(out), force=force) as folder:
         source = {name: getattr(book, name) for name in ("sha256", *_DROPPED)}
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
@@ -228,15 +242,20 @@ def write_graph_folder(
     return record
 
 
+GraphLike = str | Path | RecipeGraph | OpenedGraph
+"""A graph folder, a book's file or name, a graph, or an opened graph."""
+
+
 def open_graph(
-    source: str | Path, config: SplitConfig | None = None, **options: Unpack[ReadOptions]
+    source: GraphLike, config: SplitConfig | None = None, **options: Unpack[ReadOptions]
 ) -> OpenedGraph:
     """Open a recipe graph and a train/validation/test split.
 
     Args:
-        source: a graph folder, a recipe book file, or the name of a known book.
-        config: how to split a book; ignored for a graph folder, which has its split. None takes
-            :func:`default_split`.
+        source: a graph folder, a recipe book file, the name of a known book, or a graph; an opened
+            graph is returned as it is.
+        config: how to split a book or a graph; ignored for a graph folder, which has its split.
+            None takes :func:`default_split`.
         options: what a user says about a book's file, such as ``columns``, see
             :class:`~wordcraft_kg.graphs.book_files.BookOptions`; ignored for a graph folder.
 
@@ -246,13 +265,22 @@ def open_graph(
         RecipeFileError: if a book cannot be read, or there is no such folder, file or book.
         SplitError: if the book is too small for ``config``, or has no kinds of recipes for a split
             by kind.
-        ConfigError: if an option is out of range.
+        ConfigError: if an option is out of range, or ``source`` is no graph.
 
     Example:
         >>> opened = open_graph("kitchen")
         >>> opened.graph.num_entities, len(opened.triples("partial"))
         (80, 790)
     """
+    if isinstance(source, OpenedGraph):
+        return source
+    if isinstance(source, RecipeGraph):
+        return _split(source, config, source.name)
+    if not isinstance(source, str | Path):
+        raise ConfigError(
+            f"`graph` {source!r}: expected a graph folder, a book's file or name, a RecipeGraph or "
+            "an OpenedGraph."
+        )
     folder = Path(source)
     is_graph_folder = folder.is_dir()
     # Another folder may hold recipes of Minecraft, if the user says how to read them.
@@ -262,10 +290,13 @@ def open_graph(
         graph = _read_graph(folder)
         content = read_json(folder / "split.json", GRAPH_FILE)
         split = read_split(content, graph, str(folder / "split.json"))
-    else:
-        graph = RecipeGraph.from_book(open_book(source, **options))
-        split = default_split(graph) if config is None else make_split(graph, config)
-    return OpenedGraph(graph, split, str(source))
+        return OpenedGraph(graph, split, str(source))
+    return _split(RecipeGraph.from_book(open_book(source, **options)), config, str(source))
+
+
+def _split(graph: RecipeGraph, config: SplitConfig | None, source: str) -> OpenedGraph:
+    split = default_split(graph) if config is None else make_split(graph, config)
+    return OpenedGraph(graph, split, source)
 
 
 def _read_graph(folder: Path) -> RecipeGraph:

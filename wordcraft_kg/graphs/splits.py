@@ -1,8 +1,8 @@
 """Split recipes into train, validation and test parts, and derive each part's triples.
 
 Recipes are split, not triples: a recipe of two gives four triples, and one of them in train would
-give the others away. Add a kind of split to :data:`SPLITS`, here or in your own code:
-``SPLITS["mood"] = SplitKind(moods, "...")``.
+give the others away. Add a kind of split to :data:`SPLITS`, here or by ``@split`` of
+:mod:`wordcraft_kg.plugins`.
 """
 
 import hashlib
@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import chain
 from operator import attrgetter
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import msgspec
@@ -29,7 +30,8 @@ from wordcraft_kg.base.errors import (
 )
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Hash, Record, as_values
-from wordcraft_kg.base.settings import one_of, require, whole
+from wordcraft_kg.base.registry import Registry, check_plugins
+from wordcraft_kg.base.settings import require, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.arrays import (
     Ids,
@@ -81,7 +83,7 @@ class SplitConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        one_of("kind", self.kind, tuple(SPLITS))
+        SPLITS.check("kind", self.kind)
         is_share = 0 < self.train_ratio < 1
         require(self, "train_ratio", is_share, "more than 0 and less than 1, such as 0.8")
         total = self.train_ratio + self.valid_ratio
@@ -355,6 +357,9 @@ class Split:
         }
         if self.published is not None:
             head["published"] = as_values(self.published)
+        plugins = SPLITS.plugins(self.config.kind)
+        if plugins:
+            head["plugins"] = plugins
         dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
         # Each label is encoded once, not in each of its recipes.
         texts = list(map(dump, self.graph.entities))
@@ -489,14 +494,8 @@ def read_split(
                 f"{graph.hash[:12]} ({graph.num_entities} entities). Build the graph again with "
                 "`wordcraft-kg build-graph`."
             )
-        kind = content["kind"]
-        if isinstance(kind, str) and kind not in SPLITS:
-            raise NotRegisteredError(
-                f"{where} is a split '{kind}', which is not registered; expected one of "
-                f"{', '.join(SPLITS)}. Register it in the program that opens the folder, by "
-                f"SPLITS['{kind}'] = SplitKind(groups, about) of wordcraft_kg.graphs.splits; "
-                "commands know the splits of this list alone."
-            )
+        plugins = msgspec.convert(content.get("plugins", {}), dict[str, Hash])
+        check_plugins(plugins, Path(where).parent)
         config = SplitConfig(**{field.name: content[field.name] for field in fields(SplitConfig)})
         # A recipe in no part keeps -1, so that the hash differs.
         parts = np.full(graph.num_recipes, -1, dtype=np.int8)
@@ -512,8 +511,8 @@ def read_split(
                 "Build the graph again."
             )
         return split
-    except NotRegisteredError:
-        raise
+    except NotRegisteredError as error:
+        raise NotRegisteredError(f"{where}: {error}") from None
     except (KeyError, TypeError, ConfigError, msgspec.ValidationError) as error:
         raise ArtefactError(
             f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again."
@@ -649,7 +648,7 @@ def _none(
 
 
 _PAIRS: Callable[[RecipeGraph], Ids] = attrgetter("pair_of_recipe")
-SPLITS = {
+_BUILT_IN = {
     "by-recipe": SplitKind(_PAIRS, "pairs are held out, every entity stays in train", _by_recipe),
     "by-recipe-plain": SplitKind(_PAIRS, "pairs are held out, train may lack entities"),
     "by-slot": SplitKind(_slots, "the ingredients of each result are held out", unit="slots"),
@@ -662,4 +661,5 @@ SPLITS = {
     ),
     "none": SplitKind(_PAIRS, "full graph only", _none),
 }
+SPLITS: Registry[SplitKind] = Registry("wordcraft_kg.splits", _BUILT_IN)
 """Methods of splitting recipes, by name."""

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from wordcraft_kg.base.errors import NotRegisteredError
-from wordcraft_kg.base.extras import Registry
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.base.registry import Registry
+from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph
 from wordcraft_kg.graphs.train_samples import TrainSample, is_subsample
 from wordcraft_kg.models.links.config import LinksConfig
 from wordcraft_kg.models.links.records import links_history
@@ -36,12 +36,12 @@ A new kind of model adds a function, here or by an entry point of the same name.
 """
 
 
-def open_model(folder: str | Path, graph: str | None = None) -> Model:
+def open_model(folder: str | Path, graph: GraphLike | None = None) -> Model:
     """Open a model folder: scorer, training graph and history.
 
     Args:
         folder: folder from a training command or ``save_scorer``.
-        graph: new path of the training graph, if it was moved; None for the path in the folder.
+        graph: the training graph, or its new path if it was moved; None for the recorded path.
 
     Raises:
         ArtefactError: if the folder is unfinished or damaged, or the graph is missing.

@@ -19,6 +19,7 @@ from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError
 from wordcraft_kg.base.records import as_record
 from wordcraft_kg.base.settings import FeatureSpec
+from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.graphs.library import without_prefix
 
 CONFIG_FILE = "config.toml"
@@ -34,12 +35,13 @@ class RunConfig:
 
     Attributes:
         commands: commands that accept the settings.
-        graph: graph folder, recipe book file or known book name.
+        graph: graph folder, recipe book file, known book name, or a graph. A run records the source
+            of an opened graph: to open the run by name, that has to be the graph's folder.
     """
 
     commands: ClassVar[tuple[str, ...]]
 
-    graph: str
+    graph: GraphLike
 
     @property
     def command(self) -> str:
@@ -109,7 +111,8 @@ def _taken(
     plain: list[tuple[Any, ...]] = []
     values: dict[str, Any] = {}
     for field in fields(kind):  # type: ignore[arg-type]
-        hint = hints[field.name]
+        # A file names the graph.
+        hint = str if field.name == "graph" else hints[field.name]
         groups = [
             kind_in_hint for kind_in_hint in (hint, *get_args(hint)) if is_dataclass(kind_in_hint)
         ]

@@ -21,6 +21,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+import msgspec
 from msgspec.structs import replace
 
 from wordcraft_kg.base.artefacts import (
@@ -33,7 +34,8 @@ from wordcraft_kg.base.artefacts import (
 )
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.base.records import Record, as_values, parse_lines, parse_record, read_record
-from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn, open_graph
+from wordcraft_kg.base.registry import check_plugins
+from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph, TrainedOn, open_graph
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -104,6 +106,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
         cross_fitted: number of cross-fitting folds in an agent's scorer; 0 if train tasks were
             scored by a model that has seen them.
         trackers: names of metric trackers, such as tensorboard.
+        plugins: SHA-256 of the plugin files that the run needs, by file name.
         missing_words: words in entity labels that have no word vector.
         outputs: SHA-256 of each file that training wrote, by name; empty until the run is done.
         resumed: all resumptions, in order.
@@ -124,6 +127,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     kg: TrainedOn | None = None
     cross_fitted: int = 0
     trackers: tuple[str, ...] = ()
+    plugins: dict[str, str] = msgspec.field(default_factory=dict)
     missing_words: tuple[str, ...] = ()
     outputs: dict[str, str]
     resumed: tuple[Resumption, ...] = ()
@@ -376,10 +380,16 @@ class RunFiles:
     Attributes:
         folder: the run folder.
         run: the run record, with the hashes.
+
+    Raises:
+        NotRegisteredError: if the run needs a plugin that is not loaded, or was changed.
     """
 
     folder: Path
     run: RunRecord
+
+    def __post_init__(self) -> None:
+        check_plugins(self.run.plugins, self.folder)
 
     def bytes(self, name: str) -> bytes:
         """Return the content of an input or output file as it was written, after a SHA-256 check.
@@ -434,18 +444,18 @@ class RunFiles:
 
         return read_tensors(self.folder / name, self.bytes(name))
 
-    def graph(self, source: str | OpenedGraph) -> OpenedGraph:
+    def graph(self, source: GraphLike) -> OpenedGraph:
         """Return the run's graph and split.
 
         Args:
-            source: where they are: a folder, a file or a book name; or the opened graph.
+            source: where they are: a folder, a file or a book name; or the graph.
 
         Raises:
             ArtefactError: if there is no such graph.
             GraphMismatchError: if graph or split are not those of the training.
         """
         try:
-            opened = open_graph(source) if isinstance(source, str) else source
+            opened = open_graph(source)
         except ArtefactError:  # a damaged graph folder is not a missing one
             raise
         except ValueError as error:

@@ -169,6 +169,7 @@ def train(
     # an earlier run in the folder.
     opened = open_graph(config.graph)
     config = trainer.settled(config, opened)
+    config = replace(config, graph=opened.source)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = checked_trackers(trackers)
     record = None if force else _earlier(folder, trainer.kind)

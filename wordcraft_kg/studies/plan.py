@@ -313,6 +313,7 @@ class _Planner:
         # Such splits also depend on kinds of entities, which neither hash nor settings cover.
         if SPLITS[split.config.kind].uses_kinds:
             described["split_hash"] = split.hash
+        described |= _recorded(SPLITS.plugins(split.config.kind))
         title = f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}"
         address = self._add("graphs", described, title)
         self.books[address] = book
@@ -400,6 +401,7 @@ class _Planner:
             settings |= {name: agent_settings[name] for name in PAPER if name in agent_settings}
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
+        described |= _recorded(config.plugins)
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
         needs = (graph,) if scorer is None else (graph, scorer)
         trainer = config.trainer
@@ -411,6 +413,11 @@ class _Planner:
         if key not in self._contents:
             self._contents[key] = content_of(features)
         return self._contents[key]
+
+
+def _recorded(plugins: dict[str, str]) -> dict[str, Any]:
+    """Return the hashes of plugin files for an address; another content is another training."""
+    return {"plugins": sorted(plugins.values())} if plugins else {}
 
 
 def content_of(features: Value | None) -> dict[str, str]:

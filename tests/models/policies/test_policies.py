@@ -473,7 +473,7 @@ REFUSED = {
     ("setting", "value"), [(name, value) for name, values in REFUSED.items() for value in values]
 )
 def test_a_setting_that_cannot_be_is_refused_by_its_name(setting, value):
-    with refuses(setting, NotRegisteredError if setting == "use" else ConfigError):
+    with refuses(setting, NotRegisteredError if setting in ("use", "policy") else ConfigError):
         PolicyConfig(**{setting: value})
 
 

@@ -339,7 +339,7 @@ def test_a_changed_or_missing_file_is_named(folder, name):
         {"format": "wordcraft-kg policy 0"},
         *(
             {"settings": value}
-            for value in (None, {"policy": "magic"}, {"use": 5}, {"key_size": "5"}, {"unheard": 1})
+            for value in (None, {"policy": 5}, {"use": 5}, {"key_size": "5"}, {"unheard": 1})
         ),
         {"settings": {**SIZES, "features": "random", "key_size": 6}},
         {"settings": {**SIZES, "features": "random", "policy": "mlp"}},

@@ -12,6 +12,7 @@ from helpers import refuses
 from small_scorers import BareScorer, scaled_scorer, states as states_of
 
 import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg import plugins
 from wordcraft_kg.agents import states as engine_states
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
@@ -30,9 +31,8 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.policies.sources import (
     ALPHA,
-    LABELS,
+    SOURCES,
     Label,
-    installed_sources,
     label_of,
     registry,
     shown_setting,
@@ -41,7 +41,6 @@ from wordcraft_kg.models.policies.sources import (
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import (
     make_sources,
-    register_source,
     source_class,
 )
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
@@ -325,11 +324,10 @@ class Triple(Source):
 @pytest.fixture(params=["registered", "installed"])
 def third(request, monkeypatch, tmp_path):
     """Make the source known by a call, or by the entry point of an installed package."""
-    monkeypatch.setattr(registry, "_CLASSES", {**registry._CLASSES})
-    for name in {*LABELS} - {"u", "v", "w"}:
-        monkeypatch.delitem(LABELS, name)
+    monkeypatch.setattr(SOURCES, "_known", {**SOURCES._known})
+    monkeypatch.setattr(SOURCES, "_points", None)
     if request.param == "registered":
-        register_source(Triple)
+        plugins.source("third")(Triple)
     else:
         monkeypatch.setitem(sys.modules, "their_sources", SimpleNamespace(Triple=Triple))
         about = tmp_path / "site" / "theirs-1.0.dist-info"
@@ -339,10 +337,6 @@ def third(request, monkeypatch, tmp_path):
             "[wordcraft_kg.sources]\nthird = their_sources:Triple\n"
         )
         monkeypatch.syspath_prepend(tmp_path / "site")
-        installed_sources.cache_clear()
-    yield
-    LABELS.pop("third", None)
-    installed_sources.cache_clear()
 
 
 def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path, monkeypatch):
@@ -372,19 +366,16 @@ def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path,
     assert all(abs(slot.sources["third"]) <= 1 for slot in other.steps[0].slots)
     assert find_term("third").name == label_of("third").words == "third"
     # Another process does not know the source; its folder is whole.
-    LABELS.pop("third", None)
     monkeypatch.undo()
-    installed_sources.cache_clear()
     for open_it in (load_policy, open_agent):
-        with pytest.raises(NotRegisteredError, match=r"'third' is not registered.*register_source"):
+        with pytest.raises(NotRegisteredError, match=r"'third' is not registered.*--plugin"):
             open_it(trained.folder)
 
 
 @pytest.mark.parametrize("name", ["alpha", "u", "w", "combines", "plan"])
 def test_a_source_may_not_take_the_name_of_one_that_is_built_in(name):
-    taking = type("Taking", (Triple,), {"label": Label(name, "x", "anything")})
     with pytest.raises(ConfigError, match="built in"):
-        register_source(taking)
+        plugins.source(name)(Triple)
     with pytest.raises(ConfigError, match=r"combines \(u\), component \(v\), recipe \(w\)"):
         source_class("nowhere")
 

@@ -16,7 +16,8 @@ from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.envs.words import results_of, table_labels
-from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.graphs.recipes import Recipe
 
 HUMAN_PARTS = ("train", "test")

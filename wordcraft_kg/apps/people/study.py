@@ -41,7 +41,7 @@ from wordcraft_kg.base.artefacts import (
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.base.records import Count, Hash, Record, as_values, parse_record
-from wordcraft_kg.envs.world import GraphLike
+from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.runs.run_folder import locked_folder
 
 STUDY_FILE = "study.json"

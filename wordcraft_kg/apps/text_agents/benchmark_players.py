@@ -32,8 +32,8 @@ from wordcraft_kg.apps.text_agents.submission import (
 )
 from wordcraft_kg.base.artefacts import check_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
-from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import as_lines
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.open_ended import Discovery

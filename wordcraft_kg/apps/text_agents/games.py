@@ -12,7 +12,8 @@ from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of
-from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
 

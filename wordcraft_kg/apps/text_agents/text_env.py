@@ -16,7 +16,8 @@ from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.words import characters
-from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import GraphLike
 
 LONGEST_ACTION = 10_000
 """Characters of an action in the space; of a longer one the last are read."""

@@ -4,10 +4,12 @@ Imports no torch, so that commands show these settings in ``--help`` at once. Th
 the help text of each option.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
+from wordcraft_kg.base.registry import REMEDY, Registry
 from wordcraft_kg.base.settings import (
     MAX_DIM,
     nearest,
@@ -17,7 +19,8 @@ from wordcraft_kg.base.settings import (
     whole,
 )
 from wordcraft_kg.models.policies.sources import (
-    REGISTER,
+    BUILT_IN,
+    SOURCES,
     SPELLED,
     short_name,
     source_names,
@@ -26,7 +29,9 @@ from wordcraft_kg.models.policies.sources import (
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
 
-PolicyKind = Literal["pairs", "attention", "mlp"]
+BUILT_IN_POLICIES = ("pairs", "attention", "mlp")
+POLICIES: Registry[Callable[[int], Any]] = Registry("wordcraft_kg.policies")
+"""Own networks by name: what makes one for entity vectors of a length, see ``network``."""
 Mixing = Literal["softmax", "free", "residual"]
 _ValueReadout = Literal["softmax", "logits"]
 _MOST_DROPPED = 0.99
@@ -39,9 +44,9 @@ class PolicyConfig:
 
     Attributes:
         policy: pairs (a network that scores pairs of items for the goal), attention (self-attention
-            over the table, as in the paper) or mlp (a hidden layer on the ordered table, the
-            paper's baseline; for a fixed table size). Default: pairs; attention in the paper's
-            preset, with ``kg_only`` or another mixing, and for ``make_policy``.
+            over the table, as in the paper), mlp (a hidden layer on the ordered table, the
+            paper's baseline; for a fixed table size), or a plugin's. Default: pairs; attention in
+            the paper's preset, with ``kg_only`` or another mixing, and for ``make_policy``.
         features: entity vectors: glove, minilm, auto, one-hot, random, learned, shuffled:<any but
             learned>, a vector file, or a folder from encode.
         pooling: combines word vectors for labels with several words: mean or max.
@@ -92,7 +97,7 @@ class PolicyConfig:
         ('v', 'p')
     """
 
-    policy: PolicyKind | None = None
+    policy: str | None = None
     features: str = "glove"
     pooling: Pooling = "mean"
     allow_missing: bool = False
@@ -125,7 +130,9 @@ class PolicyConfig:
                 getattr(self, name),
                 get_args(PolicyConfig.__annotations__[name]),
             )
-        for name, choices in (("policy", PolicyKind), ("mixing", Mixing), ("scale", Scale)):
+        if self.policy is not None:
+            POLICIES.check("policy", self.policy, BUILT_IN_POLICIES)
+        for name, choices in (("mixing", Mixing), ("scale", Scale)):
             if getattr(self, name) is not None:
                 one_of(name, getattr(self, name), get_args(choices))
         for name in ("key_size", "value_size", "hidden_size", "pair_size", "embedding_size"):
@@ -138,7 +145,7 @@ class PolicyConfig:
             value = getattr(self, name)
             is_open = name in ("weigh_plans", "sees_attempts") and value is None
             require(self, name, is_open or isinstance(value, bool), "true or false")
-        if self.sees_attempts and self.policy == "mlp":
+        if self.sees_attempts and self.policy not in (None, "pairs", "attention"):
             raise ConfigError("`sees_attempts` needs `policy` pairs or attention.")
         # Files of runs and addresses of studies know the short names alone.
         short = ",".join(map(short_name, self._named))
@@ -152,7 +159,7 @@ class PolicyConfig:
     def closed(
         self,
         *,
-        policy: PolicyKind = "attention",
+        policy: str = "attention",
         sees_attempts: bool = False,
         has_scorer: bool = True,
         mixing: Mixing = "free",
@@ -164,7 +171,8 @@ class PolicyConfig:
             policy: value of ``policy`` if it was left open.
             sees_attempts: value of ``sees_attempts`` if it was left open.
             has_scorer: whether there are scores; without, the scale changes nothing.
-            mixing: value of ``mixing`` if it was left open, but for pairs, which have residual.
+            mixing: value of ``mixing`` if it was left open, but for pairs and plugins' networks,
+                which have residual.
             weigh_plans: value of ``weigh_plans`` if it was left open.
         """
         kind = self.policy or policy
@@ -172,13 +180,17 @@ class PolicyConfig:
         scale = self.scale
         if scale is None:
             scale = "none" if sees and has_scorer else "ranks"
+        form = self.mixing or ("residual" if kind == "pairs" else mixing)
+        if kind not in BUILT_IN_POLICIES:
+            # A plugin's network has one form, whatever a study sets for all its variants.
+            form = "residual"
         weighs = weigh_plans if self.weigh_plans is None else self.weigh_plans
         return replace(
             self,
             policy=kind,
             sees_attempts=sees,
             scale=scale,
-            mixing=self.mixing or ("residual" if kind == "pairs" else mixing),
+            mixing=form,
             weigh_plans=weighs,
         )
 
@@ -194,6 +206,11 @@ class PolicyConfig:
         return self.mixing or "free"
 
     @property
+    def plugins(self) -> dict[str, str]:
+        """Hashes of the plugin files that the policy needs, by file name."""
+        return POLICIES.plugins(self.policy or "") | SOURCES.plugins(*self.sources)
+
+    @property
     def _named(self) -> list[str]:
         """Names in ``use``, as given."""
         return [source.strip() for source in self.use.split(",")]
@@ -207,12 +224,13 @@ class PolicyConfig:
         """
         # The order of λ is fixed, so that "v,u" and "u,v" name the same policy.
         names = self._named
-        labels = source_names()
-        unknown = [source for source in names if source not in labels]
+        unknown = [name for name in names if name not in BUILT_IN and name not in SOURCES]
         if unknown:
+            labels = source_names()
             hint = nearest(unknown[0], (*SPELLED, *labels))
             raise NotRegisteredError(
                 f"`use` {self.use!r}: expected names among {with_letters(labels)}, "
-                f"comma-separated; the source '{unknown[0]}' is not registered.{hint} {REGISTER}"
+                f"comma-separated; the source '{unknown[0]}' is not registered.{hint} {REMEDY}"
             )
-        return tuple(source for source in labels if source in names)
+        built_in = [name for name in BUILT_IN if name in names]
+        return (*built_in, *sorted({*names} - BUILT_IN.keys()))

@@ -29,13 +29,15 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.attention import AttentionPolicy
-from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.config import POLICIES, PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
+from wordcraft_kg.models.policies.network import NetworkPolicy
 from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
-from wordcraft_kg.models.policies.sources import with_letters
+from wordcraft_kg.models.policies.sources import need_no_scorer, with_letters
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, share_lists
+from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
@@ -111,6 +113,9 @@ def make_policy(
             seed=seed,
         )
     sources: list[Source] = []
+    if scorer is None and need_no_scorer(config.sources):
+        # These sources read the labels alone.
+        scorer = SymbolicScorer(graph, graph.triples[:0])
     if scorer is not None:
         if config.policy == "mlp":
             raise ConfigError("`policy` mlp cannot mix in scorer scores; leave out `scorer`.")
@@ -156,6 +161,8 @@ def _policy(
         return MLPPolicy(config, vectors, num_slots)
     if config.policy == "pairs":
         return PairPolicy(config, vectors, sources)
+    if config.policy is not None and config.policy in POLICIES:
+        return NetworkPolicy(config, vectors, sources, POLICIES[config.policy](vectors.dim))
     return AttentionPolicy(config, vectors, sources, most_picks=most_picks)
 
 
@@ -312,7 +319,8 @@ def save_policy(
         write_constants(staging, policy)
         write_parameters(staging, policy)
         write_atomically(staging / "README.md", _card(policy))
-        run = start_run(staging, "save-policy", inputs={"graph": policy.graph_hash})
+        inputs = {"graph": policy.graph_hash}
+        run = start_run(staging, "save-policy", inputs=inputs, plugins=policy.config.plugins)
         end_run(staging, run, "done", _POLICY_FILES)
     return out
 

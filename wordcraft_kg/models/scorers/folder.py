@@ -18,8 +18,8 @@ import torch
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, reason
-from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import Record, as_values
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.tensors import MAX_WEIGHT, check_tensors, copied, largest, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
@@ -38,6 +38,7 @@ from wordcraft_kg.models.scorers.ranking import (
 )
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
+from wordcraft_kg.models.scorers.set_table import SetTableScorer
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.runs.record import RunFiles, read_finished_run
 
@@ -59,9 +60,10 @@ TRAIN_RESULTS = "train_results"
 """Name of the tensor with the train sample's results; absent for unchanged train recipes."""
 MODEL = "a model folder from train-complex, train-links or train-recipes"
 
+_STORED = (ComplExScorer, TableScorer, RecipeScorer, SetScorer, SetTableScorer)
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models",
-    {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer, SetScorer)},
+    {kind.kind: kind for kind in _STORED},
 )
 """Stored scorers by kind, the key in ``vocabulary.json``."""
 

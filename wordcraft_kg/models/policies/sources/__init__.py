@@ -12,21 +12,19 @@ names only, and imports no torch, so that ``--help`` stays fast::
     sources = make_sources(["combines", "component"], load_scorer("models/mine"))
     sources[0](States(goal, selection, table))
 
-To add a source, subclass :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry
-point in the group ``wordcraft_kg.sources`` makes the source known to all commands;
-:func:`~wordcraft_kg.models.policies.sources.registry.register_source` registers in the running
-process only. Free to change: how a source computes its scores, and new sources. Not free: a
-source's name, and the names, types and shapes of its buffers, which are in the folders of existing
-policies.
+To add a source, subclass :class:`~wordcraft_kg.models.policies.sources.source.Source`, or write a
+function that scores entities for goals, below ``@source`` of :mod:`wordcraft_kg.plugins`. An entry
+point in the group ``wordcraft_kg.sources`` names one, too. Free to change: how a source computes
+its scores, and new sources. Not free: a source's name, and the names, types and shapes of its
+buffers, which are in the folders of existing policies.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
-GROUP = "wordcraft_kg.sources"
-"""Entry point group of sources: name and class."""
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.registry import Registry
 
 
 @dataclass(frozen=True)
@@ -87,6 +85,14 @@ V = Label(
     "ingredient score",
     "The scorer's componentOf score for a slot with the goal.",
 )
+T = Label(
+    "t",
+    "t",
+    "in the table with its best partner",
+    "table score",
+    "The score that a table of scores from elsewhere gives a slot and the selection for the goal; "
+    "without selection, with the best partner; 0 where the table has none.",
+)
 W = Label(
     "w",
     "w",
@@ -95,25 +101,31 @@ W = Label(
     "How plausible a slot and the selection are as a recipe for the goal; "
     "without selection, with the best partner.",
 )
-BUILT_IN = {label.name: label for label in (U, V, W)}
-LABELS = dict(BUILT_IN)
-"""Labels by name, for built-in and registered sources."""
-SPELLED = {"combines": "u", "component": "v", "recipe": "w", "plan": "p"}
+BUILT_IN = {label.name: label for label in (U, V, W, T)}
+SOURCES: Registry[Any] = Registry("wordcraft_kg.sources")
+"""Classes of all other sources by name; those of :data:`BUILT_IN` are in ``registry``."""
+SPELLED = {"combines": "u", "component": "v", "recipe": "w", "table": "t", "plan": "p"}
 """Names for people by name in records. Settings take both; records, addresses and formulas keep the
 short ones, so that results from before the longer names stay valid. A dictionary here and not a
 field of the label, because the label of p lies in a module that imports torch."""
 
 
-REGISTER = (
-    "Install the package that provides the source, or call register_source in this program first."
-)
-"""Remedy for an unknown source."""
+def check_new_source(name: str) -> None:
+    """Check that a source to register has a name of its own.
+
+    Raises:
+        ConfigError: for a name of a built-in source, which policies in existing folders use, or for
+            its longer name, such as ``combines``.
+    """
+    if name == ALPHA.name or name in BUILT_IN or name in SPELLED:
+        raise ConfigError(f"the source '{name}' is built in; choose another name.")
 
 
-@cache
-def installed_sources() -> dict[str, EntryPoint]:
-    """Return the sources of installed packages by name, as entry points that are not loaded yet."""
-    return {point.name: point for point in entry_points(group=GROUP)}
+def need_no_scorer(names: Iterable[str]) -> bool:
+    """Return whether sources, by short name, score without a scorer."""
+    return all(
+        name in SOURCES and not getattr(SOURCES[name], "needs_scorer", True) for name in names
+    )
 
 
 def source_names() -> tuple[str, ...]:
@@ -121,8 +133,7 @@ def source_names() -> tuple[str, ...]:
 
     The order is that of the mixing weights λ in a policy.
     """
-    plug_ins = {*LABELS, *installed_sources()} - BUILT_IN.keys()
-    return (*BUILT_IN, *sorted(plug_ins))
+    return (*BUILT_IN, *sorted(SOURCES))
 
 
 def short_name(name: str) -> str:
@@ -156,7 +167,5 @@ def label_of(name: str) -> Label:
     name = short_name(name)
     if name == ALPHA.name:
         return ALPHA
-    if name in LABELS:
-        return LABELS[name]
-    label: Label = installed_sources()[name].load().label
+    label: Label = BUILT_IN[name] if name in BUILT_IN else SOURCES[name].label
     return label

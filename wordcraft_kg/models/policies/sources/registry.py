@@ -2,18 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TypeVar
 
 from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
+from wordcraft_kg.base.registry import REMEDY
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import (
-    ALPHA,
-    BUILT_IN,
-    LABELS,
-    REGISTER,
-    SPELLED,
-    installed_sources,
+    SOURCES,
     short_name,
     source_names,
     with_letters,
@@ -21,36 +16,15 @@ from wordcraft_kg.models.policies.sources import (
 from wordcraft_kg.models.policies.sources.pairs import CombinesWith, ComponentOf
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import AS_IS, ScoreView, Source
+from wordcraft_kg.models.policies.sources.tables import SetTable
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, Scale
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES
 
-_SourceT = TypeVar("_SourceT", bound=type[Source])
-
-_CLASSES: dict[str, type[Source]] = {
-    kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe)
+_BUILT_IN: dict[str, type[Source]] = {
+    kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe, SetTable)
 }
-
-
-def register_source(kind: _SourceT) -> _SourceT:
-    """Register a source by ``kind.label.name``, in this process only; works as a decorator.
-
-    An entry point in the group ``wordcraft_kg.sources`` registers a source for all commands. An
-    earlier source with the same name is replaced.
-
-    Raises:
-        ConfigError: for a name of a built-in source, which policies in existing folders use, or for
-            its longer name, such as ``combines``.
-    """
-    name = kind.label.name
-    if name == ALPHA.name or name in BUILT_IN or name in SPELLED:
-        raise ConfigError(
-            f"the source '{name}' is built in; give the label of {kind.__name__} another name."
-        )
-    _CLASSES[name] = kind
-    LABELS[name] = kind.label
-    return kind
 
 
 def source_class(name: str) -> type[Source]:
@@ -63,16 +37,15 @@ def source_class(name: str) -> type[Source]:
         ConfigError: if no source has this name.
     """
     name = short_name(name)
-    if name not in _CLASSES:
-        point = installed_sources().get(name)
-        if point is None:
-            raise NotRegisteredError(
-                f"the source '{name}' is not registered; expected a name among "
-                f"{with_letters(source_names())}. {REGISTER}"
-            )
-        # Loading imports the other package, so only now, and not for `--help`.
-        register_source(point.load())
-    return _CLASSES[name]
+    if name in _BUILT_IN:
+        return _BUILT_IN[name]
+    if name not in SOURCES:
+        raise NotRegisteredError(
+            f"the source '{name}' is not registered; expected a name among "
+            f"{with_letters(source_names())}. {REMEDY}"
+        )
+    kind: type[Source] = SOURCES[name]
+    return kind
 
 
 def tables_are_too_large(

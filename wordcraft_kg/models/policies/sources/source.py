@@ -197,6 +197,7 @@ class Source(nn.Module, ABC):
         reads_attempts: True if scores depend on ``states.attempts``, which are then required.
         takes_sets: True if the source can score with several selected entities.
         scores_combine: True if the source scores the action to combine, too.
+        needs_scorer: False if the source asks nothing of a scorer but its labels.
         num_entities: E, also the id for empty slots and no selection.
         graph_hash: content hash of the recipe graph; empty for sources restored with a policy.
     """
@@ -206,6 +207,7 @@ class Source(nn.Module, ABC):
     reads_attempts: ClassVar[bool] = False
     takes_sets: ClassVar[bool] = False
     scores_combine: ClassVar[bool] = False
+    needs_scorer: ClassVar[bool] = True
 
     def __init__(self, num_entities: int):
         """Prepare a source for E entities, without buffers."""

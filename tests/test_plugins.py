@@ -1,0 +1,225 @@
+"""Own ideas in a file: from training to a comparison, and nothing runs that the user did not name."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wordcraft_kg import (
+    AgentConfig,
+    ImpalaConfig,
+    PolicyConfig,
+    SplitConfig,
+    TaskConfig,
+    WordCraftConfig,
+    World,
+    load_plugin,
+    load_policy,
+    make_split,
+    open_agent,
+    open_book,
+    open_graph,
+    save_policy,
+    train_agent,
+    write_graph_folder,
+)
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.base import registry
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
+from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.runs.record import read_run
+from wordcraft_kg.studies.plan import make_plan
+from wordcraft_kg.studies.study import Study, parse_study
+
+EXAMPLES = Path(__file__).parents[1] / "examples" / "plugins"
+FILES = {name: EXAMPLES / f"{name}.py" for name in ("network", "letters", "haste", "initials")}
+
+
+pytestmark = pytest.mark.usefixtures("forget_plugins")
+
+
+def config_on(graph):
+    """Settings of an agent with an own network, source and reward."""
+    tasks = TaskConfig(reward="haste", distractors=2)
+    policy = PolicyConfig("bilinear", use="letters")
+    return AgentConfig(graph, None, tasks, policy, ImpalaConfig(steps=512, eval_every=0))
+
+
+@pytest.fixture
+def folder(forget_plugins, tmp_path):
+    """A run with all four, whose plugins are forgotten afterwards."""
+    for file in FILES.values():
+        load_plugin(file)
+    split = make_split(open_graph("kitchen").graph, SplitConfig("by-initial", seed=1))
+    write_graph_folder(tmp_path / "graph", open_book("kitchen"), split)
+    trained = train_agent(config_on(str(tmp_path / "graph")), tmp_path / "run")
+    forget_plugins()
+    return trained.folder
+
+
+@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.py")), ids=lambda file: file.stem)
+def test_an_own_idea_has_at_most_25_lines(file):
+    assert len(file.read_text().splitlines()) <= 25
+
+
+def test_a_run_records_its_plugins_and_opens_with_them_alone(folder, tmp_path):
+    hashes = {file.name: sha256_of(file) for file in FILES.values()}
+    assert read_run(folder).plugins == hashes
+    for open_it in (open_agent, load_policy):
+        with pytest.raises(
+            NotRegisteredError, match=f"'network.py' with SHA-256 {hashes['network.py']}"
+        ):
+            open_it(folder)
+    for file in FILES.values():
+        load_plugin(file)
+    agent = open_agent(folder)
+    assert list(agent.policy.sources) == ["letters"]
+    copy = load_policy(save_policy(tmp_path / "copy", agent.policy))
+    assert copy.act("bread", ["flour", "water"]) == agent.policy.act("bread", ["flour", "water"])
+    assert read_run(tmp_path / "copy").plugins == {
+        name: hashes[name] for name in ("network.py", "letters.py")
+    }
+    assert Explored.open(str(tmp_path / "graph"), runs=[folder]).runs
+
+
+def test_a_changed_plugin_is_refused_with_both_hashes(folder, tmp_path):
+    changed = tmp_path / "network.py"
+    changed.write_text(FILES["network"].read_text() + "\n# changed\n")
+    load_plugin(changed)
+    with pytest.raises(
+        NotRegisteredError, match=f"{sha256_of(FILES['network'])}.*{sha256_of(changed)}"
+    ):
+        open_agent(folder)
+
+
+def test_a_graph_folder_asks_for_the_plugin_of_its_split(folder):
+    with pytest.raises(NotRegisteredError, match=r"'initials.py' with SHA-256"):
+        open_graph(folder.parent / "graph")
+
+
+def test_commands_take_plugins_before_and_after_their_name(run, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = [word for file in FILES.values() for word in ("--plugin", file)]
+    assert run(*options, "explain", folder, "--episodes", 1).out.count("letters") > 1
+    assert run("compare", folder, "--episodes", 0, *options, "--out", "c").code == 0
+    player = f"--plugin={EXAMPLES / 'longest.py'}"
+    few = ("--distractors", 1, "--distractor-seeds", 1)
+    assert "longest names" in run("evaluate-agent", "kitchen", *few, player).out
+
+
+@pytest.mark.parametrize("where", ["before", "after"])
+def test_without_its_plugin_a_command_says_which_one_is_needed(run, folder, where):
+    words = ["explain", folder]
+    other = ["--plugin", FILES["haste"]]
+    failed = run(*(other + words if where == "before" else words + other))
+    assert (failed.code, failed.out) == (1, "")
+    assert "needs the plugin 'network.py'" in failed.err
+    assert "Traceback" not in failed.err
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("1 / 0\n", "line 1 cannot be run (ZeroDivisionError"),
+        ("def broken(:\n", "cannot be run (SyntaxError"),
+        (
+            "from wordcraft_kg.plugins import reward\nreward('sparse')(print)\n",
+            "'sparse' in plugin",
+        ),
+        ("from wordcraft_kg.plugins import source\nsource('plan')(print)\n", "'plan' is built in"),
+        (None, "no such file"),
+    ],
+)
+def test_a_faulty_plugin_is_refused_without_a_traceback(run, tmp_path, text, says):
+    file = tmp_path / "mine.py"
+    if text is not None:
+        file.write_text(text)
+    failed = run("books", "--plugin", file)
+    assert (failed.code, failed.out) == (1, "")
+    assert says in failed.err
+    assert "Traceback" not in failed.err
+
+
+def test_nothing_that_a_stranger_gives_loads_a_plugin(run, folder, tmp_path):
+    evil = tmp_path / "evil.py"
+    evil.write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
+    (tmp_path / "c.toml").write_text(f"[explain]\nplugin = {json.dumps(str(evil))}\n")
+    failed = run("explain", folder, "--config", tmp_path / "c.toml")
+    assert (failed.code, "names no program to run" in failed.err) == (1, True)
+    with pytest.raises(ConfigError, match="unknown setting"):
+        parse_study(f"title = 'x'\n[settings]\nplugin = '{evil}'\n[variants.a]\n", "study")
+    # A run folder and a graph folder that name the file, as a plugin and among the settings.
+    for path, key in ((folder / "run.json", "plugins"), (tmp_path / "graph/split.json", "plugins")):
+        content = json.loads(path.read_text())
+        content[key] = {str(evil): sha256_of(evil)}
+        path.write_text(json.dumps(content))
+    config = folder / "config.toml"
+    config.write_text(config.read_text() + f"plugin = {json.dumps(str(evil))}\n")
+    for words in (("explain", folder), ("describe", tmp_path / "graph")):
+        assert run(*words).code == 1
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_corrected_file_takes_the_place_of_the_earlier_one(tmp_path):
+    file = tmp_path / "mine.py"
+    for factor in (2, 3):
+        file.write_text(
+            "from wordcraft_kg.plugins import reward\n\n\n@reward('more')\n"
+            f"def more(before, after, step):\n    return {factor} * step.reward\n"
+        )
+        assert load_plugin(file).sha256 == load_plugin(file).sha256 == sha256_of(file)
+    assert registry.loaded_plugins() == (load_plugin(file),)
+    engine = BatchEngine(World.open("kitchen", WordCraftConfig(reward="more")), 512)
+    state = engine.reset(0)
+    rewards = []
+    for _ in range(10):
+        state, step = engine.step(state, state.random_actions(np.full(512, 0.3)))
+        rewards += step.reward[step.outcome == GOAL].tolist()
+    assert set(rewards) == {3.0}
+
+
+def test_a_study_knows_the_content_of_a_plugin(tmp_path, monkeypatch):
+    load_plugin(FILES["haste"])
+    settings = {"book": "kitchen", "steps": 64, "reward": "haste"}
+    study = Study("An own reward", {"a": {}}, seeds=1, settings=settings)
+    (address,) = make_plan(study, "own").runs
+    assert make_plan(study, "own").tasks[address].settings["plugins"] == [sha256_of(FILES["haste"])]
+
+
+@pytest.mark.slow
+def test_workers_of_a_study_load_the_plugins(run, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(
+        "title = 'Own'\nseeds = 1\n[settings]\nbook = 'kitchen'\nsteps = 256\n"
+        "[variants.theirs]\n[variants.mine]\npolicy = 'bilinear'\nreward = 'haste'\n"
+    )
+    options = [word for file in FILES.values() for word in ("--plugin", file)]
+    done = run("reproduce", study, *options, "--jobs", 2, "--out", tmp_path / "results", "--json")
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["studies"]["study"]["failed"] == {}
+
+
+@pytest.mark.slow
+def test_an_own_network_learns(tmp_path):
+    load_plugin(FILES["network"])
+    config = AgentConfig(
+        open_graph("kitchen"),
+        tasks=TaskConfig(distractors=2),
+        policy=PolicyConfig("bilinear"),
+        trainer=ImpalaConfig(steps=100_000, eval_every=0),
+    )
+    summary = train_agent(config, tmp_path / "run").summary
+    # Chance is .2 on these tables.
+    assert summary.success["train"].mean > 0.6
+
+
+def test_functions_take_an_opened_graph(tmp_path):
+    graph = open_graph("kitchen").graph
+    opened = open_graph(graph, SplitConfig("by-goal", seed=3))
+    trainer = ImpalaConfig(steps=64, eval_every=0)
+    run = train_agent(AgentConfig(opened, trainer=trainer), tmp_path / "run").folder
+    assert open_agent(run, opened).opened is opened
+    with pytest.raises(ConfigError, match="`graph` 5"):
+        open_graph(5)

@@ -1,0 +1,77 @@
+"""A network of one's own as a policy: it gives logits and values, sources are mixed in here."""
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor, nn
+from torch.func import functional_call
+
+from wordcraft_kg.models.policies.attention import SourceWeights, mix_logits
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights
+from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.policies.states import States
+
+_NETWORK = "network."
+"""Prefix of the network's parameters among the weights."""
+
+
+class NetworkPolicy(Policy):
+    """A network for slots, ``network(states, vectors) -> (logits, value)``, alone or with sources.
+
+    The network gets B states, with A slots, and the entity vectors, shape (E + 1, F), of which the
+    last row is zeros: ``vectors[states.table]`` has shape (B, A, F), and an empty slot or no
+    selection the vector 0. It returns logits (B, A) for tables of any size, and values (B,). Empty
+    slots are masked here, and the scores of sources added, each times a learned number.
+    """
+
+    def __init__(
+        self,
+        config: PolicyConfig,
+        vectors: EntityVectors,
+        sources: Iterable[Source],
+        network: nn.Module,
+    ):
+        """Take a network; the other arguments are those of the base class."""
+        super().__init__(config, vectors, sources)
+        self.network = network
+        if self.sources:
+            self.lambdas = SourceWeights(self.first_lambdas()[-len(self.sources) :])
+
+    def weights(  # noqa: D102 - inherited
+        self, generator: torch.Generator | None = None
+    ) -> Weights:
+        # One-hot vectors are written out here, for a network that knows no short cut.
+        size = self.num_entities
+        device = next(self.network.parameters()).device
+        weights = self.vectors.weights() or {"vectors": torch.eye(size + 1, size, device=device)}
+        # By name, so that an actor may lag behind the learner.
+        for name, parameter in self.network.named_parameters():
+            weights[_NETWORK + name] = parameter
+        if self.sources:
+            lambdas = self.lambdas()
+            weights["lambdas"] = torch.cat(
+                [lambdas.new_ones(len(self.labels) - len(lambdas)), lambdas]
+            )
+        return weights
+
+    def output(  # noqa: D102 - inherited
+        self,
+        states: States,
+        weights: Weights,
+        external_scores: Tensor | None,
+    ) -> PolicyOutput:
+        parameters = {
+            name.removeprefix(_NETWORK): tensor
+            for name, tensor in weights.items()
+            if name.startswith(_NETWORK)
+        }
+        logits, value = functional_call(self.network, parameters, (states, weights["vectors"]))
+        mask = states.slot_mask(self.num_entities)
+        if external_scores is None:
+            return PolicyOutput(logits.masked_fill(~mask, -torch.inf), value)
+        sources = external_scores
+        if not self.config.kg_only:
+            sources = torch.cat([logits[:, None], external_scores], dim=1)
+        lambdas = weights["lambdas"].expand(len(logits), -1)
+        return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)

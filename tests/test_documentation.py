@@ -24,9 +24,8 @@ from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.registry import load_plugin
 from wordcraft_kg.cli import main, make_app, without_plugins
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.graphs import Recipe, RecipeGraph, open_book, open_graph
+from wordcraft_kg.graphs import Recipe, RecipeGraph, open_book, open_graph, write_graph_folder
 from wordcraft_kg.graphs.export import export_graph
-from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 ROOT = Path(__file__).parents[1]

@@ -25,9 +25,7 @@ from wordcraft_kg import (
     write_graph_folder,
 )
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.base import registry
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
+from wordcraft_kg.base import ConfigError, NotRegisteredError, registry, sha256_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import make_plan

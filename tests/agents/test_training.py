@@ -31,12 +31,12 @@ from wordcraft_kg.agents.config import TABLES
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.plan_weights import fit_plan_weights
 from wordcraft_kg.agents.training import AgentTraining, _warn_of_self_pairs
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     GraphMismatchError,
     TrainingError,
+    sha256_of,
 )
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links

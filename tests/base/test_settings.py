@@ -8,20 +8,23 @@ import numpy as np
 import pytest
 
 from wordcraft_kg import ComplExConfig, ImpalaConfig, LinkModelConfig, PolicyConfig
-from wordcraft_kg.base import registry, settings
-from wordcraft_kg.base.errors import ConfigError, reason
-from wordcraft_kg.base.progress import listening, stage, steps
-from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.settings import (
+from wordcraft_kg.base import (
     MAX_DIM,
     MAX_SIZE,
-    MOST,
+    ConfigError,
     check_memory,
-    memory,
+    listening,
     number_in,
     positive,
+    reason,
+    registry,
+    settings,
+    stage,
+    steps,
     whole,
 )
+from wordcraft_kg.base.registry import Registry
+from wordcraft_kg.base.settings import MOST, memory
 
 
 @pytest.mark.parametrize(

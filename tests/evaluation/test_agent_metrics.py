@@ -24,8 +24,7 @@ from wordcraft_kg.agents.players import BEST_PAIR, NEAREST_WORDS, scorer_players
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.evaluation.agent_metrics import MADE, NOT_MADE, OPEN_END, binned, source_gains
 from wordcraft_kg.evaluation.discovery import ORACLES, open_guide, view_discovery
-from wordcraft_kg.graphs import Recipe, RecipeGraph
-from wordcraft_kg.graphs.folder import write_graph_folder
+from wordcraft_kg.graphs import Recipe, RecipeGraph, write_graph_folder
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer

@@ -18,9 +18,7 @@ from wordcraft_kg.evaluation.suggestions import (
     suggest,
     varied,
 )
-from wordcraft_kg.graphs.book_files import read_book
-from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs import Recipe, layers, read_book
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,7 @@ import pytest
 import torch
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError
+from wordcraft_kg.base import ArtefactError, ConfigError, NotRegisteredError, sha256_of
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.models.folder import MODELS, open_model
 from wordcraft_kg.models.scorers.folder import load_scorer

@@ -17,8 +17,7 @@ from wordcraft_kg.agents.records import (
     read_metrics,
     read_summary,
 )
-from wordcraft_kg.base.artefacts import read_small_file
-from wordcraft_kg.base.errors import GraphMismatchError, WordCraftKGError
+from wordcraft_kg.base import GraphMismatchError, WordCraftKGError, read_small_file
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph
 from wordcraft_kg.models.folder import read_history

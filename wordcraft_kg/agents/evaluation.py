@@ -12,12 +12,18 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.records import TERMINATION_REASONS, Success, TerminationReason
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.settings import MAX_SIZE, check_memory, whole
+from wordcraft_kg.base import (
+    MAX_SIZE,
+    ConfigError,
+    Count,
+    Record,
+    Share,
+    check_memory,
+    counted,
+    steps,
+    whole,
+)
 from wordcraft_kg.base.statistics import task_bootstrap
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
 from wordcraft_kg.envs.draws import (
     EVALUATION_SEED,

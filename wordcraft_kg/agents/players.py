@@ -20,11 +20,7 @@ from torch import Tensor
 from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import State
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.tasks import TaskSet
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, RecipeGraph, Split, TaskSet
 from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources

@@ -36,18 +36,20 @@ from wordcraft_kg.agents.records import (
     PlayedTask,
     read_summary,
 )
-from wordcraft_kg.base.artefacts import dump_json, json_text, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, TaskError
-from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.settings import check_memory
+from wordcraft_kg.base import (
+    ArtefactError,
+    TaskError,
+    as_values,
+    check_memory,
+    dump_json,
+    json_text,
+    write_atomically,
+)
 from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.draws import MOST_TASKS
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SPLITS
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import SPLITS, OpenedGraph, RecipeGraph, TaskPart
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.folder import (
     make_policy,

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.wording import counted, quoted
+from wordcraft_kg.base import MAX_SIZE, ConfigError, counted, quoted, whole
 from wordcraft_kg.cli.console import (
     Flag,
     Output,
@@ -23,9 +21,8 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Base, Book, FileOptions, Force, Graph
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.graphs import SPLITS, SplitConfig, TaskPart
 from wordcraft_kg.graphs.export import ExportPart, Format
-from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
-from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import TaskListing

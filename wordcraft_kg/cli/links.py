@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base import ConfigError, whole
 from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, write_file
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths
 from wordcraft_kg.models.scorers.config import MAX_QUERIES

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import whole
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ConfigError, counted, whole
 from wordcraft_kg.cli.console import Flag, Output, aligned, command_line, split_labels
 from wordcraft_kg.cli.options import MovedGraph, Words
 

@@ -11,13 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from cyclopts import Parameter
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ArtefactError, ConfigError, as_values, counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, command_line, read_seeds, split_labels
 from wordcraft_kg.cli.options import Force, Graph, OptionalBook, Seeds, Trackers
-from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.graphs.train_samples import describe_train_sample
+from wordcraft_kg.graphs import TaskPart, describe_train_sample
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig

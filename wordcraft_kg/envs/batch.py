@@ -21,8 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
-from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, whole
 from wordcraft_kg.envs.arrays import Array, Pairs, Sets, arrays_of
 from wordcraft_kg.envs.config import RewardConfig
 from wordcraft_kg.envs.draws import Ahead, Draws

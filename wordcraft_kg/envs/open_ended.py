@@ -8,14 +8,16 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
+    MAX_SIZE,
     ActionError,
     ConfigError,
     EpisodeError,
     UnknownEntityError,
+    one_of,
+    quoted,
+    whole,
 )
-from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
-from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.envs.config import METADATA, IllegalAction, check_mode
 from wordcraft_kg.graphs.folder import GraphLike, open_graph
 from wordcraft_kg.graphs.planner import layers

@@ -15,14 +15,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base import ActionError, ConfigError, EpisodeError, whole
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, empty_slot
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs import Entity, Ids
 from wordcraft_kg.graphs.folder import GraphLike
-from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import CraftingTask
 
 Observation = dict[str, Any]

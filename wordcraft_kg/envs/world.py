@@ -12,12 +12,20 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.graphs.arrays import Ids, frozen, padded
-from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph, open_graph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph, outcomes_of
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.task_search import SolutionSearch, make_tasks
-from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs import (
+    Ids,
+    OpenedGraph,
+    RecipeGraph,
+    Split,
+    TaskSet,
+    frozen,
+    make_tasks,
+    open_graph,
+    padded,
+)
+from wordcraft_kg.graphs.folder import GraphLike
+from wordcraft_kg.graphs.recipe_graph import outcomes_of
+from wordcraft_kg.graphs.task_search import SolutionSearch
 
 SHORTCUT_TRIES = 1_000
 """Samples of distractors after which a table without shortcut is taken to be impossible."""

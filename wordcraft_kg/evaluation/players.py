@@ -29,10 +29,8 @@ from wordcraft_kg.agents.players import (
     scorer_players,
 )
 from wordcraft_kg.agents.records import Success, TerminationReason
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import ConfigError, Count, Record, Share, counted
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.draws import MOST_TASKS, default_seeds, sampled_tasks
 from wordcraft_kg.envs.world import World
@@ -45,8 +43,7 @@ from wordcraft_kg.evaluation.agent_metrics import (
     slice_successes,
     source_gains,
 )
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import OpenedGraph, TaskPart
 from wordcraft_kg.models.policies.sources import with_letters
 
 if TYPE_CHECKING:

@@ -9,12 +9,9 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base.artefacts import check_file
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import ConfigError, Count, Record, Share, check_file
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import TrainedOn
+from wordcraft_kg.graphs import Ids, TrainedOn
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.scorers.sets.knowledge import NO_INGREDIENT

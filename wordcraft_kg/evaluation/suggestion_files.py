@@ -7,16 +7,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from wordcraft_kg.base.artefacts import check_output_file, output_target, write_atomically
-from wordcraft_kg.base.errors import OutputExistsError, RecipeFileError
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import (
+    OutputExistsError,
+    RecipeFileError,
+    check_output_file,
+    nearest,
+    output_target,
+    write_atomically,
+)
 from wordcraft_kg.evaluation.suggestions import Suggestion
+from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, write_book
 from wordcraft_kg.graphs.book_check import check_book
-from wordcraft_kg.graphs.book_files import write_book
 from wordcraft_kg.graphs.book_files.texts import own_header
 from wordcraft_kg.graphs.book_files.writing import csv_line
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
 ACCEPT = "accept"
 """Column for the ticks."""

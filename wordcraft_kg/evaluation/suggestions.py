@@ -14,17 +14,20 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base import ConfigError, Count, Record, Share
 from wordcraft_kg.evaluation.likely_recipes import LikelyRecipes, RecipeFinder
 from wordcraft_kg.evaluation.queries import OPEN, Query, RecipeQuery, pieces_of_recipe
 from wordcraft_kg.evaluation.scores import Known
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, label_fault
-from wordcraft_kg.graphs.splits import Part, Split
+from wordcraft_kg.graphs import (
+    MOST_INGREDIENTS,
+    Ids,
+    Part,
+    RecipeGraph,
+    Split,
+    TrainedOn,
+    label_fault,
+    layers,
+)
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.records import SetMetrics

@@ -13,9 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import GraphError
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import Count, Hash, Record
+from wordcraft_kg.base import Count, GraphError, Hash, Record, stage
 from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.planner import Planner, layers, rounds
 from wordcraft_kg.graphs.reading import Reading

@@ -14,11 +14,7 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import Record
-from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.wording import counted, for_terminal, quoted
+from wordcraft_kg.base import RecipeFileError, Record, counted, for_terminal, nearest, quoted, stage
 from wordcraft_kg.graphs.audit import BookFigures, book_figures, sets_inside_others
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.files import Decoded, read_bytes

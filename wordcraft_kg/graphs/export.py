@@ -13,10 +13,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from wordcraft_kg.base.artefacts import staged_file, write_atomically
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.settings import one_of
+from wordcraft_kg.base import ConfigError, one_of, stage, staged_file, write_atomically
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.book_files import write_book
 from wordcraft_kg.graphs.book_files.texts import own_header

@@ -14,22 +14,22 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    GraphError,
+    Hash,
+    RecipeFileError,
+    Record,
+    SplitError,
+    as_values,
     dump_json,
     read_json,
+    stage,
     staged_folder,
     what_is,
     write_atomically,
 )
-from wordcraft_kg.base.errors import (
-    ArtefactError,
-    ConfigError,
-    GraphError,
-    RecipeFileError,
-    SplitError,
-)
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import Hash, Record, as_values
 from wordcraft_kg.graphs.arrays import Ids, stacked
 from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.book_files import ReadOptions, book_json, read_book, recipe_table

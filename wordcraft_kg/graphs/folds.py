@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.base.settings import refuse, whole
+from wordcraft_kg.base import ConfigError, GraphMismatchError, refuse, whole
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet

@@ -19,10 +19,15 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
-from wordcraft_kg.base.artefacts import made_folder, sha256_of, write_atomically
-from wordcraft_kg.base.errors import FetchError, RecipeFileError
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import (
+    RecipeFileError,
+    made_folder,
+    nearest,
+    sha256_of,
+    stage,
+    write_atomically,
+)
+from wordcraft_kg.base.errors import FetchError
 from wordcraft_kg.graphs.book_files import ReadOptions, read_book
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 

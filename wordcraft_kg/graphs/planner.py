@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import GraphError
-from wordcraft_kg.base.wording import approximate, counted, quoted
+from wordcraft_kg.base import GraphError, approximate, counted, quoted
 from wordcraft_kg.graphs.arrays import Ids, different_ingredients, distinct
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe

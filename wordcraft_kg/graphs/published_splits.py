@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.artefacts import check_file, gunzip, is_gzip
-from wordcraft_kg.base.errors import SplitError
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import SplitError, check_file, counted
+from wordcraft_kg.base.artefacts import gunzip, is_gzip
 from wordcraft_kg.graphs.arrays import Ids, stacked
 from wordcraft_kg.graphs.book_files.files import MAX_BOOK_SIZE, without_repeated_keys
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import msgspec
 
-from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.wording import counted, for_terminal
+from wordcraft_kg.base import Count, Record, counted, for_terminal
 
 _SHOWN = 6  # names of columns that are left out, in the line
 

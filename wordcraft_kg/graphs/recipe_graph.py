@@ -19,9 +19,7 @@ from itertools import compress, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import GraphError, UnknownEntityError
-from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import GraphError, UnknownEntityError, counted, nearest
 from wordcraft_kg.graphs.arrays import (
     Ids,
     absent,

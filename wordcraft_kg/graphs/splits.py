@@ -21,18 +21,22 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import (
+from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
+    Count,
     GraphMismatchError,
+    Hash,
     NotRegisteredError,
+    Record,
     SplitError,
+    as_values,
+    counted,
+    require,
+    stage,
+    whole,
 )
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.records import Count, Hash, Record, as_values
 from wordcraft_kg.base.registry import Registry, check_plugins
-from wordcraft_kg.base.settings import require, whole
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.arrays import (
     Ids,
     absent,

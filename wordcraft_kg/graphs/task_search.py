@@ -14,9 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import TaskError
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.settings import one_of, whole
+from wordcraft_kg.base import TaskError, one_of, stage, whole
 from wordcraft_kg.graphs.arrays import frozen, padded
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Split

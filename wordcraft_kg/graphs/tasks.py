@@ -17,8 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import TaskError
-from wordcraft_kg.base.wording import quoted
+from wordcraft_kg.base import TaskError, quoted
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe

@@ -15,10 +15,15 @@ from typing import Any, ClassVar, Self, TypeVar, get_args, get_type_hints
 from msgspec import defstruct
 from msgspec.structs import asdict
 
-from wordcraft_kg.base.artefacts import read_small_file, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError
-from wordcraft_kg.base.records import as_record
-from wordcraft_kg.base.settings import FeatureSpec
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    FeatureSpec,
+    NotRegisteredError,
+    as_record,
+    read_small_file,
+    write_atomically,
+)
 from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.graphs.library import without_prefix
 

@@ -24,16 +24,21 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
+    ArtefactError,
+    GraphMismatchError,
+    Record,
+    as_values,
     dump_json,
-    is_locked,
+    parse_lines,
+    parse_record,
     read_large_file,
+    read_record,
     sha256_of,
     what_is,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
-from wordcraft_kg.base.records import Record, as_values, parse_lines, parse_record, read_record
+from wordcraft_kg.base.artefacts import is_locked
 from wordcraft_kg.base.registry import check_plugins
 from wordcraft_kg.graphs.folder import GraphLike, OpenedGraph, TrainedOn, open_graph
 

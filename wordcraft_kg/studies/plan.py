@@ -18,25 +18,27 @@ from wordcraft_kg.agents.config import (
     ImpalaConfig,
     TaskConfig,
 )
-from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ConfigError, SplitError
-from wordcraft_kg.base.settings import (
-    LEARNED,
+from wordcraft_kg.base import (
     MAX_THREADS,
-    NAMES,
-    SHUFFLED,
-    VECTORS,
+    ConfigError,
     FeatureSpec,
+    SplitError,
     cores,
     nearest,
     one_of,
     refuse,
+    sha256_of,
     whole,
 )
-from wordcraft_kg.graphs.folder import default_split
-from wordcraft_kg.graphs.library import open_book
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, make_split
+from wordcraft_kg.base.settings import LEARNED, NAMES, SHUFFLED, VECTORS
+from wordcraft_kg.graphs import (
+    SPLITS,
+    RecipeGraph,
+    SplitConfig,
+    default_split,
+    make_split,
+    open_book,
+)
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig

@@ -23,8 +23,7 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
-from wordcraft_kg.graphs import RELATIONS, open_graph
-from wordcraft_kg.graphs.folds import OUTSIDE
+from wordcraft_kg.graphs import OUTSIDE, RELATIONS, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig

@@ -21,11 +21,14 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
 from wordcraft_kg.evaluation.suggestions import Wish, suggest
-from wordcraft_kg.graphs.folder import write_graph_folder
-from wordcraft_kg.graphs.library import open_book
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs import (
+    Recipe,
+    RecipeGraph,
+    SplitConfig,
+    make_split,
+    open_book,
+    write_graph_folder,
+)
 from wordcraft_kg.models.recipes import set_fitting
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.set_training import rows_of_sets, with_new_entities

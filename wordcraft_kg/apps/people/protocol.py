@@ -10,9 +10,15 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.people.config import MOST_TASKS, TASKS_PER_PART
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import Hash, Record, as_values
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    Hash,
+    Record,
+    as_values,
+    whole,
+)
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.envs.words import results_of, table_labels

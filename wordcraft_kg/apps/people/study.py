@@ -32,15 +32,21 @@ from wordcraft_kg.apps.people.protocol import (
     check_number,
     schedule,
 )
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    Count,
+    Hash,
+    OutputExistsError,
+    Record,
+    as_values,
     dump_json,
     output_target,
+    parse_record,
     read_small_file,
     what_is,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
-from wordcraft_kg.base.records import Count, Hash, Record, as_values, parse_record
 from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.runs.run_folder import locked_folder
 

@@ -30,19 +30,21 @@ from wordcraft_kg.apps.text_agents.submission import (
     read_submission_file,
     replay,
 )
-from wordcraft_kg.base.artefacts import check_file, sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import as_lines
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    as_lines,
+    check_file,
+    sha256_of,
+)
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.discovery import open_guide
-from wordcraft_kg.graphs.arrays import Ids, padded
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs import Ids, OpenedGraph, RecipeGraph, TaskSet, padded
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player

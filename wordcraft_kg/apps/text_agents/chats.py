@@ -23,10 +23,7 @@ from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import name_of
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
-from wordcraft_kg.base.artefacts import json_text, staged_file, write_atomically
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.settings import MAX_SIZE
+from wordcraft_kg.base import MAX_SIZE, ConfigError, json_text, staged_file, steps, write_atomically
 from wordcraft_kg.graphs.arrays import padded
 
 if TYPE_CHECKING:

@@ -5,17 +5,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from wordcraft_kg.base.errors import ActionError, EpisodeError
-from wordcraft_kg.base.settings import whole
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ActionError, EpisodeError, counted, whole
 from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs import Entity, RecipeGraph, TaskSet
 from wordcraft_kg.graphs.folder import GraphLike
-from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
-from wordcraft_kg.graphs.tasks import TaskSet
 
 Picks = tuple[str, ...]
 """Labels of the combined entities: two, or a set where recipes have other sizes."""

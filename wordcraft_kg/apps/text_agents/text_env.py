@@ -12,8 +12,7 @@ from gymnasium import spaces
 from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
-from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
+from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.words import characters
 from wordcraft_kg.envs.world import World

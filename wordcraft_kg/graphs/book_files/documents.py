@@ -21,8 +21,7 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import ConfigError, nearest
 from wordcraft_kg.graphs.book_files.cells import (
     JOINERS,
     Names,

@@ -18,9 +18,8 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-from wordcraft_kg.base.artefacts import ZipArchive, gunzip, is_gzip, is_zip, what_is
-from wordcraft_kg.base.errors import ConfigError, RecipeFileError
-from wordcraft_kg.base.wording import for_terminal
+from wordcraft_kg.base import ConfigError, RecipeFileError, for_terminal, what_is
+from wordcraft_kg.base.artefacts import ZipArchive, gunzip, is_gzip, is_zip
 from wordcraft_kg.graphs.book_files.rows import GUIDE, refusal
 
 MAX_BOOK_SIZE = 2**30

@@ -10,8 +10,7 @@ from itertools import chain, combinations_with_replacement, islice, product, rep
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base import RecipeFileError, nearest
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.files import parsed_json
 from wordcraft_kg.graphs.book_files.rows import (

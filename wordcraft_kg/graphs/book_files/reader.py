@@ -15,10 +15,7 @@ from typing import Any, TypedDict, Unpack
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base.errors import ConfigError, RecipeFileError
-from wordcraft_kg.base.progress import stage
-from wordcraft_kg.base.settings import nearest, one_of
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ConfigError, RecipeFileError, counted, nearest, one_of, stage
 from wordcraft_kg.graphs.book_files.cells import is_number, odd_label
 from wordcraft_kg.graphs.book_files.documents import Document, as_records, read_document
 from wordcraft_kg.graphs.book_files.files import (

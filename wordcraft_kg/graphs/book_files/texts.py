@@ -20,8 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import ConfigError, counted
 from wordcraft_kg.graphs.book_files.cells import (
     HIDDEN,
     alternatives,

@@ -6,8 +6,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.base.artefacts import output_target, write_atomically
-from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base import RecipeFileError, output_target, write_atomically
 from wordcraft_kg.graphs.arrays import json_recipes, row_text
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.texts import own_header

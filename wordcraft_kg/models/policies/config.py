@@ -8,16 +8,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
-from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
-from wordcraft_kg.base.registry import REMEDY, Registry
-from wordcraft_kg.base.settings import (
+from wordcraft_kg.base import (
     MAX_DIM,
+    ConfigError,
+    NotRegisteredError,
     nearest,
     number_in,
     one_of,
     require,
     whole,
 )
+from wordcraft_kg.base.registry import REMEDY, Registry
 from wordcraft_kg.models.policies.sources import (
     BUILT_IN,
     SOURCES,

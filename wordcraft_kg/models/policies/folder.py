@@ -15,19 +15,23 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from wordcraft_kg.base.artefacts import (
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    Count,
+    NotRegisteredError,
+    Record,
+    as_values,
     dump_json,
+    read_record,
+    reason,
     staged_folder,
     with_a_name,
     write_atomically,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, NotRegisteredError, reason
-from wordcraft_kg.base.records import Count, Record, as_values, read_record
 from wordcraft_kg.base.settings import LEARNED
 from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors, with_prefix
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import POLICIES, PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy

@@ -16,9 +16,15 @@ from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.base import ConfigError, as_values, dump_json, nearest, write_atomically
 from wordcraft_kg.base.tensors import copied, torch_threads
-from wordcraft_kg.graphs import MOST_INGREDIENTS, Ids, OpenedGraph, RecipeGraph
-from wordcraft_kg.graphs.folds import OUTSIDE, Folds
-from wordcraft_kg.graphs.triples import triples_hash
+from wordcraft_kg.graphs import (
+    MOST_INGREDIENTS,
+    OUTSIDE,
+    Folds,
+    Ids,
+    OpenedGraph,
+    RecipeGraph,
+    triples_hash,
+)
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.records import FitDone, SetMetrics, TrainedSets
 from wordcraft_kg.models.recipes.set_fitting import FittedSets, fit_sets, folds_of_recipes

@@ -16,15 +16,19 @@ from typing import Any, Literal
 import safetensors.torch
 import torch
 
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, reason
-from wordcraft_kg.base.records import Record, as_values
+from wordcraft_kg.base import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    Record,
+    as_values,
+    dump_json,
+    reason,
+    write_atomically,
+)
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.tensors import MAX_WEIGHT, check_tensors, copied, largest, with_prefix
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import RELATIONS, is_in
+from wordcraft_kg.graphs import RELATIONS, Folds, Ids, RecipeGraph, is_in
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer

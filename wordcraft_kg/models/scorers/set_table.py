@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.tensors import check_tensors
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Ids
 from wordcraft_kg.models.scorers.scorer import StoredScorer
 
 

@@ -6,9 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.artefacts import check_output_file
-from wordcraft_kg.base.settings import MAX_SIZE, number_in, whole
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base import MAX_SIZE, check_output_file, counted, number_in, whole
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.cli.options import Book, Force, Words
 from wordcraft_kg.graphs.task_search import MAX_DEPTH

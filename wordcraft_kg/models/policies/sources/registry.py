@@ -3,9 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-from wordcraft_kg.base.errors import ConfigError, NotRegisteredError
+from wordcraft_kg.base import ConfigError, NotRegisteredError, check_memory
 from wordcraft_kg.base.registry import REMEDY
-from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import (
     SOURCES,

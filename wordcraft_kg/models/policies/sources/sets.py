@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.tensors import with_prefix
-from wordcraft_kg.graphs.arrays import Ids, padded
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
+from wordcraft_kg.graphs import MOST_INGREDIENTS, Ids, padded
 from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.policies.sources.source import (
     FoldedSource,

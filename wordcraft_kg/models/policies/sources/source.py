@@ -15,8 +15,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.base.tensors import check_tensors
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs import Ids, TaskSet
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges

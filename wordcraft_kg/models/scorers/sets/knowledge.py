@@ -8,8 +8,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
+from wordcraft_kg.graphs import MOST_INGREDIENTS, Ids
 from wordcraft_kg.models.scorers.sets.loops import (
     NO_SHARE,
     NUM_KERNELS,

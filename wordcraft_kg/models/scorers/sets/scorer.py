@@ -11,9 +11,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import check_tensors
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS
-from wordcraft_kg.graphs.triples import COMPONENT_OF
+from wordcraft_kg.graphs import COMPONENT_OF, MOST_INGREDIENTS, Ids
 from wordcraft_kg.models.scorers.scorer import StoredScorer
 from wordcraft_kg.models.scorers.sets.knowledge import (
     MOST_KINDS,

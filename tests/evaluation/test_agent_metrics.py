@@ -1,30 +1,14 @@
-"""Metrics of agents and players: gains by source, kinds of goals, slices, discoveries."""
-
-import json
+"""What each source adds to an agent (the agent plays again with the source's scores set to 0), and bins."""
 
 import numpy as np
 import pytest
 import torch
-from helpers import refuses
 
-from wordcraft_kg import (
-    PolicyConfig,
-    RecipesConfig,
-    RecipeScorerConfig,
-    SplitConfig,
-    WordCraftConfig,
-    World,
-    open_book,
-    open_graph,
-    open_model,
-    train_recipes,
-)
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, play_all
-from wordcraft_kg.agents.players import BEST_PAIR, NEAREST_WORDS, scorer_players
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.evaluation.agent_metrics import MADE, NOT_MADE, OPEN_END, binned, source_gains
-from wordcraft_kg.evaluation.discovery import ORACLES, open_guide, view_discovery
-from wordcraft_kg.graphs import Recipe, RecipeGraph, write_graph_folder
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.agent_metrics import OPEN_END, binned, source_gains
+from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
@@ -101,96 +85,6 @@ def test_silent_sources_score_0_and_others_as_before(policy):
     assert torch.equal(silenced[:, 1], scores[:, 1])
 
 
-# Trainings with a second book, which take half a minute together.
-pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def home(tmp_path_factory):
-    """A graph split by goal, and a model that learned from another book, which makes every second
-    test goal."""
-    home = tmp_path_factory.mktemp("by-goal")
-    opened = open_graph("kitchen", SplitConfig("by-goal", train_ratio=0.6, seed=1))
-    write_graph_folder(home / "graph", open_book("kitchen"), opened.split)
-    recipes = [
-        list(map(opened.graph.entities.__getitem__, row)) for row in opened.split.recipes("test")
-    ]
-    goals = sorted({result for _, _, result in recipes})
-    rows = [f"moonstone,{number}-stone,{goal}" for number, goal in enumerate(goals[::2])]
-    # A recipe that both books share is not used, so it makes no goal.
-    rows += [",".join(recipe) for recipe in recipes if recipe[2] == goals[1]]
-    (home / "other.csv").write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]))
-    settings = RecipeScorerConfig(folds=3, features="one-hot", with_=(str(home / "other.csv"),))
-    train_recipes(RecipesConfig(str(home / "graph"), settings), home / "model")
-    return home
-
-
-@pytest.fixture(scope="module")
-def model(home):
-    return open_model(home / "model")
-
-
-def test_a_model_folder_lists_the_goals_of_the_other_book(home, model):
-    """A model folder lists the goals that the other book makes in a hashed file."""
-    goals = {model.opened.graph.entities[goal] for goal in model.opened.split.recipes("test")[:, 2]}
-    assert model.made_by_other_books == frozenset(sorted(goals)[::2])
-    metrics = home / "model" / "metrics.json"
-    before = metrics.read_text()
-    values = json.loads(before)
-    values["outside"][0]["makes"] = []
-    metrics.write_text(json.dumps(values))
-    with pytest.raises(ArtefactError, match=r"metrics\.json"):
-        open_model(home / "model")
-    metrics.write_text(before)
-
-
-def test_without_another_book_there_are_no_groups(home, tmp_path):
-    settings = RecipeScorerConfig(folds=3, features="one-hot")
-    train_recipes(RecipesConfig(str(home / "graph"), settings), tmp_path / "words")
-    assert open_model(tmp_path / "words").made_by_other_books is None
-
-
-def test_evaluate_agent_shows_both_kinds_of_goals(run, home, model):
-    command = ["evaluate-agent", str(home / "graph"), "--scorer", str(home / "model")]
-    outcome = run(*command, "--distractors", "2", "--json")
-    assert outcome.code == 0, outcome.err
-    view = json.loads(outcome.out)
-    world = World(model.opened, WordCraftConfig(part="test", num_distractors=2))
-    goals = model.opened.graph.labels(world.tasks.goals)
-    made = np.array([goal in model.made_by_other_books for goal in goals])
-    assert view["shares"] == {MADE: made.mean(), NOT_MADE: pytest.approx(1 - made.mean())}
-    by_w = {row["goals"]: row for row in view["rows"] if row["player"] == f"model, {BEST_PAIR}"}
-    tables = view["distractor_seeds"]
-    assert by_w[MADE]["episodes"] == tables * made.sum()
-    wins = {goals: row["success"] * row["episodes"] for goals, row in by_w.items()}
-    assert wins[MADE] + wins[NOT_MADE] == pytest.approx(wins[""])
-    # The mask decides the rows: the player's success on these tasks alone.
-    player = {BEST_PAIR: scorer_players(model.opened.graph, model.scorer, model.triples)[BEST_PAIR]}
-    rows = play_all(world, player, [2], groups={MADE: made, NOT_MADE: ~made})
-    assert [row.success for row in rows] == [by_w[name]["success"] for name in ("", MADE, NOT_MADE)]
-    lines = run(*command, "--distractors", "2").out.splitlines()
-    after = lines[[line.startswith(f"model, {BEST_PAIR}") for line in lines].index(True) + 1 :]
-    assert after[0].startswith(f"  {MADE} ")
-    assert after[1].startswith(f"  {NOT_MADE} ")
-    assert f"{MADE}: {made.mean():.0%} of the tasks" in lines
-
-
-def test_the_link_report_shows_both_kinds_of_goals(run, home, model, tmp_path):
-    outcome = run("evaluate-links", home / "model", "--out", tmp_path / "links")
-    assert outcome.code == 0, outcome.err
-    report = json.loads((tmp_path / "links" / "report.json").read_text())
-    rows = {row["slice"]: row for row in report["drill_down"]["other_book"]}
-    assert list(rows) == [f"componentOf, {name}" for name in (MADE, NOT_MADE)]
-    queries = report["metrics"]["componentOf"]["queries"]
-    assert sum(row["queries"] for row in rows.values()) == queries
-    # Words by any vectors, whose name follows in brackets.
-    played = {(row["player"].partition(" (")[0], row["goals"]) for row in report["kg_play"]}
-    assert {(BEST_PAIR, MADE), (BEST_PAIR, NOT_MADE), (NEAREST_WORDS, MADE)} <= played
-    page = (tmp_path / "links" / "index.html").read_text()
-    assert page.count(MADE) >= 2
-    assert f"componentOf, {MADE}" in outcome.out
-
-
 def test_bins_hold_their_bounds_and_are_named_by_them():
     values = np.array([0, 1, 2, 3, 4, 9, 10, 1_000])
     found = {
@@ -204,30 +98,3 @@ def test_the_name_of_the_last_bin_can_be_in_words():
     assert [name for name, _ in binned(np.arange(3), ((2, OPEN_END),), more=" or more")] == [
         "2 or more"
     ]
-
-
-def test_a_scorer_of_other_results_is_counted(recipes_folder, kitchen):
-    # Each result is a made entity, and every second recipe takes the one of the next.
-    rows = kitchen.recipe_labels()
-    turned = [*rows[1:], rows[0]]
-    changed = [
-        row if place % 2 else Recipe(row.ingredients, following.result)
-        for place, (row, following) in enumerate(zip(rows, turned, strict=True))
-    ]
-    wrong = RecipeGraph.from_recipes(changed, kitchen.base)
-    guide = open_guide(recipes_folder, wrong)
-    trained = {tuple(kitchen.labels(row)) for row in guide.recipes.scorer.recipes.tolist()}
-    recipes = {tuple(wrong.labels(row)) for row in wrong.recipes.tolist()}
-    assert guide.shared == len(trained & recipes)
-    pairs = {recipe[:2] for recipe in trained} & {recipe[:2] for recipe in recipes}
-    assert guide.contradicted == len(pairs - {recipe[:2] for recipe in trained & recipes}) > 0
-
-
-def test_a_world_of_one_entity_or_of_thousands_of_results_of_a_pair():
-    one = RecipeGraph(["water"], np.empty((0, 3), dtype=np.int64), [0], "one")
-    with refuses("base"):
-        view_discovery(one, ["random"])
-    rows = [("a", "b", f"thing {number}") for number in range(5_000)]
-    many = RecipeGraph.from_recipes(rows, ["a", "b"])
-    view = view_discovery(many, ["random-no-repeat", *ORACLES], attempts=4, runs=1)
-    assert view.players["greedy"]["1"].mean == 5_002

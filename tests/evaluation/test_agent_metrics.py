@@ -1,12 +1,13 @@
-"""What each source adds to an agent: the agent plays again with the source's scores set to 0."""
+"""What each source adds to an agent (the agent plays again with the source's scores set to 0), and bins."""
 
+import numpy as np
 import pytest
 import torch
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agent_metrics import source_gains
+from wordcraft_kg.evaluation.agent_metrics import OPEN_END, binned, source_gains
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.states import States
@@ -82,3 +83,18 @@ def test_silent_sources_score_0_and_others_as_before(policy):
     assert scores[:, 0].any()
     assert not silenced[:, 0].any()
     assert torch.equal(silenced[:, 1], scores[:, 1])
+
+
+def test_bins_hold_their_bounds_and_are_named_by_them():
+    values = np.array([0, 1, 2, 3, 4, 9, 10, 1_000])
+    found = {
+        name: values[mask].tolist()
+        for name, mask in binned(values, ((0, 0), (1, 3), (5, 9), (10, OPEN_END)))
+    }
+    assert found == {"0": [0], "1–3": [1, 2, 3], "5–9": [9], "10+": [10, 1_000]}
+
+
+def test_the_name_of_the_last_bin_can_be_in_words():
+    assert [name for name, _ in binned(np.arange(3), ((2, OPEN_END),), more=" or more")] == [
+        "2 or more"
+    ]

@@ -1,9 +1,8 @@
 # %% [markdown]
 # # Own scorer, source, split and player
 #
-# Each part is a class or a function. This notebook defines all four and evaluates them on the book `kitchen`. A
-# package registers its parts by entry points, so that commands find parts by name: see `CONTRIBUTING.md` and
-# `examples/`.
+# Each part is a class or a function, here on the book `kitchen`. A
+# package registers its parts by entry points: see `CONTRIBUTING.md` and `examples/`.
 
 # %%
 import numpy as np
@@ -44,8 +43,7 @@ def success(player, graph=opened):
 # %% [markdown]
 # ## A scorer
 #
-# A scorer rates triples. This scorer knows no recipe: two entities combine, or one is a component, if their words are
-# used alike.
+# A scorer rates triples. This one knows no recipe: entities are linked if their words are used alike.
 
 
 # %%
@@ -78,7 +76,7 @@ save_scorer("models/alike", scorer, opened, kg="none", origin="cosine of GloVe v
 # %% [markdown]
 # ## A source
 #
-# A source scores table slots for a decision. This source counts the letters that an entity shares with the goal.
+# A source scores table slots. This one counts the letters that an entity shares with the goal.
 # `register_source` makes its name known to `PolicyConfig(use="combines,component,letters")`.
 
 
@@ -123,8 +121,7 @@ pd.Series(rows, name="success on test tasks").rename_axis("sources of the agent"
 # %% [markdown]
 # ## A player
 #
-# A player is a function from a batched state and a random generator to slots. `pair_player` turns any function that
-# scores recipes into a player; the arguments are id tensors.
+# `pair_player` turns any function that scores recipes into a player; the arguments are id tensors.
 
 
 # %%
@@ -144,8 +141,7 @@ pd.Series({name: success(player) for name, player in players.items()}, name="suc
 # %% [markdown]
 # ## A split
 #
-# A split holds out recipe groups. This split holds out results by their first letter, so no train recipe makes a test
-# goal.
+# This split holds out results by their first letter, so no train recipe makes a test goal.
 
 
 # %%

@@ -218,7 +218,8 @@ def files() -> Iterator[tuple[Path, str]]:
         yield page, text
     # The last: it quotes the answers of the pages above.
     results = HERE / "results.md"
-    yield results, between(results.read_text(encoding="utf-8"), QUESTIONS, ["", *questions()])
+    text = with_tables(results.stem, results.read_text(encoding="utf-8"))
+    yield results, between(text, QUESTIONS, ["", *questions()])
 
 
 def on_files(files: Any, *, config: Any) -> Any:

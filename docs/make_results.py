@@ -157,6 +157,35 @@ PLAIN = {
     "no agent: planner, p": "no agent: planner",
 }
 """Names of the studies' variants and players in words."""
+PHRASES = {
+    "Cross-fitted scores alone improve the agent as published": (
+        "Scores of unseen recipes alone improve the agent by the paper's equations"
+    ),
+    ": train tasks scored in-sample, or cross-fitted; w scores whole recipes,": (
+        "; the recipe scorer is played"
+    ),
+    ", train tasks scored in-sample or, in one variant, cross-fitted": "",
+    "cross-fitted u and v": "link scores of unseen recipes",
+    "cross-fitted scores": "scores of unseen recipes",
+    "cross-fitted with": "scores of unseen recipes with",
+    "cross-fitted agents": "agents with scores of unseen recipes",
+    "In-sample agents": "Agents with scores of learned recipes",
+    "In-sample scores": "Scores of learned recipes",
+    "in-sample scores": "scores of learned recipes",
+    "in-sample with": "scores of learned recipes with",
+    "in-sample knowledge is": "scores of learned recipes are",
+    "scored in-sample": "with scores of learned recipes",
+    "scored out of sample": "with scores of unseen recipes",
+    '"Released code" follows the settings of the paper\'s code': (
+        "*The paper's program* has the settings of the code that its authors released"
+    ),
+    "the released code": "the paper's program",
+    '"As published" follows the equations of the paper': "*The paper's equations* means",
+    '"As published"': "*The paper's equations*",
+    "as published": "by the paper's equations",
+    "self edges": "links of an item with itself",
+}
+"""Words of claims and settings in words for all readers, the longer phrases first."""
 NAMES = re.compile(
     rf"(?<=\| )({'|'.join(map(re.escape, PLAIN))})(?= \|)|"
     rf"(?<=\*)({'|'.join(map(re.escape, PLAIN))})(?=\*)"
@@ -553,6 +582,8 @@ def main_table(results: StudyResults, view: StudyView) -> Iterator[str]:
 def in_plain_words(line: str) -> str:
     """Return a line of a page with the names of variants, and of scorers' training data, in words."""
     line = NAMES.sub(lambda name: PLAIN[name[0]], line)
+    for phrase, words in PHRASES.items():
+        line = line.replace(phrase, words)
     line = re.sub(r"train_fraction (1|0\.\d)", lambda of: f"{float(of[1]):.0%} of recipes", line)
     return re.sub(r"label_noise (0\.\d+)", lambda of: f"{float(of[1]):.0%} wrong results", line)
 
@@ -737,7 +768,7 @@ def replaced(text: str, marks: tuple[str, str], lines: Iterable[str]) -> str:
 def written(studies: list[StudyResults], text: str) -> dict[str, str]:
     """Return the index and the evidence pages, by path below docs/."""
     views = [view_study(results) for results in studies]
-    files = {"results.md": replaced(text, (BEGIN, END), page(studies, views))}
+    files = {"results.md": replaced(text, (BEGIN, END), map(in_plain_words, page(studies, views)))}
     by_page: dict[str, list[tuple[StudyResults, StudyView]]] = {}
     for results, view in zip(studies, views, strict=True):
         by_page.setdefault(page_of(results), []).append((results, view))

@@ -230,7 +230,7 @@ def words_of(text):
 GENERATED_PAGES = ("terms.md", "leaderboard.md")
 """Pages that a script writes as a whole, besides those that say so in their first line."""
 
-MOST_WORDS = 39_900
+MOST_WORDS = 35_400
 """Of all pages that people write."""
 
 
@@ -348,7 +348,7 @@ def test_the_commands_of_readme_and_tutorials_print_what_they_show(
                     shown = shown[: shown.index("\n", shown.index("Episode"))] + f"\n{OMITTED}\n"
                 assert not shown or is_shown(shown, printed), (command, printed)
                 commands += 1
-    assert commands >= 4
+    assert commands >= 3
 
 
 SERVER = "serves until it is stopped; tests of the app start it and talk to it"

@@ -1,8 +1,7 @@
 # %% [markdown]
 # # Train, compare and explain agents
 #
-# An agent sees a goal and a table of items, and combines two items. This notebook trains agents without a graph and
-# agents with a recipe scorer's scores, compares them on unseen recipes, and explains a decision.
+# Agents without a graph and agents with a recipe scorer, compared on unseen recipes, and a decision explained.
 # [Agents](../agents.md) is the guide.
 
 # %%
@@ -39,9 +38,8 @@ opened.split
 # %% [markdown]
 # ## Train
 #
-# Each agent is trained with three seeds and 100,000 steps, where the paper has 3,000,000. The recipe scorer is
-# cross-fitted: on a train task the agent reads scores by a model without the task's recipe, and so learns how far to
-# trust scores for unseen recipes.
+# Three seeds and 100,000 steps, where the paper has 3,000,000. On a train task the agent reads scores by a model
+# without the task's recipe, and so learns how far to trust scores for unseen recipes.
 
 # %%
 train_recipes(RecipesConfig("kitchen"), "models/recipes")
@@ -54,8 +52,7 @@ for seed in range(3):
 # %% [markdown]
 # ## Compare
 #
-# All players play the same test tasks at the same tables. Intervals are 95 % over tasks; `kitchen` has few tasks, so
-# they are wide.
+# All players play the same test tasks at the same tables; intervals are 95 % over tasks.
 
 # %%
 agents = [open_agent(path) for path in sorted(Path("runs").glob("*/*"))]
@@ -80,8 +77,8 @@ pd.DataFrame(
 )
 
 # %% [markdown]
-# The scorer explains nearly all success of the guided agents: with so few recipes, play adds hardly anything to
-# its best pair. The report by `wordcraft-kg compare` has the figures over seeds:
+# The scorer explains nearly all success of the guided agents. The report by `wordcraft-kg compare` has the figures
+# over seeds:
 
 # %%
 report = make_agent_report(view_agents(group_agents(agents), distractors=[4]))
@@ -100,8 +97,8 @@ SVG(charts.as_file([("", report.pictures["curves"])], title))
 # %% [markdown]
 # ## Explain
 #
-# The recipe *cheese + tomato -> pizza* is a test recipe. Each item's logit is a sum: attention (alpha) and the
-# scorer's scores u, v and w, each times the agent's weight. With w come the train recipes behind a score.
+# *cheese + tomato -> pizza* is a test recipe. Each item's logit is a sum: attention (alpha) and the
+# scorer's scores of links (u, v) and recipes (w), each times the agent's weight.
 
 # %%
 agent = agents[0]

@@ -1,10 +1,9 @@
 # %% [markdown]
 # # Fine-tune a language model, and measure it
 #
-# The whole road in a minute: recipes, a model that learns them as text, a track of the benchmark, a verified
-# submission. The model here is a toy with random weights; each step says where your weights come in.
-# [Train or measure your language model](../language-models.md) is the guide. Start it in the repository's folder: it
-# reads `examples/`.
+# Recipes, a model that learns them as text, a track of the benchmark, a verified
+# submission, with a toy in place of your weights.
+# [Train or measure your language model](../language-models.md) is the guide. Start it in the repository's folder.
 
 # %%
 import json
@@ -64,9 +63,8 @@ print(f"{toy.num_parameters():,} weights")
 # %% [markdown]
 # ## Recipes as text
 #
-# The script reads train recipes alone, as `Recipe: goal = first + second`, and leaves a twentieth of them out: how
-# many of those the model picks from ten items is the figure to choose settings by. It prints the weights' hash, too.
-# In a terminal:
+# The script reads train recipes alone, as `Recipe: goal = first + second`, and leaves a twentieth of them out, to
+# choose settings by. In a terminal:
 #
 #     python examples/finetune_language_model.py toy everyday --out tuned --epochs 8 --lr 1e-2
 

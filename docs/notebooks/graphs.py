@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Graph statistics with pandas and networkx
 #
-# A recipe graph gives a recipe table, triples, and a networkx graph. This notebook reads all three from the built-in
+# Recipe table, triples and networkx graph of the built-in
 # book `everyday`. [Recipe books and graphs](../graphs.md) is the guide.
 
 # %%
@@ -20,8 +20,7 @@ graph
 # %% [markdown]
 # ## Recipes as a table
 #
-# An ingredient pair may have several results, and the graph keeps all results. All recipes with the same pair are in
-# the same part.
+# A pair may have several results; all its recipes are in the same part.
 
 # %%
 recipes = pd.DataFrame(graph.recipe_labels())
@@ -39,7 +38,7 @@ recipes["part"].value_counts().rename("recipes").to_frame()
 # %% [markdown]
 # ## Entities
 #
-# The layer counts crafting rounds from the base to the entity. Most entities lie in the middle layers; the second table shows every other layer.
+# The layer counts crafting rounds from the base; the second table shows every other layer.
 
 # %%
 entities = entities_frame(graph)
@@ -60,8 +59,7 @@ print(planner.derivation("pot"))
 # ## Triples: full, partial and unseen
 #
 # All recipes give the *full* triples, train recipes the *partial* triples; *unseen* is the difference. Link
-# predictors train on *partial* and are evaluated on *unseen*. Further triples from test recipes are already in
-# *partial*: a model that repeats such a triple has only remembered it.
+# predictors train on *partial* and are evaluated on *unseen*.
 
 # %%
 parts = {"full": opened.triples("full"), "partial": opened.triples("partial"), "unseen": split.unseen}
@@ -83,8 +81,7 @@ print(f"largest strongly connected component: {len(largest):,} of {len(links):,}
 print(f"clustering {nx.average_clustering(links.to_undirected()):.3f}, reciprocal links {nx.reciprocity(links):.3f}")
 
 # %% [markdown]
-# Many chains of recipes end at entities with a high PageRank. Entities with a high betweenness connect distant
-# entities.
+# Many chains of recipes end at a high PageRank; a high betweenness connects distant entities.
 
 # %%
 centrality = pd.DataFrame(

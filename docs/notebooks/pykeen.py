@@ -1,9 +1,8 @@
 # %% [markdown]
 # # PyKEEN with a recipe graph
 #
-# PyKEEN finds every recipe graph as the dataset `wordcraft`: training triples from the train recipes, and test
-# triples that training lacks. A model from PyKEEN's pipeline becomes a model folder for all commands. [Link
-# prediction](../link-prediction.md) is the guide.
+# PyKEEN finds every recipe graph as the dataset `wordcraft`, and a model from its pipeline becomes a model folder for
+# all commands. [Link prediction](../link-prediction.md) is the guide.
 
 # %%
 import pandas as pd
@@ -54,8 +53,7 @@ save_scorer("models/transe", from_pykeen(result.model, result.training, opened),
 # %% [markdown]
 # ## A fair comparison
 #
-# The paper's ComplEx, a recipe scorer, and a baseline that counts how often an entity occurs. All models rank the
-# same unseen triples, and the intervals come from the same resampled recipes.
+# The paper's ComplEx, a recipe scorer, and a baseline that counts how often an entity occurs, on the same triples.
 
 # %%
 train_links(LinksConfig("kitchen", ComplExConfig()), "models/complex")

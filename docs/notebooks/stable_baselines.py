@@ -1,9 +1,8 @@
 # %% [markdown]
 # # Stable-Baselines3
 #
-# The environments are plain Gymnasium environments, so other libraries train on them. Here MaskablePPO from
-# sb3-contrib trains a policy from this package, guided by a scorer. [Environments](../environment.md) is the guide;
-# the extra `interop` installs the libraries.
+# MaskablePPO from sb3-contrib trains a policy from this package, guided by a scorer.
+# [Environments](../environment.md) is the guide; the extra `interop` installs the libraries.
 
 # %%
 import gymnasium as gym
@@ -40,7 +39,7 @@ print(env.render())
 # %% [markdown]
 # ## A guided policy
 #
-# The scorer is cross-fitted. `TaskObservation` adds the task's number to the observations, so that the policy asks a
+# `TaskObservation` adds the task's number to the observations, so that the policy asks a
 # model that has not seen the task's recipe.
 
 # %%
@@ -55,8 +54,7 @@ model = model.learn(10_240)
 # %% [markdown]
 # ## Before and after
 #
-# The training is short: success rises on train tasks, and on test tasks the intervals overlap. For results use
-# `train_agent`, which acts in batches and makes many more steps in the same time.
+# The training is short: on test tasks the intervals overlap. For results use `train_agent`.
 
 # %%
 players = {"before": policy, "after": model.policy.network}

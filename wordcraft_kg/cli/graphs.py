@@ -234,7 +234,7 @@ def lines_of_build(view: "BuiltGraph") -> Iterator[str]:
     split = view.split
     sources = "pairs" if view.sets is None else "ingredient sets"
     base = names([*map(quoted, view.base)], len(view.base), most=5)
-    drawn = f"seed {split.seed}" if split.published is None else split.published.file
+    origin = f"seed {split.seed}" if split.published is None else split.published.file
     rows = [
         ("entities", f"{view.entities:,}; {view.reachable:,} in reach of the base: {base}"),
         ("recipes", f"{view.recipes:,}, from {view.pairs:,} different {sources}"),
@@ -243,7 +243,7 @@ def lines_of_build(view: "BuiltGraph") -> Iterator[str]:
             f"{view.triples.total:,} = {view.triples.combines_with:,} combinesWith + "
             f"{view.triples.component_of:,} componentOf",
         ),
-        ("split", f"{split.kind}, {drawn}; {split.valid_recipes:,} recipes for validation"),
+        ("split", f"{split.kind}, {origin}; {split.valid_recipes:,} recipes for validation"),
         ("train", f"{split.train_recipes:,} recipes, without {split.uncovered:,} of the entities"),
     ]
     if split.test_recipes:

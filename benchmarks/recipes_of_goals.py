@@ -52,7 +52,7 @@ def pairs_of_links(model: Model, goals: list[str]) -> list[Pairs]:
 def pairs_of_words(model: Model, goals: list[str]) -> list[Pairs]:
     """Rank all pairs by the similarity of both words to the goal's."""
     entities = model.opened.graph.entities
-    vectors = torch.from_numpy(make_features("minilm", entities).unit_vectors)
+    vectors = torch.tensor(make_features("minilm", entities).unit_vectors)
     ids = model.opened.graph.ids_of(goals)
     cosines = vectors @ vectors.T
     return [

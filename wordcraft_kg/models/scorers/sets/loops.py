@@ -177,10 +177,7 @@ def search(lists, keys, shares, log_again, log_sizes, top, sets):  # type: ignor
             size = beam_sizes[row]
             is_covered = False
             if not is_free and not is_again:
-                for column in range(size):
-                    if lists.has_part[beam[row, column], keys[place]]:
-                        is_covered = True
-                        break
+                is_covered = bool(np.any(lists.has_part[beam[row, :size], keys[place]]))
             if is_covered or is_again:
                 next_sets[count] = beam[row]
                 next_scores[count] = beam_scores[row]

@@ -24,8 +24,8 @@ together, its size, how far the kinds of its ingredients are from those of simil
 amounts of the ingredients can add up to the goal's (least squares, none below 0), and the share of
 similar recipes that agree with it, ``sum of w(g, h) .1 ** (number of a recipe's allowed ingredients
 that the set lacks)``. The committee learns from folds of train goals, each scored by knowledge
-without its recipes. Without parts, a single part that everything has takes their place, and the beam adds ingredients
-until the set has the sizes of the neighbours' sets.
+without its recipes. Without parts, a single part that everything has takes their place, and the
+beam adds ingredients until the set has the sizes of the neighbours' sets.
 
 **Probabilities** are a softmax over the candidates and *none of them*, with a temperature and a
 bias fitted on goals that a network of the committee has not seen. ``rules`` imports a user's own

@@ -73,7 +73,7 @@ NAMES = {
 }
 SHOWN = (1, 5)
 PLAYERS = ("the model", "frequency", "random")
-ATTEMPTS = (500, 1_000, 2_000, 4_000, 8_000)
+ATTEMPTS = (500, 1_000, 2_000, 4_000)
 WHOLE = "the whole model"
 
 
@@ -175,7 +175,7 @@ class Single(SetKnowledge):
 
 ABLATIONS: dict[str, tuple[type[SetKnowledge], tuple[int, ...]]] = {
     WHOLE: (SetKnowledge, ()),
-    "no coverage": (Uncovered, ()),
+    "no coverage: ingredients may bring any part": (Uncovered, ()),
     "no ingredient more for a part": (Single, ()),
     "no least squares of parts": (SetKnowledge, (25, 26, 27)),
     "no whole sets: no votes, pairs and agreement": (

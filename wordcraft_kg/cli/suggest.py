@@ -45,9 +45,9 @@ def suggest(
     from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     whole("top", top, 1)
-    allowed = read_rule(rule) if rule else None
-    opened = open_suggesting(model, graph)
-    view = suggest_recipes(opened, goal, top, has_coverage=not any_parts, rule=allowed)
+    user_rule = read_rule(rule) if rule else None
+    suggesting = open_suggesting(model, graph)
+    view = suggest_recipes(suggesting, goal, top, has_coverage=not any_parts, rule=user_rule)
     output.result(view, list(suggestion_lines(view)))
 
 

@@ -744,13 +744,13 @@ def rules(tmp_path, monkeypatch):
 def test_a_rule_of_the_user_leaves_sets_out_and_changes_no_probability(run, book, model, tmp_path):
     command = ("suggest", book / "model", "--goal", "Gbdh", "--top", 9)
     free, ruled = (
-        {tuple(each["ingredients"]): each["score"] for each in json.loads(out)["suggestions"]}
+        {tuple(each["ingredients"]): each["probability"] for each in json.loads(out)["suggestions"]}
         for out in (
             run(*command, "--json").out,
             run(*command, "--rule", "rules_of_letters:no_dx", "--json").out,
         )
     )
-    expected = {sets: score for sets, score in free.items() if "dx" not in sets}
+    expected = {sets: chance for sets, chance in free.items() if "dx" not in sets}
     assert len(expected) < len(free)
     assert ruled == pytest.approx(expected, rel=1e-4)
     shown = run(

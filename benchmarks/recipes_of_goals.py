@@ -20,21 +20,45 @@ from numpy.typing import NDArray
 
 from wordcraft_kg import open_model
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
-from wordcraft_kg.evaluation.suggestions import open_suggesting, suggest_recipes
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 SHOWN = (1, 5, 10)
+SHORTLIST = 150
+"""Ingredients whose pairs the recipe scorer compares for a goal."""
 Pairs = list[tuple[str, ...]]
 
 
-def pairs_of_suggestions(folder: Path, goals: list[str]) -> list[Pairs]:
-    """Return the first pairs that ``suggest`` proposes for each goal."""
-    model = open_suggesting(folder)
-    views = (suggest_recipes(model, goal, max(SHOWN)) for goal in goals)
-    return [[tuple(sorted(each.ingredients)) for each in view.suggestions] for view in views]
+def sets_of_model(folder: Path, goals: list[str]) -> list[Pairs]:
+    """Return the first sets that a model of sets suggests for each goal."""
+    scorer = open_model(folder).scorer
+    assert isinstance(scorer, SetScorer)
+    ranked = (scorer.recipes(goal, max(SHOWN)) for goal in goals)
+    return [
+        [tuple(sorted(scorer.entities[entity] for entity in each.ingredients)) for each in sets]
+        for sets in ranked
+    ]
+
+
+def pairs_of_recipes(folder: Path, goals: list[str]) -> list[Pairs]:
+    """Rank the pairs of the ingredients that best link to each goal by a recipe scorer."""
+    scorer = whole_of(open_model(folder).scorer)
+    assert isinstance(scorer, RecipeScorer)
+    entities = scorer.entities
+    answers = []
+    for goal in scorer.entity_ids(goals).tolist():
+        links = scorer.score(torch.arange(len(entities)), COMPONENT_OF, goal)
+        links[goal] = -torch.inf
+        shortlist = torch.topk(links, SHORTLIST).indices
+        pairs = torch.combinations(shortlist, with_replacement=True)
+        scores = scorer.score_recipes(pairs[:, 0], pairs[:, 1], goal)
+        best = torch.sort(scores, descending=True, stable=True).indices[: max(SHOWN)]
+        answers.append([tuple(sorted(entities[int(each)] for each in pairs[row])) for row in best])
+    return answers
 
 
 def pairs_of_links(model: Model, goals: list[str]) -> list[Pairs]:
@@ -52,7 +76,7 @@ def pairs_of_links(model: Model, goals: list[str]) -> list[Pairs]:
 def pairs_of_words(model: Model, goals: list[str]) -> list[Pairs]:
     """Rank all pairs by the similarity of both words to the goal's."""
     entities = model.opened.graph.entities
-    vectors = torch.from_numpy(make_features("minilm", entities).unit_vectors)
+    vectors = torch.tensor(make_features("minilm", entities).unit_vectors)
     ids = model.opened.graph.ids_of(goals)
     cosines = vectors @ vectors.T
     return [
@@ -87,8 +111,8 @@ def main() -> None:
     methods = {
         "nearest words": pairs_of_words(model, goals),
         "ComplEx": pairs_of_links(model, goals),
-        "model of sets, by words": pairs_of_suggestions(given.sets, goals),
-        "**recipe scorer of pairs**": pairs_of_suggestions(given.pairs, goals),
+        "model of sets, by words": sets_of_model(given.sets, goals),
+        "**recipe scorer of pairs**": pairs_of_recipes(given.pairs, goals),
     }
     hits: dict[str, NDArray[np.bool_]] = {}
     for name, answers in methods.items():

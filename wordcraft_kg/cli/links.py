@@ -119,8 +119,8 @@ def _evaluate_sets(
     from wordcraft_kg.evaluation.ranked_sets import rank_sets
     from wordcraft_kg.models.scorers.sets.rules import read_rule
 
-    allowed = read_rule(rule) if rule else None
-    view, ranked = rank_sets(trained, name, predictions, allowed)
+    user_rule = read_rule(rule) if rule else None
+    view, ranked = rank_sets(trained, name, predictions, user_rule)
     with staged_folder(folder, force=force) as staging:
         write_atomically(staging / "sets.json", dump_json(as_values(view)))
         write_atomically(staging / "predictions.json", dump_json(ranked))

@@ -69,7 +69,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     whole("top", top, 1)
-    allowed = read_rule(rule) if rule else None
+    user_rule = read_rule(rule) if rule else None
     opened = open_suggesting(model, graph)
     book = opened.opened.graph
     if accept is not None:
@@ -92,8 +92,8 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             raise ConfigError(f"'{' '.join(pair)}' has a result; expected a pair. Use score.")
     wish = Wish(goal=goal, item=with_item, pair=labels, table=tuple(split_labels(start or [])))
     if goal is not None and wish.labels == (goal,):
-        view = suggest_recipes(opened, goal, top, has_coverage=not any_parts, rule=allowed)
-    elif allowed is not None:
+        view = suggest_recipes(opened, goal, top, has_coverage=not any_parts, rule=user_rule)
+    elif user_rule is not None:
         raise ConfigError("`rule` chooses among the sets of a single goal; give `goal` alone.")
     else:
         view = suggest_for(opened, wish, top, has_coverage=not any_parts)

@@ -17,6 +17,10 @@ import torch
 from link_helpers import interrupt_after
 
 from wordcraft_kg import load_scorer, open_model
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.apps.explorer.pages.entity import EntityState
+from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
@@ -744,13 +748,13 @@ def rules(tmp_path, monkeypatch):
 def test_a_rule_of_the_user_leaves_sets_out_and_changes_no_probability(run, book, model, tmp_path):
     command = ("suggest", book / "model", "--goal", "Gbdh", "--top", 9)
     free, ruled = (
-        {tuple(each["ingredients"]): each["score"] for each in json.loads(out)["suggestions"]}
+        {tuple(each["ingredients"]): each["probability"] for each in json.loads(out)["suggestions"]}
         for out in (
             run(*command, "--json").out,
             run(*command, "--rule", "rules_of_letters:no_dx", "--json").out,
         )
     )
-    expected = {sets: score for sets, score in free.items() if "dx" not in sets}
+    expected = {sets: chance for sets, chance in free.items() if "dx" not in sets}
     assert len(expected) < len(free)
     assert ruled == pytest.approx(expected, rel=1e-4)
     shown = run(
@@ -784,6 +788,18 @@ def test_a_rule_that_is_no_function_of_sets_is_refused_with_the_reason(
     refused = run("suggest", book / "model", "--goal", "Gab", "--rule", rule)
     assert refused.code == 1
     assert fault in refused.err
+
+
+def test_the_explorer_lists_suggested_sets_on_the_page_of_a_goal(book, model):
+    explored = Explored.open(book / "graph", [book / "model"])
+    state = EntityState("Gab")
+    site = Site(explored, lambda page, state: page.address(state), str, is_static=False)
+    html = site.page(PAGES["entity"], state)
+    best = PAGES["entity"].view(explored, state).suggested[0]
+    assert best.ingredients == ("ax", "bx")
+    assert "Suggestions of model" in html
+    # No other card has an a: the page says nothing, and does not fail.
+    assert PAGES["entity"].view(explored, EntityState("ax")).suggested == ()
 
 
 @pytest.mark.parametrize(

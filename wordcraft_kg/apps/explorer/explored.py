@@ -16,6 +16,7 @@ from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base import ArtefactError, ConfigError, UnknownEntityError, nearest
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.suggestions import is_set_model
 from wordcraft_kg.graphs import OpenedGraph, Planner, TaskPart, open_graph
 from wordcraft_kg.graphs.splits import TEST
 from wordcraft_kg.models.folder import open_model
@@ -96,13 +97,16 @@ class Explored:
         return cls(opened_graph, predictors, folders)
 
     def predictor(self, name: str = "") -> LinkPredictor:
-        """Return a model with all entity similarities computed; by default the first model.
+        """Return a model, by default the first, with all entity similarities of its links computed.
 
         Raises:
             ConfigError: if there is no model, or a model has too many entities to compare.
             UnknownEntityError: if no model has this name.
         """
         predictor = self.models[self._name("model", self.models, name)]
+        # A model of sets scores recipes, whose goals need no similarities.
+        if is_set_model(predictor.model):
+            return predictor
         # The similarities take seconds and memory: cached_property alone would compute them in two
         # threads at once.
         self.once(("evidence", predictor.name), lambda: predictor.evidence)

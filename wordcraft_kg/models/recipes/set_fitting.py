@@ -115,13 +115,13 @@ def fit_sets(
     lessons: list[list[Candidates]] = []
     networks = []
     whole = SetKnowledge(recipes, amounts, words)
-    data = b"".join(each.tobytes() for each in (recipes, amounts, words))
-    done = FitDone(trained_on=sha256(data).hexdigest())
+    data = b"".join(array.tobytes() for array in (recipes, amounts, words))
+    progress = FitDone(trained_on=sha256(data).hexdigest())
 
     def network_of(knowledge: SetKnowledge, number: int, members: int) -> Networks:
         if saved is not None and number in saved.records():
             checkpoint = saved.read(number)
-            if checkpoint.progress != done:
+            if checkpoint.progress != progress:
                 raise ArtefactError(
                     f"`parts` or words have changed since '{saved.run_folder}' began. Restore the "
                     "earlier files, or train again with `force`."
@@ -129,7 +129,7 @@ def fit_sets(
             return Networks.of(checkpoint.tensors, "")
         network = fit_network(knowledge, seed * 1_000 + number, members=members)
         if saved is not None:
-            saved.save(number, network.tensors(""), done)
+            saved.save(number, network.tensors(""), progress)
         after()
         return network
 

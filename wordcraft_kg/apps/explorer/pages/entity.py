@@ -1,6 +1,7 @@
 """Pages for an entity and its recipes."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import chain
 from typing import Literal
 
@@ -12,6 +13,7 @@ from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, 
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
 from wordcraft_kg.base import ConfigError, Count, Record
+from wordcraft_kg.evaluation.suggestions import Suggestion, is_set_model, suggest_recipes
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, PARTS, Part, Split
 from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
 from wordcraft_kg.models.scorers.link_evidence import Side
@@ -110,6 +112,7 @@ class EntityProfile(Record):
         has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
             model.
         slots: predictions for the queries in :data:`OPEN_SLOTS`; empty without a model.
+        suggested: recipes that a model of sets suggests for the entity; it has no slots.
         nearest: most similar entities by the model; empty without a model.
         by_words: most similar entities by word vectors; None if no word of the label has a vector.
     """
@@ -123,6 +126,7 @@ class EntityProfile(Record):
     model: str
     has_seen_the_test_recipes: bool
     slots: tuple[PredictedSlot, ...]
+    suggested: tuple[Suggestion, ...]
     nearest: tuple[AlikeEntity, ...]
     by_words: tuple[AlikeEntity, ...] | None
 
@@ -154,8 +158,13 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
     by_words = _alike(graph.entities, near_by_words(words, entity))
     predictor = explored.predictor(state.model) if explored.models else None
     slots: tuple[PredictedSlot, ...] = ()
+    suggested: tuple[Suggestion, ...] = ()
     nearest: tuple[AlikeEntity, ...] = ()
-    if predictor is not None:
+    if predictor is not None and is_set_model(predictor.model):
+        # A base entity may have no likely recipe.
+        with suppress(ConfigError):
+            suggested = suggest_recipes(predictor.model, label, PREDICTED).suggestions
+    elif predictor is not None:
         scored = [predictor.slot(entity, relation, side) for relation, side in OPEN_SLOTS]
         slots = tuple(
             predictor.best(slot, with_learned=state.learned, top=PREDICTED) for slot in scored
@@ -171,6 +180,7 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
         model="" if predictor is None else predictor.name,
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         slots=slots,
+        suggested=suggested,
         nearest=nearest,
         by_words=by_words if words.known[entity] else None,
     )

@@ -15,14 +15,19 @@ goal lacks it), and *shared* parts, which several ingredients of one set bring. 
     share(i | part, g) = sum of w(g, h) over train recipes of h with i, among ingredients with part
 
 Three widths (t, l) and a network ``softmax(MLP(amounts, parts, words))`` give four shares. A beam
-fills one key part after the other; an ingredient with several covers them all. The sets of the
+fills one key part after the other; an ingredient with several covers them all. In a second round a
+part may come from one ingredient more, as often as train recipes do that; so may a lost part that
+the goal has, from an ingredient without key parts, such as carbon for a carbide. The sets of the
 nearest goals join, and a committee of small networks orders the candidates by features of each
 set: sums and minima of log shares, votes for the whole set, how often its ingredients occur
-together, its size, and how far the kinds of its ingredients are from those of similar recipes.
-The committee learns from folds of train goals, each scored by knowledge without its recipes.
-Without parts, a single part that everything has takes their place, and the beam adds ingredients
-until the set has the sizes of the neighbours' sets.
+together, its size, how far the kinds of its ingredients are from those of similar recipes, whether
+amounts of the ingredients can add up to the goal's (least squares, none below 0), and the share of
+similar recipes that agree with it, ``sum of w(g, h) .1 ** (number of a recipe's allowed ingredients
+that the set lacks)``. The committee learns from folds of train goals, each scored by knowledge
+without its recipes. Without parts, a single part that everything has takes their place, and the
+beam adds ingredients until the set has the sizes of the neighbours' sets.
 
 **Probabilities** are a softmax over the candidates and *none of them*, with a temperature and a
-bias fitted on goals that a network of the committee has not seen.
+bias fitted on goals that a network of the committee has not seen. ``rules`` imports a user's own
+rule, which leaves sets out and changes no probability.
 """

@@ -1,9 +1,8 @@
 """Chemical formulas as parts: elements with their amounts, by the library ``periodictable``."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
-from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.extras import check_extra
@@ -35,10 +34,12 @@ def parse_formula(label: str) -> Mapping[str, float]:
         raise _unreadable(label, f"it has {sign[0]}")
     text = _HYDRATE.sub("+", label.translate(_BRACKETS))
     # Not within: a missing library is no fault of the formula.
-    parse = _formula()
+    check_extra("chemistry")
+    from periodictable import formula
+
     # Its parser raises errors of several kinds, some of which are plain ones.
     try:
-        atoms = parse(text).atoms
+        atoms = formula(text).atoms
     except Exception as error:
         raise _unreadable(label, str(error)) from None
     # Ions and isotopes are parts of their own names; amounts may be anything that was typed.
@@ -46,15 +47,6 @@ def parse_formula(label: str) -> Mapping[str, float]:
     if not amounts:
         raise _unreadable(label, "no element")
     return amounts
-
-
-@cache
-def _formula() -> Callable[[str], Any]:
-    """Import the library's parser, once."""
-    check_extra("chemistry")
-    from periodictable import formula
-
-    return formula
 
 
 def _unreadable(label: str, fault: str) -> ConfigError:

@@ -149,8 +149,8 @@ class SetKnowledge:
         self._is_spare: Flags = ~np.any(has_part[:, self.is_key], axis=1)
         has_spare = (is_in @ (has_part * self._is_spare[:, None]).astype(np.float32)) > 0
         kept_spares = (has_spare & is_in_goal).sum(0) / np.maximum(is_in_goal.sum(0), 1)
-        again = np.where(self.is_key, self.shared - 1, kept_spares)
-        self._log_again = np.log(np.clip(again, _RARELY_AGAIN, 1)).astype(np.float32)
+        shares_again = np.where(self.is_key, self.shared - 1, kept_spares)
+        self._log_again = np.log(np.clip(shares_again, _RARELY_AGAIN, 1)).astype(np.float32)
         self.style_parts = ~self.is_key if style_parts is None else style_parts
         self.styles = self.style(has_part)
         self.counts: Vector = np.asarray(is_in.sum(0)).ravel()
@@ -486,8 +486,8 @@ class SetKnowledge:
             shape (n, 2).
         """
         similarity = goal.similarity[:, self.lists.recipe_goals]
-        most = min(_NEAR_RECIPES, similarity.shape[1])
-        near = np.argpartition(-similarity[1], most - 1)[:most]
+        num_near = min(_NEAR_RECIPES, similarity.shape[1])
+        near = np.argpartition(-similarity[1], num_near - 1)[:num_near]
         uses = self._flags(self.lists.sets[self.lists.recipe_sets[near]]) * goal.is_allowed
         num_lacking = uses.sum(1) - self._flags(sets) @ uses.T
         weights = similarity[:2, near] * uses.any(1)

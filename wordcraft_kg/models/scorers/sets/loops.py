@@ -177,10 +177,7 @@ def search(lists, keys, shares, log_again, log_sizes, top, sets):  # type: ignor
             size = beam_sizes[row]
             is_covered = False
             if not is_free and not is_again:
-                for column in range(size):
-                    if lists.has_part[beam[row, column], keys[place]]:
-                        is_covered = True
-                        break
+                is_covered = bool(np.any(lists.has_part[beam[row, :size], keys[place]]))
             if is_covered or is_again:
                 next_sets[count] = beam[row]
                 next_scores[count] = beam_scores[row]
@@ -244,11 +241,11 @@ def balance(members, parts, amounts, result):  # type: ignore[no-untyped-def]
             shared and the lost parts what is too much, or too little if below 0.
     """
     num_parts = len(parts)
-    rest = np.empty(num_parts)
+    residual = np.empty(num_parts)
     for row in range(len(members)):
         weights = np.zeros(members.shape[1])
         for part in range(num_parts):
-            rest[part] = amounts[part]
+            residual[part] = amounts[part]
         for _ in range(_SWEEPS):
             for column in range(members.shape[1]):
                 product = 0.0
@@ -256,7 +253,7 @@ def balance(members, parts, amounts, result):  # type: ignore[no-untyped-def]
                 for part in range(num_parts):
                     if parts[part] == 0:
                         share = members[row, column, part]
-                        product += share * rest[part]
+                        product += share * residual[part]
                         square += share * share
                 if square == 0:
                     continue
@@ -264,8 +261,8 @@ def balance(members, parts, amounts, result):  # type: ignore[no-untyped-def]
                 step = weight - weights[column]
                 weights[column] = weight
                 for part in range(num_parts):
-                    rest[part] -= step * members[row, column, part]
+                    residual[part] -= step * members[row, column, part]
         result[row] = 0
         for part in range(num_parts):
-            left = abs(rest[part]) if parts[part] == 0 else -rest[part]
-            result[row, parts[part]] += left
+            excess = abs(residual[part]) if parts[part] == 0 else -residual[part]
+            result[row, parts[part]] += excess

@@ -214,8 +214,9 @@ class SetScorer(StoredScorer):
         evidence = self.evidence(entity, has_coverage=has_coverage)
 
         def is_allowed(row: Ids) -> bool:
-            labels = (self.entities[each] for each in self.knowledge.ingredient_ids[row[row >= 0]])
-            return rule is None or rule(tuple(labels), self.entities[entity])
+            members = self.knowledge.ingredient_ids[row[row >= 0]]
+            labels = tuple(self.entities[member] for member in members)
+            return rule is None or rule(labels, self.entities[entity])
 
         sets, features = self.knowledge.candidates(
             evidence, has_coverage=has_coverage, is_allowed=is_allowed

@@ -112,6 +112,12 @@ def tokens_of(rows: Sequence[dict[str, Any]], tokenizer: Any) -> list[tuple[list
     return list(zip(*texts, strict=True))
 
 
+def _asked(messages: Any, tokenizer: Any) -> str:
+    """Return a conversation as text that ends with the beginning of an answer."""
+    text = tokenizer.apply_chat_template(messages, tokenize=False, add_generation_prompt=True)
+    return str(text)
+
+
 def batches(
     texts: Sequence[tuple[list[int], list[int]]], most: int, rng: np.random.Generator
 ) -> list[list[int]]:
@@ -192,10 +198,7 @@ def answers_of(model: Any, prompts: Sequence[Any], tokenizer: Any, batch: int = 
     tokenizer.padding_side = "left"
     answers: list[str] = []
     for start in range(0, len(prompts), batch):
-        texts = [
-            tokenizer.apply_chat_template(prompt, tokenize=False, add_generation_prompt=True)
-            for prompt in prompts[start : start + batch]
-        ]
+        texts = [_asked(prompt, tokenizer) for prompt in prompts[start : start + batch]]
         read = tokenizer(texts, add_special_tokens=False, padding=True, return_tensors="pt")
         made = model.generate(
             **read.to(device),

@@ -3,8 +3,8 @@
 TRL, verifiers and Inspect connect to such servers. A web socket (``/ws``) is a session, with a game
 of its own; HTTP describes the games: ``/health``, ``/metadata``, ``/schema``, ``/openapi.json``,
 and the Task API below ``/crafting``. It has no sessions: ``/reset`` answers with the beginning of a
-game, and ``/step`` and ``/mcp`` say where to play it. OpenEnv itself is not needed here: it wants another version of ``mcp`` than
-this package does.
+game, and ``/step`` and ``/mcp`` say where to play it. OpenEnv itself is not needed here: it wants
+another version of ``mcp`` than this package does.
 
 :class:`CraftingSession` answers one client, and knows nothing of connections.
 """

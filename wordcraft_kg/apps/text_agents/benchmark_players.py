@@ -15,6 +15,7 @@ import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track
+from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
 from wordcraft_kg.apps.text_agents.games import Picks
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
@@ -34,6 +35,7 @@ from wordcraft_kg.base.artefacts import check_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.extras import Registry
 from wordcraft_kg.base.records import as_lines
+from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.open_ended import Discovery
@@ -85,6 +87,8 @@ class RunSettings:
         timeout: seconds for an answer of a program.
         weights: file with the player's weights, for the hash; None without weights.
         is_replacing: whether earlier games stay in ``messages`` until the new games are complete.
+        base_url: address of a chat completions API; None for other players.
+        parallel: games that a model behind an address plays at a time.
     """
 
     messages: Path
@@ -92,6 +96,8 @@ class RunSettings:
     timeout: float = TIMEOUT
     weights: Path | None = None
     is_replacing: bool = False
+    base_url: str | None = None
+    parallel: int = 1
 
 
 @dataclass(frozen=True)
@@ -415,6 +421,22 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     return _recorded(track, settings, program.name, play.settings, played)
 
 
+def _openai(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    if settings.base_url is None:
+        raise ConfigError(
+            "`base_url`: expected the address of a chat completions API, such as "
+            "http://127.0.0.1:8000/v1. Its key is read from the environment variable "
+            f"{KEY}."
+        )
+    play = track.play(settings.look_ups)
+    server = ChatServer(argument, settings.base_url, settings.timeout)
+    parallel = whole("parallel", settings.parallel, 1, 256)
+    folder = settings.messages
+    play_program(server, play, folder, is_replacing=settings.is_replacing, parallel=parallel)
+    played = read_games(folder / GAMES_FILE)[1]
+    return _recorded(track, settings, server.name, play.settings, played)
+
+
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
     logged = read_inspect_log(argument)
     entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
@@ -494,6 +516,7 @@ KINDS: Registry[Kind] = Registry(
         "planner": Kind("the first pair of a model's best plan", "MODEL", _with_model),
         "agent": Kind("a trained agent", "RUN", _agent),
         "program": Kind("a program that plays by the line protocol", "COMMAND", _program),
+        "openai": Kind("a model behind a chat completions API, at --base-url", "MODEL", _openai),
         "inspect": Kind("a language model in Inspect AI, by its log", "LOG", _inspect),
         "mcp": Kind("MCP clients, by the games of `mcp --track`", "GAMES", _games),
         "openenv": Kind(
@@ -598,5 +621,5 @@ def reproduce(
             )
 
 
-TEXT_PLAYERS = ("program", "inspect", "mcp", "openenv")
+TEXT_PLAYERS = ("program", "openai", "inspect", "mcp", "openenv")
 """Kinds that read prompts."""

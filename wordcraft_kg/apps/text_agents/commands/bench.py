@@ -91,6 +91,8 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     price: float | None = None,
     measured: Flag = False,
     timeout: float = TIMEOUT,
+    base_url: str | None = None,
+    parallel: int = 1,
     force: Force = False,
     output: Output = Output(),
 ) -> None:
@@ -115,7 +117,10 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             holds them.
         price: price of the evaluation in US dollars.
         measured: add the date and the duration, which differ between runs.
-        timeout: seconds for an answer of a program.
+        timeout: seconds for an answer of a program or server.
+        base_url: address of a chat completions API, for openai:MODEL; a key is read from
+            OPENAI_API_KEY.
+        parallel: games at a time, for openai:MODEL.
     """
     from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
@@ -126,7 +131,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
 
     # Everything that the user can mistype is checked before the games, which may take hours.
     messages = out / MESSAGES
-    is_program = player.startswith("program:")
+    is_program = player.startswith(("program:", "openai:"))
     check_folder = partial(
         _check_folder, out, messages / GAMES_FILE, is_program=is_program, force=force
     )
@@ -142,7 +147,9 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         # Once more under the lock: another process may have played meanwhile.
         is_replacing = check_folder()
         with continuable(messages):
-            settings = RunSettings(messages, look_ups, timeout, weights, is_replacing)
+            settings = RunSettings(
+                messages, look_ups, timeout, weights, is_replacing, base_url, parallel
+            )
             kind, entrant = enter(benchmark_track, player, settings)
         if declared.tokens and entrant.tokens is not None:
             raise ConfigError(

@@ -15,7 +15,7 @@ from wordcraft_kg.graphs.task_search import MAX_DEPTH
 
 GROUP = "Text agents"
 EXAMPLES = (
-    "wordcraft-kg chats everyday --part train --player oracle --out sft.jsonl",
+    "wordcraft-kg chats everyday --player oracle --out sft.jsonl",
     "wordcraft-kg chats everyday --depth 1,2,3,4 --player planner --keep shortest --out sft.jsonl",
     "wordcraft-kg chats kitchen --player scorer:models/kitchen --style text --out sft.jsonl",
 )
@@ -26,7 +26,6 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     *,
     out: Annotated[Path, Parameter(name=["--out"])],
     player: str = "oracle",
-    part: Literal["train"] = "train",
     depth: Words = None,
     distractors: Words = None,
     attempts: int | None = None,
@@ -41,15 +40,15 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
 ) -> None:
     """Write a player's games as conversations to fine-tune language models on.
 
-    A line is a conversation, in the messages format of TRL's SFTTrainer. The same command
-    writes the same bytes.
+    Games are of train tasks alone, so that test tasks measure what was learned. A line is a
+    conversation, in the messages format of TRL's SFTTrainer. The same command writes the same
+    bytes.
 
     Args:
         graph: graph folder, recipe book or known book's name.
         out: file to write (JSON lines).
         player: oracle, planner (by the train recipes), votes, graph, nearest-words, random,
             planner:MODEL, scorer:MODEL or agent:RUN.
-        part: tasks of the split: train alone, so that test tasks measure what was learned.
         depth: comma-separated depths of tasks, 1 to 5. Default: 1.
         distractors: comma-separated numbers of distractors on a table. Default: 8.
         attempts: attempts in a game. Default: the task's depth.
@@ -87,7 +86,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     source = open_graph(graph)
     plays = []
     for task_depth, number in product(depths, numbers):
-        plays.append(open_play(graph, part, task_depth, number, attempts))
+        plays.append(open_play(graph, "train", task_depth, number, attempts))
     first = plays[0].games
     assert isinstance(first, TaskGames)
     title, played_by = named_player(player, source, first.world.tasks)

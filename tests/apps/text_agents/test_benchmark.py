@@ -239,7 +239,7 @@ def test_declared_weights_are_hashed_and_compared(tmp_path, capsys):
     weights.write_text("weights")
     with pytest.raises(
         ConfigError,
-        match=r"`weights`: expected a player by text \(program, inspect, mcp, openenv\), but got random",
+        match=r"`weights`: expected a player by text \(program, openai, inspect, mcp, openenv\), but got random",
     ):
         bench_run("craft-1-lite", player="random", out=out, weights=weights)
     assert not out.exists()

@@ -327,18 +327,19 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
         from wordcraft_kg.agents.evaluation import PolicyPlayer
 
         agent = open_agent(folder)
-        _check_graph(folder, agent.opened, opened)
+        check_graph(folder, agent.opened, opened)
         return agent.name, PolicyPlayer(agent.policy)
     from wordcraft_kg.models.folder import open_model
 
     model = open_model(folder)
-    _check_graph(folder, model.opened, opened)
+    check_graph(folder, model.opened, opened)
     names = ("planner",) if kind == "planner" else _BEST_PAIR
     best, player = best_player(model, opened.graph, names, tasks)
     return f"{Path(folder).name}, {best}", player
 
 
-def _check_graph(folder: str, model_graph: OpenedGraph, opened: OpenedGraph) -> None:
+def check_graph(folder: str, model_graph: OpenedGraph, opened: OpenedGraph) -> None:
+    """Raise a GraphMismatchError if a model's folder is of another graph or split."""
     hashes = (model_graph.graph.hash, model_graph.split.hash)
     expected = (opened.graph.hash, opened.split.hash)
     if hashes != expected:

@@ -122,7 +122,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             OPENAI_API_KEY.
         parallel: games at a time, for openai:MODEL.
     """
-    from wordcraft_kg.apps.text_agents.benchmark import open_track
+    from wordcraft_kg.apps.text_agents.benchmark import open_track, rank_text
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.apps.text_agents.results import continuable
@@ -168,10 +168,10 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             # A program's prompts and answers belong to the submission. Other players have none, so
             # a folder here is from the player of a submission that was replaced.
             shutil.rmtree(messages, ignore_errors=True)
-    view = {"out": str(out), "submission": submission}
-    output.result(
-        view, [*_shown(submission), f"wrote {out}/   next: wordcraft-kg bench verify {out}"]
-    )
+    rank = rank_text(benchmark_track.name, submission.figures.mean)
+    view = {"out": str(out), "submission": submission, "rank": rank}
+    lines = [*_shown(submission), *filter(None, [rank])]
+    output.result(view, [*lines, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
 
 
 def _check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> bool:

@@ -34,6 +34,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     keep: Literal["made", "shortest", "all"] = "made",
     style: Literal["tools", "text"] = "tools",
     mistakes: float = 0.0,
+    reasons: Path | None = None,
     seed: int = 0,
     force: Force = False,
     output: Output = Output(),
@@ -60,6 +61,8 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         mistakes: probability of a mistake before each attempt: an item that is not on the table, or
             a pair that makes nothing. Their places are in each line, so that a learner can skip
             them. With more attempts than the depth, games recover; else they are lost.
+        reasons: model folder of train-recipes: an answer begins with the train recipes that make
+            the model expect it, without its own recipe.
         seed: seed of the player, the tables, the wordings and the orders.
     """
     depths = whole_numbers("depth", depth or ["1"])
@@ -76,6 +79,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         ChatCounts,
         ChatSettings,
         chat_rows,
+        recipe_scorer,
         write_chats,
     )
     from wordcraft_kg.apps.text_agents.games import TaskGames
@@ -92,7 +96,8 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     title, played_by = named_player(player, source, first.world.tasks)
     settings = ChatSettings(style, keep, tables, tasks, mistakes, seed)
     counts = ChatCounts()
-    rows = chat_rows(plays, played_by, settings, counts)
+    scorer = None if reasons is None else recipe_scorer(reasons, source)
+    rows = chat_rows(plays, played_by, settings, counts, scorer)
     digest = write_chats(out, rows, force=force)
     view = {
         "out": str(out),

@@ -137,7 +137,9 @@ def loss_of(model: Any, texts: Sequence[tuple[list[int], list[int]]]) -> torch.T
     device = model.lm_head.weight.device
     length = max(len(prompt) + len(answer) for prompt, answer in texts) - 1
     ids = torch.zeros(len(texts), length, dtype=torch.long)
-    rows, columns, targets = [], [], []
+    rows: list[int] = []
+    columns: list[int] = []
+    targets: list[int] = []
     for row, (prompt, answer) in enumerate(texts):
         text = [*prompt, *answer]
         ids[row, : len(text) - 1] = torch.tensor(text[:-1])

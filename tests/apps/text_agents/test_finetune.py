@@ -316,6 +316,14 @@ def test_a_first_answer_is_rewarded_as_in_the_game(reinforcing, written):
     assert games.reward(row, f"I take\n{right}") == 1
     assert games.reward(row, f"{first} + no such item") == 0
     assert games.reward(row, "") == 0
+    other_item = next(
+        item.partition(" ")[2]
+        for item in row["messages"][1]["content"].splitlines()[1][7:].split(", ")
+        if item.partition(" ")[2] not in right.split(" + ")
+    )
+    assert games.outcome(row, right) == (1, 1)
+    assert games.outcome(row, f"{first} + {other_item}") == (0, 1)
+    assert games.outcome(row, "no idea") == (0, 0)
     depth, distractors, task, table = row["id"].split("-")[-4:]
     other = row | {"id": f"kitchen-train-{depth}-{distractors}-{int(task) + 1}-{table}"}
     with pytest.raises(ValueError, match="is another game of 'kitchen' than in its file"):

@@ -297,17 +297,22 @@ def write_adapter(model: Any, path: Path) -> None:
     save_file(tensors, path)
 
 
+@torch.no_grad()
+def add_changes(model: Any, tensors: dict[str, torch.Tensor]) -> None:
+    """Add learned matrices to the weights of a model that has none."""
+    for name in tensors:
+        layer, _, last = name.rpartition(".")
+        if last == "first":
+            change = tensors[f"{layer}.second"].float() @ tensors[name].float()
+            model.get_submodule(layer).weight += 2 * change
+
+
 def merge(options: argparse.Namespace) -> None:
     """Add learned matrices to a model, and write its folder."""
     from finetune_language_model import save_model
 
     model, tokenizer = open_model(options.model)
-    tensors = load_file(options.adapter)
-    with torch.no_grad():
-        for name in [name for name in tensors if name.endswith(".first")]:
-            layer = name.removesuffix(".first")
-            change = tensors[f"{layer}.second"].float() @ tensors[name].float()
-            model.get_submodule(layer).weight += 2 * change
+    add_changes(model, load_file(options.adapter))
     save_model(model, tokenizer, options.out)
 
 

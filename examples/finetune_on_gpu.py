@@ -112,6 +112,12 @@ def tokens_of(rows: Sequence[dict[str, Any]], tokenizer: Any) -> list[tuple[list
     return list(zip(*texts, strict=True))
 
 
+def _asked(messages: Any, tokenizer: Any) -> str:
+    """Return a conversation as text that ends with the beginning of an answer."""
+    text = tokenizer.apply_chat_template(messages, tokenize=False, add_generation_prompt=True)
+    return str(text)
+
+
 def batches(
     texts: Sequence[tuple[list[int], list[int]]], most: int, rng: np.random.Generator
 ) -> list[list[int]]:
@@ -131,7 +137,9 @@ def loss_of(model: Any, texts: Sequence[tuple[list[int], list[int]]]) -> torch.T
     device = model.lm_head.weight.device
     length = max(len(prompt) + len(answer) for prompt, answer in texts) - 1
     ids = torch.zeros(len(texts), length, dtype=torch.long)
-    rows, columns, targets = [], [], []
+    rows: list[int] = []
+    columns: list[int] = []
+    targets: list[int] = []
     for row, (prompt, answer) in enumerate(texts):
         text = [*prompt, *answer]
         ids[row, : len(text) - 1] = torch.tensor(text[:-1])
@@ -192,10 +200,7 @@ def answers_of(model: Any, prompts: Sequence[Any], tokenizer: Any, batch: int = 
     tokenizer.padding_side = "left"
     answers: list[str] = []
     for start in range(0, len(prompts), batch):
-        texts = [
-            tokenizer.apply_chat_template(prompt, tokenize=False, add_generation_prompt=True)
-            for prompt in prompts[start : start + batch]
-        ]
+        texts = [_asked(prompt, tokenizer) for prompt in prompts[start : start + batch]]
         read = tokenizer(texts, add_special_tokens=False, padding=True, return_tensors="pt")
         made = model.generate(
             **read.to(device),
@@ -292,17 +297,22 @@ def write_adapter(model: Any, path: Path) -> None:
     save_file(tensors, path)
 
 
+@torch.no_grad()
+def add_changes(model: Any, tensors: dict[str, torch.Tensor]) -> None:
+    """Add learned matrices to the weights of a model that has none."""
+    for name in tensors:
+        layer, _, last = name.rpartition(".")
+        if last == "first":
+            change = tensors[f"{layer}.second"].float() @ tensors[name].float()
+            model.get_submodule(layer).weight += 2 * change
+
+
 def merge(options: argparse.Namespace) -> None:
     """Add learned matrices to a model, and write its folder."""
     from finetune_language_model import save_model
 
     model, tokenizer = open_model(options.model)
-    tensors = load_file(options.adapter)
-    with torch.no_grad():
-        for name in [name for name in tensors if name.endswith(".first")]:
-            layer = name.removesuffix(".first")
-            change = tensors[f"{layer}.second"].float() @ tensors[name].float()
-            model.get_submodule(layer).weight += 2 * change
+    add_changes(model, load_file(options.adapter))
     save_model(model, tokenizer, options.out)
 
 

@@ -5,7 +5,8 @@
     python examples/reinforce_language_model.py talking everyday --chats sft.jsonl --out reinforced
 
 In each step the model draws some answers to the first question of a few games (a group each), and
-the environment rewards them: 1 for the goal, else 0. An answer's advantage is its reward minus the
+the environment rewards them: 1 for the goal, else 0, and ``--form`` for an answer that names two
+items on the table, which is counted apart. An answer's advantage is its reward minus the
 group's mean, divided by the group's standard deviation (Shao et al. 2024, "DeepSeekMath", outcome
 supervision). Answers are used once, for one gradient step, so there is no ratio to clip, and the
 small rate stands for the penalty to the first model. A group of equal rewards teaches nothing.
@@ -24,7 +25,7 @@ import copy
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,8 @@ class Settings:
         answers: answers to each question.
         new_tokens: most tokens of an answer.
         lr: learning rate, after a warm-up of ten steps.
+        form: reward of an answer that names two items on the table, beside that of the goal.
+        judge_every: steps between two plays of games that are left out; 0 plays none meanwhile.
         seed: seed of games and answers.
     """
 
@@ -71,6 +74,8 @@ class Settings:
     answers: int = 8
     new_tokens: int = 12
     lr: float = 1e-5
+    form: float = 0.0
+    judge_every: int = 0
     seed: int = 0
 
 
@@ -83,7 +88,11 @@ class Games:
         self._environments: dict[tuple[str, int, int, int], TextEnv] = {}
 
     def reward(self, row: Row, answer: str) -> float:
-        """Return the reward of the first answer in a game.
+        """Return the reward of the first answer in a game: 1 for the goal."""
+        return self.outcome(row, answer)[0]
+
+    def outcome(self, row: Row, answer: str) -> tuple[float, float]:
+        """Return the reward of the first answer in a game, and 1 if it names two items, else 0.
 
         Raises:
             ValueError: if the row's question is not that of the game which its name names.
@@ -104,7 +113,8 @@ class Games:
         _, _, table_and_goal = opening.partition("\n\n")
         if table_and_goal != row["messages"][1]["content"]:
             raise ValueError(f"'{row['id']}' is another game of '{self._graph}' than in its file.")
-        return float(environment.step(answer)[1])
+        _, reward, *_, info = environment.step(answer)
+        return float(reward), float(not info["invalid_actions"])
 
 
 @torch.no_grad()
@@ -161,9 +171,10 @@ def reinforce(
     settings: Settings,
     state: Path,
     *,
+    judge: Callable[[], float | None] = lambda: None,
     save_every: int = 20,
     stop_after: int | None = None,
-) -> Iterator[dict[str, float]]:
+) -> Iterator[dict[str, float | None]]:
     """Train a model by its games, and yield the figures of each step; continues from ``state``.
 
     Args:
@@ -172,6 +183,7 @@ def reinforce(
         games: plays and rewards them.
         settings: settings, which the state must have been trained with.
         state: folder for the state.
+        judge: returns the success in games that are left out, every ``judge_every`` steps.
         save_every: steps between two states.
         stop_after: number of the step before which training stops; None for the end.
 
@@ -193,12 +205,14 @@ def reinforce(
         )
         generator = torch.Generator().manual_seed(settings.seed * 1_000_003 + step)
         trees: list[Tree] = []
-        rewards: list[float] = []
+        outcomes: list[tuple[float, float]] = []
         for row in (rows[place] for place in chosen.tolist()):
             prompt = reader.chat(row["messages"][:2], True)
             answers = draw_answers(reader, prompt, settings, generator)
-            group = np.array([games.reward(row, text_of(reader, answer)) for answer in answers])
-            rewards += group.tolist()
+            played = [games.outcome(row, text_of(reader, answer)) for answer in answers]
+            outcomes += played
+            # Form and goal are counted apart, and added for the gradient alone.
+            group = np.array([made + settings.form * is_read for made, is_read in played])
             if group.std():
                 advantages = (group - group.mean()) / group.std()
                 trees.append(Tree(prompt, answers, [], advantages.tolist()))
@@ -208,10 +222,14 @@ def reinforce(
             torch.nn.utils.clip_grad_norm_(trained.values(), 1.0)
             optimiser.step()
             optimiser.zero_grad()
+        reward, form = np.mean(outcomes, axis=0).tolist()
+        is_judged = settings.judge_every and (step + 1) % settings.judge_every == 0
         yield {
             "step": step + 1,
             "of": settings.steps,
-            "reward": round(float(np.mean(rewards)), 4),
+            "reward": round(reward, 4),
+            "form": round(form, 4),
+            "held_out": judge() if is_judged else None,
             "groups_that_teach": len(trees),
             "cpu_seconds": round(time.process_time() - started, 2),
         }
@@ -263,8 +281,13 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     log = options.out / "training.jsonl"
     before = success(reader, judged, games, settings)
+
+    def judge() -> float | None:
+        return success(reader, judged, games, settings)
+
     with log.open("a", encoding="utf-8") as file:
-        for figures in reinforce(reader, rows, games, settings, options.out / "state"):
+        folder = options.out / "state"
+        for figures in reinforce(reader, rows, games, settings, folder, judge=judge):
             print(json.dumps(figures), file=file, flush=True)
             print(json.dumps(figures), file=sys.stderr, flush=True)
     save_model(reader.model, reader.tokenizer, options.out)

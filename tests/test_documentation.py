@@ -42,6 +42,8 @@ ELSEWHERE = {
     "chat_player",
     "demo",
     "finetune_language_model",
+    "finetune_on_gpu",
+    "grpo_on_gpu",
     "line_player",
     "impala_single_file",
     "reinforce_language_model",

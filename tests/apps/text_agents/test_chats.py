@@ -229,6 +229,8 @@ def test_bad_options_are_refused(run, tmp_path):
         (["--tasks", "0"], 1, "tasks"),
         (["--seed", "-1"], 1, "seed"),
         (["--attempts", "0"], 1, "attempts"),
+        (["--mistakes", "1"], 1, "mistakes"),
+        (["--reasons", "nowhere"], 1, "nowhere"),
     ):
         given = {"--tasks": "2"} if "--tasks" not in options else {}
         flat = [word for pair in given.items() for word in pair]
@@ -253,3 +255,29 @@ def test_a_model_plays(run, tmp_path, recipes_folder):
         outcome = run("chats", "kitchen", "--player", player, "--tasks", "40", "--out", out)
         assert outcome.code == 0, outcome.err
         assert len(out.read_text().splitlines()) > 10
+
+
+@pytest.mark.slow
+def test_reasons_are_train_recipes_but_never_the_answer(run, tmp_path, recipes_folder):
+    out = tmp_path / "reasons.jsonl"
+    options = ["--style", "text", "--tasks", "60", "--reasons", recipes_folder]
+    outcome = run("chats", "kitchen", *options, "--out", out)
+    assert outcome.code == 0, outcome.err
+    split = open_play("kitchen", "train", 1, 2, None).games.world.split
+    known = {
+        (frozenset(recipe.ingredients), recipe.result)
+        for recipe in split.graph.recipe_labels(split.recipes("train"))
+    }
+    given = 0
+    for row in map(json.loads, out.read_text().splitlines()):
+        *reason, answer = row["messages"][2]["content"].splitlines()
+        pair = frozenset(answer.split(" + "))
+        for text in reason:
+            shown = text.removeprefix("Similar recipes: ").partition(". So ")[0]
+            for recipe in shown.split(", "):
+                ingredients, _, result = recipe.partition(" -> ")
+                fact = (frozenset(ingredients.split(" + ")), result)
+                assert fact in known
+                assert fact != (pair, row["goal"])
+                given += 1
+    assert given > 20

@@ -315,7 +315,48 @@ def test_a_first_answer_is_rewarded_as_in_the_game(reinforcing, written):
     assert games.reward(row, f"I take\n{right}") == 1
     assert games.reward(row, f"{first} + no such item") == 0
     assert games.reward(row, "") == 0
+    other_item = next(
+        item.partition(" ")[2]
+        for item in row["messages"][1]["content"].splitlines()[1][7:].split(", ")
+        if item.partition(" ")[2] not in right.split(" + ")
+    )
+    assert games.outcome(row, right) == (1, 1)
+    assert games.outcome(row, f"{first} + {other_item}") == (0, 1)
+    assert games.outcome(row, "no idea") == (0, 0)
     depth, distractors, task, table = row["id"].split("-")[-4:]
     other = row | {"id": f"kitchen-train-{depth}-{distractors}-{int(task) + 1}-{table}"}
     with pytest.raises(ValueError, match="is another game of 'kitchen' than in its file"):
         games.reward(other, right)
+
+
+@pytest.mark.slow
+def test_low_rank_matrices_begin_as_no_change_and_merge_into_equal_weights(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    script = runpy.run_path(str(EXAMPLES / "finetune_on_gpu.py"), run_name="script")
+    ids = torch.tensor([[3, 1, 4, 1, 5]])
+    model = tiny()
+    with torch.no_grad():
+        before = model(ids).logits
+        trained = script["add_low_rank"](model, 2, 0)
+        torch.testing.assert_close(model(ids).logits, before)
+        generator = torch.Generator().manual_seed(1)
+        for name, value in trained.items():
+            assert name.endswith((".first", ".second"))
+            value += 0.1 * torch.randn(value.shape, generator=generator)
+        changed = model(ids).logits
+        assert (changed - before).abs().max() > 1e-3
+        merged = tiny()
+        script["add_changes"](merged, trained)
+        torch.testing.assert_close(merged(ids).logits, changed)
+
+
+@pytest.mark.slow
+def test_padding_does_not_change_the_loss_of_answers(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    script = runpy.run_path(str(EXAMPLES / "finetune_on_gpu.py"), run_name="script")
+    model = tiny()
+    texts = [([3, 1, 4], [5, 9]), ([2, 7, 1, 8, 2, 8], [1, 8])]
+    with torch.no_grad():
+        alone = [script["loss_of"](model, [text]) for text in texts]
+        together = script["loss_of"](model, texts)
+    torch.testing.assert_close(together, torch.stack(alone).mean())

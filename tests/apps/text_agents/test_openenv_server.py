@@ -64,6 +64,26 @@ def solution(play, task):
     return [*dict.fromkeys(pairs)]
 
 
+def test_http_describes_the_protocol_and_says_where_to_play():
+    """The six checks of ``openenv validate --url``: version, health, metadata, schema, MCP, mode."""
+    client = client_of()
+    described = client.get("/openapi.json").json()
+    assert described["info"]["version"]
+    assert {"/reset", "/step", "/state"} <= described["paths"].keys()
+    assert client.get("/health").json() == {"status": "healthy"}
+    assert client.get("/metadata").json().keys() >= {"name", "description"}
+    assert client.get("/schema").json().keys() == {"action", "observation", "state"}
+    assert client.post("/mcp", json={}).json()["jsonrpc"] == "2.0"
+    begun = client.post("/reset", json={"split": "train", "index": 3}).json()
+    assert begun["observation"]["task_id"] == kitchen_games().at("train", 3).name
+    assert client.post("/reset").json()["done"] is False
+    refused = client.post("/reset", json={"split": "test"})
+    assert (refused.status_code, "not offered" in refused.json()["detail"]) == (400, True)
+    step = client.post("/step", json={"action": {"answer": "1 + 2"}})
+    assert (step.status_code, "/ws" in step.json()["detail"]) == (409, True)
+    assert client.get("/state").json() == {"episode_id": None, "step_count": 0}
+
+
 def test_a_plan_by_each_kind_of_action_earns_the_reward():
     games = kitchen_games()
     with session(client_of(games)) as ask:

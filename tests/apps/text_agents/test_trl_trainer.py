@@ -4,6 +4,7 @@ A tiny model has random weights, or scripted answers.
 """
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -38,14 +39,19 @@ def byte_tokenizer():
     return tokenizer
 
 
-@pytest.fixture
-def trainer(tokenizer, tmp_path, monkeypatch):
+def tiny_model(tokenizer):
+    """A model with random weights."""
     from transformers import Qwen3Config, Qwen3ForCausalLM
 
-    monkeypatch.setenv("TRL_EXPERIMENTAL_SILENCE", "1")
     size = {"hidden_size": 16, "intermediate_size": 16, "head_dim": 8}
     heads = {"num_hidden_layers": 1, "num_attention_heads": 2, "num_key_value_heads": 1}
-    model = Qwen3ForCausalLM(Qwen3Config(vocab_size=len(tokenizer), **size, **heads))
+    return Qwen3ForCausalLM(Qwen3Config(vocab_size=len(tokenizer), **size, **heads))
+
+
+@pytest.fixture
+def trainer(tokenizer, tmp_path, monkeypatch):
+    monkeypatch.setenv("TRL_EXPERIMENTAL_SILENCE", "1")
+    model = tiny_model(tokenizer)
     settings = {
         **{"per_device_train_batch_size": 2, "num_generations": 2, "max_steps": 1},
         **{"max_completion_length": 1_000, "report_to": [], "use_cpu": True, "logging_steps": 1},
@@ -85,3 +91,21 @@ def test_a_trainer_calls_the_tool_and_takes_the_reward(trainer, tokenizer, monke
     assert '"name": "combine"' in prompts[0]
     assert len(after_the_call) == 1
     assert f"You made the goal: {game.goal}" in after_the_call[0]
+
+
+def test_the_example_trains_with_two_rewards_and_games_that_are_held_out(
+    tokenizer, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("TRL_EXPERIMENTAL_SILENCE", "1")
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "examples"))
+    import grpo_on_gpu
+
+    words = "tiny --graph kitchen --distractors 2 --tasks 12 --steps 1 --answers 2 --tokens 30"
+    options = grpo_on_gpu.parse([*words.split(), "--eval-steps", "1", "--cpu", "--out", "here"])
+    options.out = str(tmp_path)
+    trainer = grpo_on_gpu.make_trainer(tiny_model(tokenizer), options, processing_class=tokenizer)
+    assert [row["depth"] for row in trainer.train_dataset][:4] == [2, 1, 2, 1]
+    trainer.train()
+    logged = {name for entry in trainer.state.log_history for name in entry}
+    assert {"rewards/form/mean", "rewards/CraftingEnvironment/mean"} <= logged
+    assert "eval_rewards/CraftingEnvironment/mean" in logged

@@ -15,6 +15,7 @@ import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
 from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track
+from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
 from wordcraft_kg.apps.text_agents.games import Picks
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
@@ -37,6 +38,7 @@ from wordcraft_kg.base import (
     as_lines,
     check_file,
     sha256_of,
+    whole,
 )
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import BatchEngine
@@ -87,6 +89,8 @@ class RunSettings:
         timeout: seconds for an answer of a program.
         weights: file with the player's weights, for the hash; None without weights.
         is_replacing: whether earlier games stay in ``messages`` until the new games are complete.
+        base_url: address of a chat completions API; None for other players.
+        parallel: games that a model behind an address plays at a time.
     """
 
     messages: Path
@@ -94,6 +98,8 @@ class RunSettings:
     timeout: float = TIMEOUT
     weights: Path | None = None
     is_replacing: bool = False
+    base_url: str | None = None
+    parallel: int = 1
 
 
 @dataclass(frozen=True)
@@ -323,18 +329,19 @@ def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "
         from wordcraft_kg.agents.evaluation import PolicyPlayer
 
         agent = open_agent(folder)
-        _check_graph(folder, agent.opened, opened)
+        check_graph(folder, agent.opened, opened)
         return agent.name, PolicyPlayer(agent.policy)
     from wordcraft_kg.models.folder import open_model
 
     model = open_model(folder)
-    _check_graph(folder, model.opened, opened)
+    check_graph(folder, model.opened, opened)
     names = ("planner",) if kind == "planner" else _BEST_PAIR
     best, player = best_player(model, opened.graph, names, tasks)
     return f"{Path(folder).name}, {best}", player
 
 
-def _check_graph(folder: str, model_graph: OpenedGraph, opened: OpenedGraph) -> None:
+def check_graph(folder: str, model_graph: OpenedGraph, opened: OpenedGraph) -> None:
+    """Raise a GraphMismatchError if a model's folder is of another graph or split."""
     hashes = (model_graph.graph.hash, model_graph.split.hash)
     expected = (opened.graph.hash, opened.split.hash)
     if hashes != expected:
@@ -417,6 +424,22 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     return _recorded(track, settings, program.name, play.settings, played)
 
 
+def _openai(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    if settings.base_url is None:
+        raise ConfigError(
+            "`base_url`: expected the address of a chat completions API, such as "
+            "http://127.0.0.1:8000/v1. Its key is read from the environment variable "
+            f"{KEY}."
+        )
+    play = track.play(settings.look_ups)
+    server = ChatServer(argument, settings.base_url, settings.timeout)
+    parallel = whole("parallel", settings.parallel, 1, 256)
+    folder = settings.messages
+    play_program(server, play, folder, is_replacing=settings.is_replacing, parallel=parallel)
+    played = read_games(folder / GAMES_FILE)[1]
+    return _recorded(track, settings, server.name, play.settings, played)
+
+
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
     logged = read_inspect_log(argument)
     entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
@@ -496,6 +519,7 @@ KINDS: Registry[Kind] = Registry(
         "planner": Kind("the first pair of a model's best plan", "MODEL", _with_model),
         "agent": Kind("a trained agent", "RUN", _agent),
         "program": Kind("a program that plays by the line protocol", "COMMAND", _program),
+        "openai": Kind("a model behind a chat completions API, at --base-url", "MODEL", _openai),
         "inspect": Kind("a language model in Inspect AI, by its log", "LOG", _inspect),
         "mcp": Kind("MCP clients, by the games of `mcp --track`", "GAMES", _games),
         "openenv": Kind(
@@ -600,5 +624,5 @@ def reproduce(
             )
 
 
-TEXT_PLAYERS = ("program", "inspect", "mcp", "openenv")
+TEXT_PLAYERS = ("program", "openai", "inspect", "mcp", "openenv")
 """Kinds that read prompts."""

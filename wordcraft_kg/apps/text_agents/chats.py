@@ -17,17 +17,20 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
-from wordcraft_kg.apps.text_agents.benchmark_players import decided_pairs
+from wordcraft_kg.apps.text_agents.benchmark_players import check_graph, decided_pairs
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import name_of
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
 from wordcraft_kg.base import MAX_SIZE, ConfigError, json_text, staged_file, steps, write_atomically
+from wordcraft_kg.envs.words import combined
 from wordcraft_kg.graphs.arrays import padded
+from wordcraft_kg.graphs.folder import OpenedGraph
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
+    from wordcraft_kg.models.scorers.protocol import RecipeScores
 
 Style = Literal["tools", "text"]
 """Attempts as calls of the tool ``combine``, or as answers ``first + second``."""
@@ -37,6 +40,8 @@ Message = dict[str, Any]
 """A message of a conversation: its role, and its content or calls."""
 _INVALID = 0.3
 """Share of mistakes that name an item that is not on the table; the others make nothing."""
+_REASONS = 3
+"""Most recipes in a reason."""
 AT_ONCE = 2_000
 """Games that a player plays together."""
 CLOSING = "Done."
@@ -152,7 +157,11 @@ def canary() -> str:
 
 
 def chat_rows(
-    plays: Sequence[Play], player: "Player", settings: ChatSettings, counts: ChatCounts
+    plays: Sequence[Play],
+    player: "Player",
+    settings: ChatSettings,
+    counts: ChatCounts,
+    scorer: "RecipeScores | None" = None,
 ) -> Iterator[dict[str, Any]]:
     """Let a player play the train tasks, and yield the conversations.
 
@@ -161,6 +170,8 @@ def chat_rows(
         player: a scripted player or a policy.
         settings: conversations to yield.
         counts: counts, which this function adds to.
+        scorer: scorer of recipes whose evidence is the reason of each attempt; None for answers
+            without reasons.
 
     Yields:
         Rows with ``id`` (the game's name), ``messages``, ``tools`` in this style, ``part``,
@@ -185,7 +196,7 @@ def chat_rows(
         for talk, pairs in _played(play, player, settings, rng):
             game = _game(talk)
             wording = int(words.integers(len(WORDINGS) + 1))
-            messages, mistakes = _said(talk, pairs, settings, wording, words)
+            messages, mistakes = _said(talk, pairs, settings, wording, words, scorer)
             counts.played += 1
             counts.made += game.is_made
             if not _is_kept(game, settings.kept, mistakes):
@@ -246,6 +257,7 @@ def _said(
     settings: ChatSettings,
     wording: int,
     rng: np.random.Generator,
+    scorer: "RecipeScores | None",
 ) -> tuple[list[Message], list[int]]:
     """Play a game again in words; return all messages, and the places of mistakes."""
     by_tool = settings.style == "tools"
@@ -266,7 +278,8 @@ def _said(
         if pair is None:
             talk.game.lose_attempt()
             continue
-        messages += _turn(talk, rng.permutation(pair).tolist(), by_tool)
+        reason = "" if scorer is None else _reason(_game(talk), pair, scorer)
+        messages += _turn(talk, rng.permutation(pair).tolist(), by_tool, reason)
     if by_tool:
         messages.append({"role": "assistant", "content": CLOSING})
     else:
@@ -275,10 +288,14 @@ def _said(
     return messages, mistakes
 
 
-def _turn(talk: Conversation, picks: Sequence[str], by_tool: bool) -> list[Message]:
-    """Make an attempt; return the player's message and the reply."""
+def _turn(
+    talk: Conversation, picks: Sequence[str], by_tool: bool, reason: str = ""
+) -> list[Message]:
+    """Make an attempt; return the player's message, with a reason, and the reply."""
     if not by_tool:
         answer = " + ".join(picks)
+        if reason:
+            answer = f"{reason}\n{answer}"
         reply = {"role": "user", "content": talk.hear(answer)}
         return [{"role": "assistant", "content": answer}, reply]
     arguments: dict[str, Any] = {"items": list(picks)}
@@ -286,8 +303,45 @@ def _turn(talk: Conversation, picks: Sequence[str], by_tool: bool) -> list[Messa
         arguments = dict(zip(("first", "second"), picks, strict=True))
     call = {"type": "function", "function": {"name": "combine", "arguments": arguments}}
     # Without a content, data sets fill in None, which chat templates may print.
-    message: Message = {"role": "assistant", "content": "", "tool_calls": [call]}
+    message: Message = {"role": "assistant", "content": reason, "tool_calls": [call]}
     return [message, {"role": "tool", "name": "combine", "content": talk.combine(*picks)}]
+
+
+def recipe_scorer(folder: Path, opened: OpenedGraph) -> "RecipeScores":
+    """Open the scorer of recipes in a model folder.
+
+    Raises:
+        ConfigError: if the model scores no recipes, so it has no evidence.
+        GraphMismatchError: if it is of another graph or split.
+        ArtefactError: if the folder is missing or damaged.
+    """
+    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.scorers.protocol import RecipeScores
+
+    model = open_model(folder)
+    check_graph(str(folder), model.opened, opened)
+    if not isinstance(model.scorer, RecipeScores):
+        raise ConfigError(f"`reasons` '{folder}': expected a model of train-recipes.")
+    return model.scorer
+
+
+def _reason(game: TaskGame, pair: Picks, scorer: "RecipeScores") -> str:
+    """Return the train recipes that make a scorer expect a pair's result; empty without any.
+
+    The pair's own recipe is not among them: it would be the answer, not a reason for it.
+    """
+    graph = game.graph
+    ids = tuple(sorted(map(graph.id_of, pair)))
+    results = graph.labels(game.world.outcomes.get(ids, ()))
+    result = game.goal if game.goal in results or not results else results[0]
+    lines = []
+    for support in scorer.supporting_recipes(pair[0], pair[-1], result, limit=_REASONS + 1):
+        ingredients = (support.ingredient_a, support.ingredient_b)
+        if sorted(ingredients) != sorted(pair):
+            lines.append(combined(ingredients, (support.result,)))
+    if not lines:
+        return ""
+    return f"Similar recipes: {', '.join(lines[:_REASONS])}. So {result} may need {pair[0]}."
 
 
 def _mistake(game: TaskGame, rng: np.random.Generator) -> list[str]:

@@ -1,9 +1,10 @@
 """A server of crafting games for clients of OpenEnv, by its wire protocol.
 
 TRL, verifiers and Inspect connect to such servers. A web socket (``/ws``) is a session, with a game
-of its own; HTTP describes the games: ``/health``, ``/metadata``, ``/schema``, and the Task API
-below ``/crafting``. OpenEnv itself is not needed here: it wants another version of ``mcp`` than
-this package does.
+of its own; HTTP describes the games: ``/health``, ``/metadata``, ``/schema``, ``/openapi.json``,
+and the Task API below ``/crafting``. It has no sessions: ``/reset`` answers with the beginning of a
+game, and ``/step`` and ``/mcp`` say where to play it. OpenEnv itself is not needed here: it wants
+another version of ``mcp`` than this package does.
 
 :class:`CraftingSession` answers one client, and knows nothing of connections.
 """
@@ -74,6 +75,12 @@ STATE_SCHEMA: dict[str, Any] = {
     "title": "CraftingState",
     "type": "object",
     "properties": {"episode_id": {"type": ["string", "null"]}, "step_count": _WHOLE},
+}
+_BY_SOCKET = "HTTP has no sessions: send reset and step to the web socket /ws."
+_NO_MCP = {
+    "jsonrpc": "2.0",
+    "id": None,
+    "error": {"code": -32601, "message": f"{_BY_SOCKET} `wordcraft-kg mcp` serves tools by MCP."},
 }
 NAME = "crafting"
 """Name of the environment, as in the addresses."""
@@ -333,9 +340,17 @@ def make_openenv_app(
         "/health": {"status": "healthy"},
         "/metadata": about,
         "/schema": schemas,
+        "/state": CraftingSession(games).state,
     }
     routes = [Route(path, _constant(fact)) for path, fact in facts.items()]
-    router = Router([*routes, *task_routes(games), WebSocketRoute("/ws", open_sessions.serve)])
+    routes += [
+        Route("/reset", _endpoint(games, _begun), methods=["POST"]),
+        Route("/step", _constant({"detail": _BY_SOCKET}, 409), methods=["POST"]),
+        Route("/mcp", _constant(_NO_MCP), methods=["POST"]),
+        *task_routes(games),
+    ]
+    routes.append(Route("/openapi.json", _constant(_openapi(routes))))
+    router = Router([*routes, WebSocketRoute("/ws", open_sessions.serve)])
     guarded = Guard(
         router, host, more_hosts, _page, methods=("GET", "HEAD", "POST"), media_type=_JSON
     )
@@ -359,8 +374,28 @@ def _page(status: int, message: str) -> str:
     return json.dumps({"detail": message})
 
 
-def _constant(fact: Any) -> Callable[[Request], Response]:
-    return lambda request: JSONResponse(fact)
+def _constant(fact: Any, status: int = 200) -> Callable[[Request], Response]:
+    return lambda request: JSONResponse(fact, status)
+
+
+def _begun(games: GameList, arguments: dict[str, Any]) -> dict[str, Any]:
+    """Return the first observation of a game, which nobody goes on with."""
+    return CraftingSession(games).reset(arguments)
+
+
+def _openapi(routes: list[Route]) -> dict[str, Any]:
+    """Return the addresses as an OpenAPI document, by which clients recognise the protocol."""
+    answer = {"responses": {"200": {"description": "a JSON object"}}}
+    return {
+        "openapi": "3.1.0",
+        "info": {"title": NAME, "version": __version__},
+        "paths": {
+            route.path: {
+                method.lower(): answer for method in sorted((route.methods or set()) - {"HEAD"})
+            }
+            for route in routes
+        },
+    }
 
 
 def _task(games: GameList, part: str, index: Any) -> dict[str, Any]:
@@ -399,7 +434,7 @@ def task_routes(games: GameList) -> list[Route]:
 def _endpoint(games: GameList, find: Callable[..., Any]) -> Any:
     async def endpoint(request: Request) -> Response:
         try:
-            return JSONResponse(find(games, json.loads(await request.body())))
+            return JSONResponse(find(games, json.loads(await request.body() or b"{}")))
         except WordCraftKGError as error:
             return JSONResponse({"detail": str(error)}, 400)
         except (ValueError, TypeError, AttributeError, RecursionError):

@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from pathlib import Path
@@ -52,6 +53,7 @@ from wordcraft_kg.runs.run_folder import locked_folder, sigterm_as_interrupt
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
+    from wordcraft_kg.apps.text_agents.chat_server import ChatServer
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
     from wordcraft_kg.evaluation.players import ExternalPlayer
 
@@ -224,8 +226,32 @@ _NO_OPTION = {"answer_grammar": "the answer grammar", "tasks": "the number of ta
 _Speaker = Callable[[Conversation], Callable[[str], str]]
 
 
+def _in_turn(
+    play: Callable[[tuple[int, int]], GameRecord], games: list[tuple[int, int]], parallel: int
+) -> Iterator[GameRecord]:
+    """Play games, some at a time, and yield their records in the order of the games."""
+    if parallel == 1:
+        # A program plays in this thread: a signal that ends the command ends its game.
+        yield from map(play, steps("playing", games))
+        return
+    with ThreadPoolExecutor(parallel) as pool:
+        records = pool.map(play, games)
+        try:
+            for _ in steps("playing", games):
+                yield next(records)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
 def play_all(
-    player: str, speak: _Speaker, play: Play, folder: Path, tasks: Sequence[int] | None = None
+    player: str,
+    speak: _Speaker,
+    play: Play,
+    folder: Path,
+    tasks: Sequence[int] | None = None,
+    *,
+    parallel: int = 1,
 ) -> list[GameRecord]:
     """Let a player play all games, or continue an interrupted evaluation.
 
@@ -235,6 +261,7 @@ def play_all(
         play: the games.
         folder: folder for the games.
         tasks: indices of the tasks; None for those of the settings.
+        parallel: games at a time, each in a thread; they are recorded in the order of the tasks.
 
     Returns:
         The records of all games, in the order in which they were played.
@@ -272,11 +299,15 @@ def play_all(
                     "Remove the line."
                 )
             del missing[key]
-        for task, distractor_seed in steps("playing", missing):
-            talk = play.begin(task, distractor_seed)
+
+        def finished(game: tuple[int, int]) -> GameRecord:
+            talk = play.begin(*game)
             converse(talk, speak(talk))
-            played.append(record_of(talk, distractor_seed))
-            append_game(path, played[-1])
+            return record_of(talk, game[1])
+
+        for record in _in_turn(finished, list(missing), parallel):
+            played.append(record)
+            append_game(path, record)
     return played
 
 
@@ -307,19 +338,27 @@ def continuable(folder: Path) -> Iterator[None]:
             raise ArtefactError(f"{folder}: {error.strerror or error}.{hint}") from None
 
 
-def play_program(program: "LinePlayer", play: Play, folder: Path, *, is_replacing: bool) -> None:
-    """Let a program play all games, see :func:`play_all`.
+def play_program(
+    program: "LinePlayer | ChatServer",
+    play: Play,
+    folder: Path,
+    *,
+    is_replacing: bool,
+    parallel: int = 1,
+) -> None:
+    """Let a program or a model behind an address play all games, see :func:`play_all`.
 
     Args:
-        program: the running program.
+        program: the running program, or the model.
         play: the games.
         folder: folder for the games.
         is_replacing: whether earlier games stay until the new games are complete.
+        parallel: games at a time; a program plays one.
     """
     header = GamesHeader(player=program.name, settings=play.settings)
     games = replaced_games(folder, header) if is_replacing else nullcontext(folder)
     with games as new:
-        play_all(program.name, program.speaker, play, new)
+        play_all(program.name, program.speaker, play, new, parallel=parallel)
 
 
 def evaluate_program(

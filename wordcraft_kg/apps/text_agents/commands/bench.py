@@ -93,6 +93,8 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
     price: float | None = None,
     measured: Flag = False,
     timeout: float = TIMEOUT,
+    base_url: str | None = None,
+    parallel: int = 1,
     force: Force = False,
     output: Output = Output(),
 ) -> None:
@@ -117,9 +119,12 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             holds them.
         price: price of the evaluation in US dollars.
         measured: add the date and the duration, which differ between runs.
-        timeout: seconds for an answer of a program.
+        timeout: seconds for an answer of a program or server.
+        base_url: address of a chat completions API, for openai:MODEL; a key is read from
+            OPENAI_API_KEY.
+        parallel: games at a time, for openai:MODEL.
     """
-    from wordcraft_kg.apps.text_agents.benchmark import open_track
+    from wordcraft_kg.apps.text_agents.benchmark import open_track, rank_text
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.apps.text_agents.results import continuable
@@ -128,7 +133,7 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
 
     # Everything that the user can mistype is checked before the games, which may take hours.
     messages = out / MESSAGES
-    is_program = player.startswith("program:")
+    is_program = player.startswith(("program:", "openai:"))
     check_folder = partial(
         _check_folder, out, messages / GAMES_FILE, is_program=is_program, force=force
     )
@@ -144,7 +149,9 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
         # Once more under the lock: another process may have played meanwhile.
         is_replacing = check_folder()
         with continuable(messages):
-            settings = RunSettings(messages, look_ups, timeout, weights, is_replacing)
+            settings = RunSettings(
+                messages, look_ups, timeout, weights, is_replacing, base_url, parallel
+            )
             kind, entrant = enter(benchmark_track, player, settings)
         if declared.tokens and entrant.tokens is not None:
             raise ConfigError(
@@ -163,10 +170,10 @@ def bench_run(  # noqa: PLR0913 - parameters are the command's options
             # A program's prompts and answers belong to the submission. Other players have none, so
             # a folder here is from the player of a submission that was replaced.
             shutil.rmtree(messages, ignore_errors=True)
-    view = {"out": str(out), "submission": submission}
-    output.result(
-        view, [*_shown(submission), f"wrote {out}/   next: wordcraft-kg bench verify {out}"]
-    )
+    rank = rank_text(benchmark_track.name, submission.figures.mean)
+    view = {"out": str(out), "submission": submission, "rank": rank}
+    lines = [*_shown(submission), *filter(None, [rank])]
+    output.result(view, [*lines, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
 
 
 def _check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> bool:

@@ -13,7 +13,7 @@ from wordcraft_kg.graphs.task_search import MAX_DEPTH
 
 GROUP = "Text agents"
 EXAMPLES = (
-    "wordcraft-kg chats everyday --part train --player oracle --out sft.jsonl",
+    "wordcraft-kg chats everyday --player oracle --out sft.jsonl",
     "wordcraft-kg chats everyday --depth 1,2,3,4 --player planner --keep shortest --out sft.jsonl",
     "wordcraft-kg chats kitchen --player scorer:models/kitchen --style text --out sft.jsonl",
 )
@@ -24,7 +24,6 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     *,
     out: Annotated[Path, Parameter(name=["--out"])],
     player: str = "oracle",
-    part: Literal["train"] = "train",
     depth: Words = None,
     distractors: Words = None,
     attempts: int | None = None,
@@ -33,21 +32,22 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     keep: Literal["made", "shortest", "all"] = "made",
     style: Literal["tools", "text"] = "tools",
     mistakes: float = 0.0,
+    reasons: Path | None = None,
     seed: int = 0,
     force: Force = False,
     output: Output = Output(),
 ) -> None:
     """Write a player's games as conversations to fine-tune language models on.
 
-    A line is a conversation, in the messages format of TRL's SFTTrainer. The same command
-    writes the same bytes.
+    Games are of train tasks alone, so that test tasks measure what was learned. A line is a
+    conversation, in the messages format of TRL's SFTTrainer. The same command writes the same
+    bytes.
 
     Args:
         graph: graph folder, recipe book or known book's name.
         out: file to write (JSON lines).
         player: oracle, planner (by the train recipes), votes, graph, nearest-words, random,
             planner:MODEL, scorer:MODEL or agent:RUN.
-        part: tasks of the split: train alone, so that test tasks measure what was learned.
         depth: comma-separated depths of tasks, 1 to 5. Default: 1.
         distractors: comma-separated numbers of distractors on a table. Default: 8.
         attempts: attempts in a game. Default: the task's depth.
@@ -59,6 +59,8 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         mistakes: probability of a mistake before each attempt: an item that is not on the table, or
             a pair that makes nothing. Their places are in each line, so that a learner can skip
             them. With more attempts than the depth, games recover; else they are lost.
+        reasons: model folder of train-recipes: an answer begins with the train recipes that make
+            the model expect it, without its own recipe.
         seed: seed of the player, the tables, the wordings and the orders.
     """
     depths = whole_numbers("depth", depth or ["1"])
@@ -75,6 +77,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         ChatCounts,
         ChatSettings,
         chat_rows,
+        recipe_scorer,
         write_chats,
     )
     from wordcraft_kg.apps.text_agents.games import TaskGames
@@ -85,13 +88,14 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     source = open_graph(graph)
     plays = []
     for task_depth, number in product(depths, numbers):
-        plays.append(open_play(graph, part, task_depth, number, attempts))
+        plays.append(open_play(graph, "train", task_depth, number, attempts))
     first = plays[0].games
     assert isinstance(first, TaskGames)
     title, played_by = named_player(player, source, first.world.tasks)
     settings = ChatSettings(style, keep, tables, tasks, mistakes, seed)
     counts = ChatCounts()
-    rows = chat_rows(plays, played_by, settings, counts)
+    scorer = None if reasons is None else recipe_scorer(reasons, source)
+    rows = chat_rows(plays, played_by, settings, counts, scorer)
     digest = write_chats(out, rows, force=force)
     view = {
         "out": str(out),

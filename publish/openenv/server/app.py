@@ -1,0 +1,19 @@
+"""The server of a Space: `wordcraft-kg serve openenv` on all addresses."""
+
+import os
+import subprocess
+import sys
+
+
+def main() -> None:
+    """Serve the train tasks; names of a proxy come from SPACE_HOST."""
+    command = [sys.executable, "-m", "wordcraft_kg", "serve", "openenv", "everyday"]
+    command += ["--host", "0.0.0.0", "--port", "8000"]
+    host = os.environ.get("SPACE_HOST")
+    if host:
+        command += ["--allow-host", host]
+    raise SystemExit(subprocess.call(command))
+
+
+if __name__ == "__main__":
+    main()

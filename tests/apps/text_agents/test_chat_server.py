@@ -1,0 +1,142 @@
+"""A model behind a chat completions API, played by a fake server in this process."""
+
+import json
+import threading
+from collections import Counter
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from wordcraft_kg.apps.text_agents.chat_server import ChatServer
+from wordcraft_kg.base.errors import ConfigError, PlayerError
+
+KEY = "sk-a-secret-of-mine"
+
+
+@pytest.fixture
+def serve():
+    """Return a function that starts a server: from the number of a request to status and reply."""
+    servers = []
+
+    def start(reply, seen=None):
+        counts = Counter()
+        lock = threading.Lock()
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_POST(self):
+                body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+                with lock:
+                    counts["requests"] += 1
+                    number = counts["requests"]
+                if seen is not None:
+                    seen.append((dict(self.headers), body))
+                status, content, *more = reply(number, body)
+                data = content if isinstance(content, bytes) else json.dumps(content).encode()
+                self.send_response(status)
+                for name, value in more:
+                    self.send_header(name, value)
+                self.send_header("Content-Length", str(len(data)))
+                self.end_headers()
+                self.wfile.write(data)
+
+            def log_message(self, *_):
+                pass
+
+        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        servers.append(server)
+        return f"http://127.0.0.1:{server.server_port}/v1"
+
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+
+
+def said(text, **more):
+    return {"choices": [{"message": {"content": text}}], **more}
+
+
+def first_two(number, body):
+    return 200, said("1 + 2", usage={"prompt_tokens": 10, "completion_tokens": 3})
+
+
+def test_parallel_games_are_those_of_one_at_a_time_and_become_a_submission(run, tmp_path, serve):
+    url = serve(first_two)
+    files = []
+    for parallel in (1, 8):
+        out = tmp_path / str(parallel)
+        options = ["--player", "openai:tiny", "--base-url", url, "--parallel", parallel]
+        outcome = run("bench", "run", "craft-1-lite", *options, "--out", out)
+        assert outcome.code == 0, outcome.err
+        files.append((out / "games.jsonl").read_bytes())
+    assert files[0] == files[1]
+    submission = json.loads((out / "submission.json").read_text())
+    assert (submission["kind"], submission["player"]) == ("openai", "tiny")
+    assert run("bench", "verify", out).code == 0
+
+
+def test_the_key_is_sent_but_never_shown(serve, monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    seen = []
+    url = serve(lambda number, body: (401, {"error": f"bad key {KEY}:\nask for another"}), seen)
+    with pytest.raises(PlayerError, match=r"answers with 401: .*ask for another") as caught:
+        ChatServer("tiny", url, 5.0).ask([{"role": "user", "content": "hello"}])
+    assert seen[0][0]["Authorization"] == f"Bearer {KEY}"
+    assert KEY not in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_busy_server_is_asked_again_and_a_broken_one_given_up(serve):
+    url = serve(lambda number, body: first_two(number, body) if number > 2 else (429, b"later"))
+    server = ChatServer("tiny", url, 5.0, pause=0.0)
+    assert server.ask([]) == "1 + 2"
+    assert server.tokens == {"input": 10, "output": 3}
+    seen = []
+    url = serve(lambda number, body: (503, b"out of order"), seen)
+    with pytest.raises(PlayerError, match="answers with 503: out of order"):
+        ChatServer("tiny", url, 5.0, pause=0.0).ask([])
+    assert len(seen) == 5
+
+
+def test_a_server_that_is_down_is_named_in_one_line(run, tmp_path):
+    options = ["--player", "openai:tiny", "--base-url", "http://127.0.0.1:9/v1"]
+    outcome = run("bench", "run", "craft-1-lite", *options, "--out", tmp_path / "out")
+    assert outcome.code == 1
+    assert "does not answer" in outcome.err
+    assert "Start the server" in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [b"<html>", {"choices": []}, [1], {"choices": [{"message": None}]}],
+    ids=["html", "empty", "list", "no message"],
+)
+def test_another_reply_is_shown_and_refused(serve, reply):
+    url = serve(lambda number, body: (200, reply))
+    with pytest.raises(PlayerError, match="expected a reply of a chat completions API"):
+        ChatServer("tiny", url, 5.0).ask([])
+
+
+def test_a_redirection_does_not_carry_the_key(serve, monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    seen = []
+    other = serve(first_two, seen)
+    url = serve(lambda number, body: (307, b"", ("Location", f"{other}/chat/completions")))
+    with pytest.raises(PlayerError, match="answers with 307"):
+        ChatServer("tiny", url, 5.0).ask([])
+    assert not seen
+
+
+@pytest.mark.parametrize("url", ["file:///etc/passwd", "127.0.0.1:8000", ""])
+def test_an_address_that_is_none_of_http_is_refused(url):
+    with pytest.raises(ConfigError, match="chat completions API"):
+        ChatServer("tiny", url, 5.0)
+
+
+def test_without_an_address_the_command_says_what_to_give(run, tmp_path):
+    outcome = run(
+        *("bench", "run", "craft-1-lite", "--player", "openai:tiny"), "--out", tmp_path / "a"
+    )
+    assert (outcome.code, "base-url" in outcome.err) == (1, True), outcome.err

@@ -1,0 +1,134 @@
+"""A language model behind the chat completions API, as a player of many games at a time.
+
+The key comes from the environment alone, and no message shows it. A redirection is refused, since
+it would carry the key to another server.
+"""
+
+import json
+import os
+import time
+from collections.abc import Callable
+from http.client import HTTPException
+from typing import Any
+from urllib.error import HTTPError, URLError
+from urllib.request import HTTPRedirectHandler, Request, build_opener
+
+from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.base.errors import ConfigError, PlayerError
+from wordcraft_kg.base.wording import for_terminal
+
+KEY = "OPENAI_API_KEY"
+"""Environment variable with the key; servers on this machine need none."""
+_TRIES = 5
+"""Requests for an answer, with pauses of 1, 2, 4 and 8 seconds."""
+_BUSY = (408, 409, 429, 500, 502, 503, 504)
+"""Statuses after which another request may succeed."""
+_MOST_TOKENS = 1_000
+_LONGEST_REPLY = 1_000_000
+"""Bytes of a server's reply that are read."""
+
+
+class _NoRedirects(HTTPRedirectHandler):
+    def redirect_request(self, *_: Any) -> None:
+        """Redirect nowhere: the reply becomes an HTTPError."""
+
+
+class ChatServer:
+    """A model behind an address; games may go on at once.
+
+    Attributes:
+        name: the model's name.
+        tokens: numbers of input and output tokens so far, as the server counts them.
+    """
+
+    def __init__(self, model: str, base_url: str, timeout: float, pause: float = 1.0):
+        """Take an address; nothing is sent yet.
+
+        Args:
+            model: the model's name on the server.
+            base_url: address of the API, such as ``http://127.0.0.1:8000/v1``.
+            timeout: seconds for a reply.
+            pause: seconds before the second request; each further pause is twice as long.
+
+        Raises:
+            ConfigError: if the address is none of HTTP.
+        """
+        if not base_url.startswith(("http://", "https://")):
+            raise ConfigError(
+                f"`base_url` '{base_url[:100]}': expected the address of a chat completions API, "
+                "such as http://127.0.0.1:8000/v1."
+            )
+        self.name = model
+        self.tokens = {"input": 0, "output": 0}
+        self._address = f"{base_url.rstrip('/')}/chat/completions"
+        self._timeout = timeout
+        self._pause = pause
+        self._key = os.environ.get(KEY, "")
+        self._opener = build_opener(_NoRedirects())
+
+    def speaker(self, talk: Conversation) -> Callable[[str], str]:
+        """Begin a game: return a function from a prompt in this conversation to the answer."""
+        messages: list[dict[str, str]] = []
+
+        def answer(prompt: str) -> str:
+            messages.append({"role": "user", "content": prompt})
+            text = self.ask(messages)
+            messages.append({"role": "assistant", "content": text})
+            return text
+
+        return answer
+
+    def ask(self, messages: list[dict[str, str]]) -> str:
+        """Return the model's answer to a conversation.
+
+        Raises:
+            PlayerError: if the server is down, refuses the request, or replies something else.
+        """
+        body = {
+            "model": self.name,
+            "messages": messages,
+            "temperature": 0,
+            "max_tokens": _MOST_TOKENS,
+        }
+        headers = {"Content-Type": "application/json"}
+        if self._key:
+            headers["Authorization"] = f"Bearer {self._key}"
+        request = Request(self._address, json.dumps(body).encode(), headers)
+        for number in range(_TRIES):
+            try:
+                with self._opener.open(request, timeout=self._timeout) as response:
+                    return self._read(response.read(_LONGEST_REPLY))
+            except HTTPError as error:
+                said = error.read(_LONGEST_REPLY).decode("utf-8", "replace")
+                failure = f"answers with {error.code}: {said or error.reason}"
+                is_final = error.code not in _BUSY
+            except TimeoutError:
+                failure = f"has not answered in {self._timeout:g} seconds"
+                is_final = False
+            except (URLError, HTTPException, OSError) as error:
+                failure = f"does not answer ({getattr(error, 'reason', error)}). Start the server"
+                is_final = True
+            if is_final or number + 1 == _TRIES:
+                break
+            time.sleep(self._pause * 2**number)
+        raise PlayerError(f"{self._address} {self._shown(failure)}.")
+
+    def _read(self, data: bytes) -> str:
+        try:
+            reply = json.loads(data)
+            text = reply["choices"][0]["message"]["content"]
+            usage = reply.get("usage") or {}
+            self.tokens["input"] += int(usage.get("prompt_tokens", 0))
+            self.tokens["output"] += int(usage.get("completion_tokens", 0))
+        except (LookupError, TypeError, ValueError, AttributeError):
+            shown = self._shown(data.decode("utf-8", "replace"))
+            raise PlayerError(
+                f"{self._address} answers '{shown}'; expected a reply of a chat completions API."
+            ) from None
+        # Reasoning models may leave the answer empty when their tokens run out.
+        return "" if text is None else str(text)
+
+    def _shown(self, text: str) -> str:
+        """Return a server's words in one line, without the key, which some servers repeat."""
+        hidden = text.replace(self._key, "***") if self._key else text
+        return for_terminal(" ".join(hidden.split()))[:2_000].rstrip(".")

@@ -9,8 +9,8 @@ and ``G = Q diag(g) Qᵀ``::
     scores = (Φ Q) [(Qᵀ Φᵀ Y Φ Q) / (g gᵀ + λ)] (Φ Q)ᵀ
 
 If all entities with recipes are landmarks, and m is as large, this is exactly the ridge regression
-over all pairs. The cost is E L D for the kernel, L³ for eigenvectors and (links) m for the
-products.
+over all pairs. G is diagonal then, with the eigenvalues w, so that Q needs no computation. The cost
+is E L D for the kernel, L³ for eigenvectors and (links) m for the products.
 
 Source: Williams and Seeger 2001 (Nyström); Stock et al. 2018 (two-step and Kronecker ridge). See
 "Links by kernel regression" in docs/explanation/recipe-scorer.md.
@@ -34,6 +34,8 @@ SMALL = 2_048
 """Most entities of a book whose regressions keep that many coordinates; others have 256."""
 LANDMARKS = 1_024
 """Most landmarks: the entities in most recipes, ties by id."""
+SMALL_LANDMARKS = 1_536
+"""Most landmarks of a small book: often all its entities, which saves another eigenproblem."""
 _CELLS = 2**26
 """Similarities of entities and landmarks, about, from which on landmarks are fewer."""
 _FEWEST = 256
@@ -81,14 +83,13 @@ def link_factors(
         vectors: unit word vectors, shape (T, D).
         rank: most coordinates; m is 0 without recipes.
     """
-    from scipy import linalg
-
     size = len(vectors)
     train_ids, counts = np.unique(recipes, return_counts=True)
     nothing = np.zeros((size, 0), dtype=np.float32)
     if not len(train_ids) or not rank:
         return (Factors(nothing, nothing, nothing),) * 2
-    num_landmarks = max(_FEWEST, min(LANDMARKS, _CELLS // size))
+    max_landmarks = SMALL_LANDMARKS if size <= SMALL else LANDMARKS
+    num_landmarks = max(_FEWEST, min(max_landmarks, _CELLS // size))
     # A stable sort, so that ties are in the order of ids.
     by_count = np.argsort(-counts, kind="stable")
     landmarks = np.sort(train_ids[by_count[:num_landmarks]])
@@ -96,13 +97,11 @@ def link_factors(
     max_rank = rank if size <= SMALL else min(rank, num_landmarks // 4)
     columns = rows[landmarks].T.tocsr()
     kernel = _kernel(landmarks, landmarks, columns, rows, vectors)
-    # The largest eigenvalues alone: all of them would take several times as long.
-    last = len(landmarks) - 1
-    largest = (max(last + 1 - max_rank, 0), last)
-    values, basis = linalg.eigh(kernel.astype(np.float64), subset_by_index=largest)
-    # Those up to rounding or below 0 have no root.
+    values, basis = np.linalg.eigh(kernel.astype(np.float64))
+    # Eigenvalues up to rounding or below 0 have no root.
     has_root = values > 1e-6 * values[-1]
-    scaled = (basis[:, has_root] / np.sqrt(values[has_root])).astype(np.float32)
+    weights = values[has_root][-max_rank:]
+    scaled = (basis[:, has_root][:, -max_rank:] / np.sqrt(weights)).astype(np.float32)
     coordinates = np.empty((size, scaled.shape[1]), dtype=np.float32)
     every = np.arange(size)
 
@@ -111,10 +110,13 @@ def link_factors(
 
     # Blocks of entities: all at once would take several times the memory of the factors.
     write_blocks(write, blocks_of(size))
+    if len(landmarks) < len(train_ids):
+        coordinates, weights = _turned(coordinates, train_ids, max_rank)
+    word_coordinates, word_weights = _turned(vectors, train_ids, max_rank)
     triples = recipe_triples(recipes)
     return (
-        _regression(coordinates, train_ids, triples, max_rank),
-        _regression(vectors, train_ids, triples, max_rank),
+        _factors(coordinates, weights, triples),
+        _factors(word_coordinates, word_weights, triples),
     )
 
 
@@ -145,17 +147,18 @@ def result_weights(recipes: Ids, coordinates: Floats) -> Floats:
     return weights.astype(np.float32)
 
 
-def _regression(coordinates: Floats, train_ids: Ids, triples: Ids, rank: int) -> Factors:
-    """Fit the links of both relations.
+def _turned(
+    coordinates: Floats,
+    train_ids: Ids,
+    rank: int,
+) -> tuple[Floats, NDArray[np.float64]]:
+    """Return coordinates Φ Q, shape (T, m), the largest first, and g, shape (m,).
 
     Args:
         coordinates: Φ, shape (T, D).
         train_ids: entities with recipes: those without are no negative evidence.
-        triples: known links, shape (L, 3).
         rank: most directions Q, those with the largest g.
     """
-    size = len(coordinates)
-    blocks = blocks_of(size)
 
     def square(block: slice) -> NDArray[np.float64]:
         part = coordinates[train_ids[block]]
@@ -166,16 +169,21 @@ def _regression(coordinates: Floats, train_ids: Ids, triples: Ids, rank: int) ->
     for part in of_blocks(square, blocks_of(len(train_ids))):
         squares += part
     weights, turn = np.linalg.eigh(squares)
-    # The largest first.
-    products = np.maximum(weights[::-1][:rank], 0)
+    largest = np.maximum(weights[::-1][:rank], 0)
     directions = turn[:, ::-1][:, :rank].astype(np.float32)
-    shrinkage = products[:, None] * products + RIDGE
-    right = np.empty((size, len(products)), dtype=np.float32)
+    turned = np.empty((len(coordinates), len(largest)), dtype=np.float32)
 
     def rotate(block: slice) -> None:
-        right[block] = coordinates[block] @ directions
+        turned[block] = coordinates[block] @ directions
 
-    write_blocks(rotate, blocks)
+    write_blocks(rotate, blocks_of(len(coordinates)))
+    return turned, largest
+
+
+def _factors(right: Floats, weights: NDArray[np.float64], triples: Ids) -> Factors:
+    """Fit the links of both relations, triples (L, 3), see :func:`_turned`."""
+    shrinkage = weights[:, None] * weights + RIDGE
+    blocks = blocks_of(len(right))
     # Each relation has its own left factor; the right one, Φ Q, serves both.
     component = _left_factor(right, triples[triples[:, 1] == COMPONENT_OF], shrinkage, blocks)
     combines = _left_factor(right, triples[triples[:, 1] == COMBINES_WITH], shrinkage, blocks)

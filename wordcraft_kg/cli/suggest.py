@@ -88,6 +88,11 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         view = suggest_recipes(opened, goal, top, has_coverage=not any_parts)
     else:
         view = suggest_for(opened, wish, top, has_coverage=not any_parts)
+    if not (view.suggestions or view.analogies or view.made):
+        raise ConfigError(
+            f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "
+            "for another pair, item or goal."
+        )
     lines = list(suggestion_lines(view))
     if out is not None:
         suggestion_files.write_suggestions(view.suggestions, out)

@@ -74,13 +74,16 @@ def by_curve(finder: RecipeFinder) -> Ids:
 
 
 def by_links(scorer: Scorer, finder: RecipeFinder) -> Ids:
-    """Suggest by ComplEx: the sum of its three standardised link scores of a recipe."""
+    """Suggest by ComplEx: the sum of its three standardised link scores of a recipe.
+
+    Without pairs of an entity with itself, whose links it scores far too high.
+    """
     with torch.no_grad():
         pairs = scorer.table(COMBINES_WITH)
         parts = scorer.table(COMPONENT_OF)
     pairs = ((pairs + pairs.T) / 2 - pairs.mean()) / pairs.std()
     parts = (parts - parts.mean()) / parts.std()
-    a, b = torch.triu_indices(finder.size, finder.size)
+    a, b = torch.triu_indices(finder.size, finder.size, 1)
     keys = (a * finder.size + b).numpy()
     scores = pairs[a, b].masked_fill(torch.from_numpy(are_among(keys, finder.known_pairs)), -99)
     best = scores.topk(min(PAIRS, len(scores))).indices

@@ -97,6 +97,11 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         raise ConfigError("`rule` chooses among the sets of a single goal; give `goal` alone.")
     else:
         view = suggest_for(opened, wish, top, has_coverage=not any_parts)
+    if not (view.suggestions or view.analogies or view.made):
+        raise ConfigError(
+            f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "
+            "for another pair, item or goal."
+        )
     lines = list(suggestion_lines(view))
     if out is not None:
         suggestion_files.write_suggestions(view.suggestions, out)

@@ -6,7 +6,7 @@ of sets rank the sets of each goal.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -431,7 +431,8 @@ def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = T
             _suggested_pair(finder.whole, likely.rows[row], float(likely.probabilities[row]), steps)
             for row in rows
         ]
-        analogies = _analogies(finder, likely, graph, is_alone=bool(wish.pair))
+        shown = () if wish.pair else {each.ingredients for each in listed}
+        analogies = _analogies(finder, likely, graph, shown)
         combines = float(likely.combines[0]) if wish.pair else None
     made = [] if steps is None else _made(model.opened.split, steps)
     return Suggestions(
@@ -522,22 +523,29 @@ def _step(steps: Ids | None, ingredients: Sequence[int]) -> int | None:
 
 
 def _analogies(
-    finder: RecipeFinder, likely: LikelyRecipes, graph: RecipeGraph, *, is_alone: bool
+    finder: RecipeFinder,
+    likely: LikelyRecipes,
+    graph: RecipeGraph,
+    shown: Collection[tuple[str, ...]],
 ) -> tuple[Analogy, ...]:
     """Return the pairs that most probably make something which no known entity fits.
 
-    A pair ``is_alone`` that a user asked for, and is listed whether it makes something or not.
+    A pair that is ``shown`` with a result has one; a pair alone may make nothing.
     """
+    is_alone = len(likely.pairs) == 1
     fits = likely.combines * likely.best_shares if is_alone else likely.best_shares
     gaps = np.where(fits < FIT, likely.combines * (1 - likely.best_shares), 0)
-    analogies = []
-    for row in np.argsort(-gaps, kind="stable")[:ANALOGIES].tolist():
+    analogies: list[Analogy] = []
+    for row in np.argsort(-gaps, kind="stable").tolist():
+        if gaps[row] <= 0 or len(analogies) == ANALOGIES:
+            break
         pair = likely.pairs[row].tolist()
-        like = finder.analogy(*pair) if gaps[row] > 0 else None
+        labels = graph.labels(pair)
+        like = None if labels in shown else finder.analogy(*pair)
         if like is not None:
             *ingredients, result = graph.labels(like[0])
             support = SetSupport(tuple(ingredients), result, like[1])
-            analogies.append(Analogy(graph.labels(pair), float(likely.combines[row]), support))
+            analogies.append(Analogy(labels, float(likely.combines[row]), support))
     return tuple(analogies)
 
 

@@ -418,11 +418,12 @@ class AgentConfig(RunConfig):
         A policy of pairs becomes attention, and an unroll that was left open as long as the longest
         episode, with the batches and the rate of several attempts.
         """
-        policy = self.policy
+        # The weights of plans are those of pairs.
+        policy = replace(self.policy, weigh_plans=False)
         if policy.policy == "pairs":
             # Without a scorer, nothing is mixed: the value that attention has then.
             mixing = policy.mixing if self.scorer else "free"
-            policy = replace(policy, policy="attention", mixing=mixing, weigh_plans=False)
+            policy = replace(policy, policy="attention", mixing=mixing)
         actions = self.tasks.episode // 2 * most_ingredients
         defaults = {"unroll": self.tasks.episode, **RECOMMENDED}
         values = {"unroll": actions, **SEVERAL}

@@ -465,7 +465,7 @@ def scorer_players(
     # The sources w and p refuse train tasks, where scores would be in-sample.
     if BestRecipe.serves(scorer):
         players[BEST_PAIR if graph.has_pairs_only else BEST_SET] = of("w")
-    if plans and BestPlan.serves(scorer) and graph.has_pairs_only:
+    if plans and BestPlan.serves(scorer):
         players[PLANNER] = of("p")
     # Train tasks need the source, which chooses a model that has not seen their recipes.
     if isinstance(main_model, SetScores) and not graph.has_pairs_only and tasks is None:

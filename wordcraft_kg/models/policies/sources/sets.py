@@ -189,6 +189,10 @@ class BestSet(FoldedSource):
         """
         return likely_sets(self.models[model], goal, entities, sizes)
 
+    def other_scores(self, model: int, goal: int, sets: Ids) -> _Scores:
+        """Return the scores of sets that are not among the best of the table."""
+        return self.models[model].score_sets(sets, np.full(len(sets), goal))
+
     def _scores_of_state(self, states: States, model: int) -> _Scores:
         """Return the scores of a single state's slots, shape (A,)."""
         nothing = self.num_entities
@@ -216,7 +220,7 @@ class BestSet(FoldedSource):
             extended.append(sorted(selection))
         if extended:
             rows = rows_of(extended)
-            extra = self.models[model].score_sets(rows, np.full(len(rows), goal))
+            extra = self.other_scores(model, goal, rows)
             best[missing] = extra[: len(missing)]
         scores = np.zeros(len(table), dtype=np.float32)
         is_filled = table != nothing

@@ -164,15 +164,13 @@ def best_plans(
                 continue
             # One part takes the spare attempts, and one part is made first.
             for longest, first in product(parts, parts):
-                made = {part: plans_of(part, 1 + spare * (part == longest)) for part in parts}
-                best = {
-                    part: max(values.values(), default=-np.inf) for part, values in made.items()
-                }
-                rest = score + sum(best.values()) - best[first] - FURTHER
-                for start, value in made[first].items():
+                plans_with = {part: plans_of(part, 1 + spare * (part == longest)) for part in parts}
+                best = {part: max(plans_with[part].values(), default=-np.inf) for part in parts}
+                others_value = score + sum(best.values()) - best[first] - FURTHER
+                for start, value in plans_with[first].items():
                     # False for parts that nothing makes, whose values are no numbers here.
-                    if rest + value > plans[start]:
-                        plans[start] = rest + value
+                    if others_value + value > plans[start]:
+                        plans[start] = others_value + value
         return plans
 
     return plans_of(goal, number)
@@ -199,6 +197,6 @@ def _intermediates(
             result for result, sets in recipes.items() if any(map(at_hand.issuperset, sets))
         }
     makes = sorted(at_hand.difference(entities), key=lambda entity: -shares[entity])
-    likely = np.argsort(-shares, kind="stable")[: 2 * _WIDTH].tolist()
-    options = dict.fromkeys([*makes[: _WIDTH // 2], *likely])
+    ingredients = np.argsort(-shares, kind="stable")[: 2 * _WIDTH].tolist()
+    options = dict.fromkeys([*makes[: _WIDTH // 2], *ingredients])
     return tuple(entity for entity in options if entity not in {*entities, goal})[:_WIDTH]

@@ -1,7 +1,5 @@
 """Players and agents on books whose recipes have any number of ingredients."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 import torch
@@ -9,7 +7,7 @@ import torch
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import Explainer
-from wordcraft_kg.agents.players import knowledge_players, recipe_oracle, set_player
+from wordcraft_kg.agents.players import knowledge_players, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.agents.training import AgentTraining
 from wordcraft_kg.base.errors import ConfigError
@@ -60,45 +58,6 @@ def test_known_triples_make_the_goals_whose_sets_repeat_no_ingredient(world):
     for task in np.flatnonzero(is_made).tolist():
         plans = world.tasks[task].plans
         assert any(len(set(row.ingredients)) == len(row.ingredients) for (row,) in plans)
-
-
-class Nearest:
-    """A score of 0 for a set of a recipe for the goal, less for each entity that differs."""
-
-    def __init__(self, graph):
-        self.recipes = graph.recipe_labels()
-        self.graph = graph
-
-    def score_sets(self, sets, goals):
-        scores = np.zeros(len(sets), dtype=np.float32)
-        for row, (ids, goal) in enumerate(zip(sets.tolist(), goals.tolist(), strict=True)):
-            picks = Counter(self.graph.entities[entity] for entity in ids if entity >= 0)
-            scores[row] = -min(
-                (
-                    (picks - Counter(recipe.ingredients)) | (Counter(recipe.ingredients) - picks)
-                ).total()
-                for recipe in self.recipes
-                if recipe.result == self.graph.entities[goal]
-            )
-        return scores
-
-
-@pytest.mark.parametrize("attempts", [1, 2])
-def test_the_player_of_the_best_set_takes_the_next_one_after_a_failure(world, attempts):
-    variant = world.variant(depth=1, num_distractors=2, max_attempts=attempts)
-    evaluation = Evaluator(variant, distractor_seeds=1)(set_player(Nearest(world.graph)))
-    assert evaluation.success.all()
-
-    class Wrong(Nearest):
-        """An entity alone, which makes nothing, comes before the right set."""
-
-        def score_sets(self, sets, goals):
-            scores = super().score_sets(sets, goals)
-            scores[(sets[:, 1] < 0) & (sets[:, 0] == sets[:, 0].min())] = 1
-            return scores
-
-    evaluation = Evaluator(variant, distractor_seeds=1)(set_player(Wrong(world.graph)))
-    assert evaluation.success.mean() == attempts - 1
 
 
 def test_the_order_of_selections_and_slots_changes_no_decision(world, policy):

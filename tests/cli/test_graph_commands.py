@@ -822,7 +822,7 @@ def test_commands_play_sets(run, folder, tmp_path, monkeypatch):
 def test_open_ended_play_refuses_sets_with_one_line(run, folder):
     outcome = run("discover", folder)
     assert outcome.code == 1
-    assert "-> pesto has 6 ingredients; the planner and the open-ended world" in outcome.err
+    assert "-> pesto has 6 ingredients; the open-ended world" in outcome.err
 
 
 def test_published_parts_of_a_table_of_targets_are_a_split(run, tmp_path, caplog):

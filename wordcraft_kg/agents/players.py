@@ -9,7 +9,6 @@ combines once no entity on the table has a score above 0, the mean of all, and p
 unless a source scores the action to combine.
 """
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
@@ -24,7 +23,6 @@ from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, RecipeGraph, S
 from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.policies.sources.sets import SetScores, likely_sets
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
@@ -34,6 +32,7 @@ from wordcraft_kg.models.scorers.features import ENCODE, glove_features, make_fe
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.planning.source import BestPlan
 
 Player = Callable[[State, np.random.Generator], Ids]
@@ -170,41 +169,6 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         return _best(state, scores.numpy(), rng)
 
     return choose
-
-
-def set_player(scorer: SetScores) -> Player:
-    """Return a player of the set with the highest score for the goal that it has not tried yet.
-
-    Sets grow by an entity at a time, in a beam.
-    """
-    # Sets by goal, table and tries: the rest of an attempt has the set of its beginning.
-    best_sets: dict[tuple[object, ...], tuple[int, ...]] = {}
-
-    def choose(state: State, rng: np.random.Generator) -> Ids:
-        slots = np.zeros(state.num_envs, dtype=np.int64)
-        most_picks = state.world.graph.most_ingredients
-        for i in np.flatnonzero(state.attempts_left > 0).tolist():
-            goal = int(state.goal[i])
-            table = state.table[i].tolist()
-            entities = tuple(entity for entity in table if entity != state.nothing)
-            tried = {_without(picks, state.nothing) for picks in state.tried[i].tolist()}
-            key = (goal, entities, frozenset(tried))
-            if key not in best_sets:
-                likely, _ = likely_sets(scorer, goal, entities, range(1, most_picks + 1))
-                picks = [_without(row, -1) for row in likely.tolist()]
-                best_sets[key] = next((ids for ids in picks if ids not in tried), entities[:1])
-            missing = Counter(best_sets[key])
-            missing.subtract(_without(state.selection[i].tolist(), state.nothing))
-            targets = [entity for entity, number in missing.items() if number > 0]
-            slots[i] = table.index(targets[0]) if targets else len(table) - 1
-        return slots
-
-    return choose
-
-
-def _without(ids: Sequence[int], nothing: int) -> tuple[int, ...]:
-    """Return the ids of entities in ascending order, without the padding."""
-    return tuple(sorted(entity for entity in ids if entity != nothing))
 
 
 def words_player(graph: RecipeGraph, knowledge: RecipeKnowledge | None = None) -> dict[str, Player]:
@@ -447,10 +411,9 @@ def scorer_players(
         view = ScoreView("standardise", self_edges, observed)
         return knowledge_player(make_sources(names, scorer, view, tasks=tasks))
 
-    main_model = whole_of(scorer)
     players: dict[str, Player] = {}
     # A scorer of sets needs tables for links, which a large graph has no room for.
-    if not isinstance(main_model, SetScores) or has_table(graph.num_entities):
+    if not isinstance(whole_of(scorer), SetScorer) or has_table(graph.num_entities):
         players = {
             "v": of("v"),
             "u": of("u"),
@@ -461,11 +424,8 @@ def scorer_players(
     # The sources w and p refuse train tasks, where scores would be in-sample.
     if BestRecipe.serves(scorer):
         players[BEST_PAIR if graph.has_pairs_only else BEST_SET] = of("w")
-    if plans and BestPlan.serves(scorer) and graph.has_pairs_only:
+    if plans and BestPlan.serves(scorer):
         players[PLANNER] = of("p")
-    # Train tasks need the source, which chooses a model that has not seen their recipes.
-    if isinstance(main_model, SetScores) and not graph.has_pairs_only and tasks is None:
-        players[BEST_SET] = set_player(main_model)
     return players
 
 

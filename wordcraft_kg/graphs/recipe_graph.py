@@ -255,9 +255,9 @@ class RecipeGraph:
             row = other_sizes[np.argmax(size[other_sizes])]
             (recipe,) = self.recipe_labels(self.sets[[row]])
             raise GraphError(
-                f"the recipe {recipe} has {counted(int(size[row]), 'ingredient')}; the planner and "
-                "the open-ended world take recipes of 2 so far. Tasks, `train-recipes`, link "
-                "predictors and agents of `policy` attention take all."
+                f"the recipe {recipe} has {counted(int(size[row]), 'ingredient')}; the open-ended "
+                "world, and other books as knowledge, take recipes of 2 so far. Tasks, "
+                "`train-recipes`, link predictors, agents and their planner take all."
             )
         return self.sets
 

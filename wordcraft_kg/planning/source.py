@@ -12,13 +12,14 @@ from wordcraft_kg.base.tensors import check_tensors
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
-from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView
+from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.probabilities import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.planning.search import (
     AT_ONCE,
     FEATURES,
@@ -27,16 +28,7 @@ from wordcraft_kg.planning.search import (
     REUSED,
     PlanSearch,
 )
-
-P = Label(
-    "p",
-    "p",
-    "begins the best plan",
-    "plan score",
-    "Log-probability of the most probable plan whose next pair contains a slot's entity, and the "
-    "selection if any. With plans weighed in play, log-probability that such a pair leads to the "
-    "goal.",
-)
+from wordcraft_kg.planning.set_plans import BestSetPlan, P
 
 
 class BestPlan(BestRecipe):
@@ -73,8 +65,12 @@ class BestPlan(BestRecipe):
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
-    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
+    def of_scorer(  # noqa: D102 - inherited
+        cls, scorer: TripleScorer, view: ScoreView
+    ) -> FoldedSource:
         main_model = whole_of(scorer)
+        if isinstance(main_model, SetScorer):
+            return BestSetPlan.of_scorer(scorer, view)
         folded = folds_of(scorer)
         # The curve is fitted to out-of-sample scores, so it comes from the folds alone.
         curve = None
@@ -98,7 +94,7 @@ class BestPlan(BestRecipe):
     def serves(scorer: TripleScorer) -> bool:
         """Return whether a scorer has the probabilities of recipes that this source needs."""
         folded = folds_of(scorer)
-        return (
+        return isinstance(whole_of(scorer), SetScorer) or (
             folded is not None
             and folded.probabilities is not None
             and folded.probabilities.recipes is not None
@@ -109,7 +105,9 @@ class BestPlan(BestRecipe):
         cls,
         num_entities: int,
         constants: Mapping[str, Tensor],
-    ) -> Self:
+    ) -> FoldedSource:
+        if BestSetPlan.is_stored(constants):
+            return BestSetPlan.restored(num_entities, constants)
         # Besides an intercept for each kind of pair: slope, shift, width and two forms.
         if constants["curve"].shape == (KINDS + 3,):
             raise ValueError(

@@ -8,10 +8,17 @@ import torch
 from test_set_models import letters_book
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
-from wordcraft_kg.agents.players import BEST_SET, knowledge_player, scorer_players
+from wordcraft_kg.agents.players import BEST_SET, PLANNER, knowledge_player, scorer_players
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
+from wordcraft_kg.graphs import (
+    RecipeGraph,
+    SplitConfig,
+    make_split,
+    open_book,
+    open_graph,
+    write_graph_folder,
+)
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
@@ -19,8 +26,13 @@ from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.recipes import set_fitting
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.set_fitting import fit_sets
+from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
+from wordcraft_kg.models.scorers.sets.parts import Parts
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
+from wordcraft_kg.planning.set_plans import best_plans, known_recipes
 
 
 @pytest.fixture(scope="module")
@@ -76,13 +88,10 @@ def test_w_is_the_score_of_the_best_set_that_completes_the_selection(model, worl
     assert float(w(states)[0, -1]) == pytest.approx(combined, abs=1e-5)
 
 
-def test_a_player_of_w_makes_unseen_goals_as_the_player_of_the_best_set(model, world):
-    (w,) = make_sources(["w"], model.scorer)
-    by_w = Evaluator(world, distractor_seeds=1)(knowledge_player([w])).success
-    players = scorer_players(world.graph, model.scorer, model.triples)
-    by_set = Evaluator(world, distractor_seeds=1)(players[BEST_SET]).success
-    assert by_w.mean() > 0.8
-    np.testing.assert_array_equal(by_w, by_set)
+def test_the_player_of_the_best_set_makes_most_unseen_goals(model, world):
+    players = scorer_players(world.graph, model.scorer, model.triples, plans=True)
+    for name in (BEST_SET, PLANNER):
+        assert Evaluator(world, distractor_seeds=1)(players[name]).success.mean() > 0.8
 
 
 def test_a_policy_with_w_is_saved_with_its_scorer_of_sets(model, world, tmp_path):
@@ -113,3 +122,46 @@ def test_train_tasks_are_scored_by_the_model_that_has_not_seen_their_goals(model
         with_task = states._replace(task=torch.tensor([task]))
         assert torch.equal(w(with_task), expected(states))
         assert not torch.equal(w(with_task), w(states))
+
+
+@pytest.fixture(scope="module")
+def kitchen():
+    """A model that knows all recipes of the small book of sets."""
+    graph = open_graph("examples/kitchen-sets.csv").graph
+    rows = rows_of_sets(graph, np.ones(graph.num_recipes, dtype=bool))
+    parts = Parts.nothing(graph.num_entities)
+    words = np.random.default_rng(0).normal(size=(graph.num_entities, 8)).astype(np.float32)
+    words /= np.linalg.norm(words, axis=1, keepdims=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(set_fitting, "_EPOCHS", 1)
+        fitted = fit_sets(rows, parts.amounts, words, seed=0, folds=2)
+    tensors = {
+        "recipes": torch.from_numpy(rows),
+        "amounts": torch.from_numpy(parts.amounts),
+        "part_names": stored_names(parts.labels),
+        "words": torch.from_numpy(words.astype(np.float16)),
+        **fitted.tensors(),
+    }
+    return SetScorer(tensors, graph.entities, graph.hash)
+
+
+@pytest.mark.parametrize("depth", [1, 2, 3])
+def test_a_planner_that_knows_all_sets_makes_goals_at_any_depth(kitchen, depth):
+    settings = WordCraftConfig(part="all", depth=depth, num_distractors=1, num_tasks=12)
+    world = World.open("examples/kitchen-sets.csv", settings)
+    (p,) = make_sources(["p"], kitchen)
+    evaluation = Evaluator(world, distractor_seeds=1)(knowledge_player([p]))
+    assert evaluation.success.mean() > 0.8
+    assert evaluation.by_plan.mean() > 0.8
+
+
+def test_a_set_that_was_tried_begins_no_plan(kitchen):
+    recipes = known_recipes(kitchen)
+    goal = int(kitchen.knowledge.recipes[0, -1])
+    (first, *_) = sorted(recipes[goal])
+    sizes = range(1, 7)
+    plans = best_plans(kitchen, recipes, goal, first, sizes, 1)
+    assert max(plans, key=plans.get) == first
+    again = best_plans(kitchen, recipes, goal, first, sizes, 1, {first})
+    assert first not in again
+    assert {**again, first: plans[first]} == plans

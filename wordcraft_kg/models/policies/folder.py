@@ -159,7 +159,7 @@ def _policy(
     if most_picks and pair_sources:
         raise ConfigError(
             f"`use` {with_letters(pair_sources)} takes recipes of two ingredients so far, and the "
-            "graph has others. Choose `use` combines,component."
+            "graph has others. Choose `use` combines,component,recipe,plan."
         )
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)

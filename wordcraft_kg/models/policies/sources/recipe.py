@@ -15,7 +15,6 @@ from wordcraft_kg.models.policies.sources.source import (
     KeptScores,
     Rows,
     ScoreView,
-    Source,
     knowledge_of_models,
 )
 from wordcraft_kg.models.policies.states import States
@@ -82,7 +81,7 @@ class BestRecipe(FoldedSource):
     @classmethod
     def restored(  # noqa: D102 - inherited
         cls, num_entities: int, constants: Mapping[str, Tensor]
-    ) -> Source:
+    ) -> FoldedSource:
         if BestSet.is_stored(constants):
             return BestSet.restored(num_entities, constants)
         models = (cls.num_folds(constants) or 0) + 1

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
@@ -34,15 +34,6 @@ _PAIR = 2
 _Scores = NDArray[np.float32]
 
 
-@runtime_checkable
-class SetScores(Protocol):
-    """A scorer of whole sets of ingredients."""
-
-    def score_sets(self, sets: Ids, goals: Ids) -> _Scores:
-        """Score sets, shape (N, 8), ids padded with -1, for goals (N,); returns shape (N,)."""
-        ...
-
-
 class ScoredSets(NamedTuple):
     """Sets of entities on a table, best first.
 
@@ -65,7 +56,7 @@ def rows_of(sets: Sequence[Sequence[int]]) -> Ids:
     return padded(sets, -1, MOST_INGREDIENTS)
 
 
-def likely_sets(scorer: SetScores, goal: int, entities: Iterable[int], sizes: range) -> ScoredSets:
+def likely_sets(scorer: SetScorer, goal: int, entities: Iterable[int], sizes: range) -> ScoredSets:
     """Return sets of entities with their scores for a goal: they grow one by one, in a beam.
 
     Args:
@@ -188,6 +179,10 @@ class BestSet(FoldedSource):
         """
         return likely_sets(self.models[model], goal, entities, sizes)
 
+    def other_scores(self, model: int, goal: int, sets: Ids) -> _Scores:
+        """Return the scores of sets that are not among the best of the table."""
+        return self.models[model].score_sets(sets, np.full(len(sets), goal))
+
     def _scores_of_state(self, states: States, model: int) -> _Scores:
         """Return the scores of a single state's slots, shape (A,)."""
         nothing = self.num_entities
@@ -203,25 +198,22 @@ class BestSet(FoldedSource):
         # How often each entity is in a set, and has to be, (n, C) and (C,).
         columns = np.array(entities)
         counts = (sets[:, :, None] == columns).sum(1)
-        needed = (np.array(selection)[:, None] == columns).sum(0)
-        contains = (counts >= needed).all(1)
-        by_entity = np.where(contains[:, None] & (counts > needed), set_scores[:, None], -np.inf)
-        best = by_entity.max(0, initial=-np.inf)
+        required = (np.array(selection)[:, None] == columns).sum(0)
+        contains = (counts >= required).all(1)
+        is_with_entity = contains[:, None] & (counts > required)
+        best = np.where(is_with_entity, set_scores[:, None], -np.inf).max(0, initial=-np.inf)
         # Without a set that contains an entity and the selection, the two are a set.
-        missing = np.flatnonzero(best == -np.inf)
-        extended = [sorted((*selection, entities[column])) for column in missing.tolist()]
-        combined = contains & (counts == needed).all(1)
-        if states.has_combine and selection and not combined.any():
-            extended.append(sorted(selection))
-        if extended:
-            rows = rows_of(extended)
-            extra = self.models[model].score_sets(rows, np.full(len(rows), goal))
-            best[missing] = extra[: len(missing)]
+        missing = np.flatnonzero(best == -np.inf).tolist()
+        extended = [sorted((*selection, entities[column])) for column in missing]
+        best[missing] = self.other_scores(model, goal, rows_of(extended))
         scores = np.zeros(len(table), dtype=np.float32)
         is_filled = table != nothing
         scores[is_filled] = best[np.searchsorted(columns, table[is_filled])]
         if states.has_combine and selection:
-            scores[-1] = set_scores[combined][0] if combined.any() else extra[-1]
+            combined = set_scores[contains & (counts == required).all(1)]
+            if not len(combined):
+                combined = self.other_scores(model, goal, rows_of([sorted(selection)]))
+            scores[-1] = combined[0]
         return np.maximum(scores, LEAST)
 
 

@@ -4,7 +4,7 @@ Charts follow the page's light and dark colours without JavaScript, see
 :mod:`~wordcraft_kg.reports.charts.chart`.
 """
 
-from wordcraft_kg.reports.charts.chart import COLOURS, Chart, as_file, colour_of, figure_of
+from wordcraft_kg.reports.charts.chart import COLOURS, Chart, as_file, as_pdf, colour_of, figure_of
 from wordcraft_kg.reports.charts.series import (
     CurvePoint,
     Estimate,
@@ -21,6 +21,7 @@ __all__ = [
     "CurvePoint",
     "Estimate",
     "as_file",
+    "as_pdf",
     "colour_of",
     "curves",
     "dots",

@@ -246,10 +246,11 @@ def write_table(
     frame = pd.DataFrame(
         {name: _interval(value) for name, value in row.items() if value is not None} for row in rows
     )
+    filled = frame.astype(object).where(frame.notna(), "")
     content = {
         ".tex": lambda: frame.to_latex(index=False, na_rep="", float_format="%.3f", escape=True),
         ".csv": lambda: frame.to_csv(index=False, lineterminator="\n"),
-        ".md": lambda: frame.fillna("").to_markdown(index=False, floatfmt=".3f") + "\n",
+        ".md": lambda: filled.to_markdown(index=False, floatfmt=".3f") + "\n",
     }
     write_file(out, content[out.suffix](), force=force)
     return [f"wrote {out}"]

@@ -101,7 +101,7 @@ def evaluate_links(
     )
     view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
-    every = {model.name: view.metrics, **view.baselines}
+    metrics_of = {model.name: view.metrics, **view.baselines}
     rows = [
         {
             "model": name,
@@ -111,7 +111,7 @@ def evaluate_links(
             "hits@1": metrics[part].hits_at_1,
             "hits@10": metrics[part].hits_at_10,
         }
-        for name, metrics in every.items()
+        for name, metrics in metrics_of.items()
         for part in ("all", *RELATIONS)
     ]
     text = [*_text_of_evaluation(view, folder), *write_table(table, rows, force=force)]

@@ -144,9 +144,11 @@ def reproduce(  # noqa: PLR0913 - parameters are the command's options
     if table is not None and len(studies) > 1:
         raise ConfigError(f"`table` is for one study; '{study}' is {len(studies)}.")
     if search:
-        studies = {name: _searched(each, name, engine, output) for name, each in studies.items()}
-    for each in studies.values():
-        if each.search:
+        studies = {
+            name: _searched(declared, name, engine, output) for name, declared in studies.items()
+        }
+    for declared in studies.values():
+        if declared.search:
             raise ConfigError(f"'{study}' has settings to search over: add --search.")
     return _run(studies, engine, table, output)
 

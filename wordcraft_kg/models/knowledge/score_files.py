@@ -43,7 +43,7 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
         )
     values: dict[tuple[tuple[int, ...], int], float] = {}
     for row in rows:
-        where = f"{path}, line {rows.line_num}"
+        place = f"{path}, line {rows.line_num}"
         try:
             if ingredients == ["set"]:
                 labels = row["set"].split(" + ")
@@ -56,14 +56,14 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
             if not 1 <= len(ids) <= _PLACES or None in row or not math.isfinite(score):
                 raise ValueError
         except UnknownEntityError as error:
-            raise KnowledgeFileError(f"{where}: {error}") from None
+            raise KnowledgeFileError(f"{place}: {error}") from None
         except (AttributeError, TypeError, ValueError):
             raise KnowledgeFileError(
-                f"{where}: found {list(row.values())}; expected 1 to {_PLACES} ingredients, a "
+                f"{place}: found {list(row.values())}; expected 1 to {_PLACES} ingredients, a "
                 "result, and a finite number as score."
             ) from None
         if key in values:
-            raise KnowledgeFileError(f"{where}: this set and result stand in an earlier line, too.")
+            raise KnowledgeFileError(f"{place}: this set and result stand in an earlier line, too.")
         values[key] = score
     if not values:
         raise KnowledgeFileError(f"{path}: no scores below the header; expected one or more.")

@@ -24,6 +24,7 @@ from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
+from wordcraft_kg.models.policies.sources.tables import SetTable
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import SelfEdges, has_table
@@ -50,6 +51,8 @@ BEST_PAIR = "w, best pair"
 """Name of the player of the pair with the highest recipe score, among :func:`scorer_players`."""
 PLANNER = "planner"
 """Name of the player by plans, among :func:`scorer_players`."""
+BEST_IN_TABLE = "t, best pair"
+"""Name of the player of the pair with the highest score in a table, in :func:`scorer_players`."""
 BEST_SET = "best set"
 """Name of the player of the set with the highest score, among :func:`scorer_players`."""
 CELLS = 200_000
@@ -424,6 +427,8 @@ def scorer_players(
     # The sources w and p refuse train tasks, where scores would be in-sample.
     if BestRecipe.serves(scorer):
         players[BEST_PAIR if graph.has_pairs_only else BEST_SET] = of("w")
+    if SetTable.serves(scorer) and graph.has_pairs_only:
+        players[BEST_IN_TABLE] = of("t")
     if plans and BestPlan.serves(scorer):
         players[PLANNER] = of("p")
     return players

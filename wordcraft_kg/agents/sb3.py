@@ -2,13 +2,15 @@
 
 Needs the extra ``interop`` and the plain ``WordCraft-v0``; the policy reads entity ids::
 
-    policy, _ = make_policy(PolicyConfig(features="random"), opened.graph, env.unwrapped.num_slots)
-    model = PPO(SB3Policy, env, policy_kwargs={"network": policy})
-    model.learn(10_000)
+    env = SB3VecEnv(256, opened, num_distractors=8)
+    network, _ = make_policy(PolicyConfig(), opened.graph, env.action_space.n)
+    model = MaskablePPO(MaskableSB3Policy, env, policy_kwargs={"network": network}, n_steps=16)
+    model.learn(100_000)
     trained = model.policy.network
 """
 
 import copy
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -74,6 +76,8 @@ class _NetworkPolicy(BasePolicy):
                 the policy knows.
         """
         _check_spaces(observation_space, action_space, network)
+        # So that the environments know that their ids are read as ids.
+        observation_space.read_as_ids = True  # type: ignore[attr-defined]
         settings = {
             "optimizer_class": optimizer_class,
             "optimizer_kwargs": optimizer_kwargs,
@@ -286,6 +290,11 @@ except ImportError:
     raise missing_extra("interop", ["stable-baselines3"]) from None
 
 Indices = None | int | Iterable[int]
+_NOT_READ = (
+    "observations are ids of entities, and no policy of this package reads them: MultiInputPolicy "
+    "takes each id for a category of its own, and hardly learns. Use MaskableSB3Policy, or a "
+    "features extractor that looks up vectors."
+)
 
 
 class SB3VecEnv(VecEnv):
@@ -350,6 +359,8 @@ class SB3VecEnv(VecEnv):
 
     def reset(self) -> Arrays:
         """Begin new episodes, with the seed from :meth:`seed` the first ones of it."""
+        if not getattr(self.observation_space, "read_as_ids", False):
+            logging.getLogger(__name__).warning(_NOT_READ)
         observations, infos = self.env.reset(seed=self._seed)
         self._seed = None
         self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]

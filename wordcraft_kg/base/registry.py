@@ -137,8 +137,8 @@ class Registry(MutableMapping[str, T]):
 
     def plugins(self, *names: str) -> dict[str, str]:
         """Return the hashes of the plugin files of some objects, by file name, for a record."""
-        found = [self._plugins[name] for name in names if name in self._plugins]
-        return {plugin.name: plugin.sha256 for plugin in found}
+        files = [self._plugins[name] for name in names if name in self._plugins]
+        return {plugin.name: plugin.sha256 for plugin in files}
 
 
 def load_plugin(path: str | Path) -> Plugin:
@@ -214,11 +214,11 @@ def check_plugins(needed: Mapping[str, str], folder: Path) -> None:
     for name, sha256 in needed.items():
         if sha256 in loaded:
             continue
-        changed = [other for other, other_name in loaded.items() if other_name == name]
-        if changed:
+        hashes = [digest for digest, file_name in loaded.items() if file_name == name]
+        if hashes:
             raise NotRegisteredError(
                 f"'{folder}' was made with another plugin '{name}': expected SHA-256 {sha256}, "
-                f"found {changed[0]}. Restore that file, or train again with this one."
+                f"found {hashes[0]}. Restore that file, or train again with this one."
             )
         raise NotRegisteredError(
             f"'{folder}' needs the plugin '{name}' with SHA-256 {sha256}. No plugin is loaded by "

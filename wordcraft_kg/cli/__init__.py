@@ -343,15 +343,15 @@ def without_plugins(tokens: Sequence[str]) -> tuple[list[str], list[str]]:
     Before the command line is parsed: a plugin's names are values of its options.
     """
     words = iter(tokens)
-    left: list[str] = []
+    command: list[str] = []
     files: list[str] = []
     for token in words:
         option, has_value, value = token.partition("=")
         if option == "--plugin":
             files.append(value if has_value else next(words, ""))
         else:
-            left.append(token)
-    return left, files
+            command.append(token)
+    return command, files
 
 
 def _close_stdout() -> None:

@@ -12,12 +12,14 @@ from wordcraft_kg.base import MAX_SIZE, ConfigError, counted, quoted, whole
 from wordcraft_kg.cli.console import (
     Output,
     aligned,
+    check_table,
     lines_of,
     refuse_given,
     split_labels,
     whole_numbers,
+    write_table,
 )
-from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Words
+from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Table, Words
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.draws import MOST_TASKS
 
@@ -117,6 +119,7 @@ def evaluate_agent(
     scripted: Annotated[
         ScriptedOptions, Parameter(name="*", group="Scripted players")
     ] = ScriptedOptions(),
+    table: Table = None,
     output: Output = Output(),
 ) -> None:
     """Evaluate an agent or scripted players on the tasks of a part, with fixed distractor seeds.
@@ -128,6 +131,7 @@ def evaluate_agent(
         run: run folder (the last checkpoint is evaluated if training is unfinished); or graph, book
             file or known book's name for scripted players.
     """
+    check_table(table)
     whole("limit", played.limit, 1, MAX_SIZE)
     if played.distractor_seeds is not None:
         whole("distractor_seeds", played.distractor_seeds, 1, MAX_SIZE)
@@ -150,7 +154,17 @@ def evaluate_agent(
             played.distractor_policy,
             played.limit,
         )
-        output.result(view, [*lines_of(view), *view.notes()])
+        rows = [
+            {
+                "player": view.agent,
+                "distractors": int(amount),
+                "success": success.mean,
+                "interval": (success.ci_low, success.ci_high),
+                "by plan": success.by_plan,
+            }
+            for amount, success in view.success.items()
+        ]
+        output.result(view, [*lines_of(view), *view.notes(), *write_table(table, rows)])
     else:
         refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
         amounts = whole_numbers("distractors", played.distractors or ["1,2,8"])
@@ -182,7 +196,19 @@ def evaluate_agent(
             played.limit,
             external,
         )
-        output.result(baselines, _table(baselines, amounts))
+        rows = [
+            {
+                "player": row.player,
+                "goals": row.goals or None,
+                "distractors": row.distractors,
+                "success": row.success,
+                "interval": (row.low, row.high),
+                "by plan": row.by_plan,
+            }
+            for row in baselines.rows
+        ]
+        text = [*_table(baselines, amounts), *write_table(table, rows)]
+        output.result(baselines, text)
 
 
 def _table(view: "Baselines", amounts: list[int]) -> list[str]:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,11 +15,13 @@ from wordcraft_kg.cli.console import (
     Output,
     aligned,
     check_file,
+    check_table,
     refuse_given,
     whole_numbers,
     write_file,
+    write_table,
 )
-from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Words
+from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Table, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
@@ -74,6 +76,7 @@ def compare(
     links: Annotated[LinkOptions, Parameter(name="*", group="Link predictors")] = LinkOptions(),
     graph: MovedGraph = None,
     out: Path | None = None,
+    table: Table = None,
     force: Force = False,
     output: Output = Output(),
 ) -> None:
@@ -92,6 +95,7 @@ def compare(
     """
     from wordcraft_kg.runs.record import read_run, run_folders
 
+    check_table(table, force=force)
     if not runs:
         raise ConfigError("compare needs run folders (agents) or model folders (link predictors).")
     folders = [run_folders(run) for run in runs]
@@ -106,10 +110,11 @@ def compare(
     if agent:
         refuse_given(links, "link predictors, but agents are compared")
         everyone = list(chain.from_iterable(folders))
-        _compare_agents(everyone, agents, graph, out, force, output)
+        _compare_agents(everyone, agents, graph, out, table, force, output)
     else:
         refuse_given(agents, "agents, but link predictors are compared")
-        _compare_links(list(zip(runs, folders, strict=True)), links, graph, out, force, output)
+        contenders = list(zip(runs, folders, strict=True))
+        _compare_links(contenders, links, graph, out, table, force, output)
 
 
 def _compare_agents(
@@ -117,6 +122,7 @@ def _compare_agents(
     options: AgentOptions,
     graph: str | None,
     out: Path | None,
+    table: Path | None,
     force: bool,
     output: Output,
 ) -> None:
@@ -142,7 +148,23 @@ def _compare_agents(
     )
     write_report(make_agent_report(view), folder, force=force)
     page = folder / "index.html"
-    text = [*_agents_text(view), f"wrote {folder}/   open {page}"]
+    rows = []
+    for amount, agent in product(view.distractors, view.agents):
+        success = agent.success.get(str(amount))
+        if success is not None:
+            rows.append(
+                {
+                    "agent": agent.name,
+                    "distractors": amount,
+                    "success": success.mean,
+                    "over tasks": success.task_ci,
+                    "over seeds": success.seed_ci,
+                    "difference": success.difference,
+                    "of difference": success.difference_ci,
+                }
+            )
+    wrote = write_table(table, rows, force=force)
+    text = [*_agents_text(view), *wrote, f"wrote {folder}/   open {page}"]
     output.result(summarise_agents(view, str(page)), text)
 
 
@@ -188,6 +210,7 @@ def _compare_links(
     options: LinkOptions,
     graph: str | None,
     out: Path | None,
+    table: Path | None,
     force: bool,
     output: Output,
 ) -> None:
@@ -195,7 +218,7 @@ def _compare_links(
         # With the ending of a page, so that a browser shows it.
         out = out.with_name(out.name + PAGE_ENDINGS[0])
     check_file(out, force=force)
-    from wordcraft_kg.evaluation.ranked_links import Contender, compare
+    from wordcraft_kg.evaluation.ranked_links import Contender, by_mrr, compare
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.runs.record import run_name
 
@@ -212,7 +235,19 @@ def _compare_links(
 
         write_file(out, comparison_page(view), force=force)
         view = replace(view, out=str(out))
-    output.result(view, _links_text(view))
+    rows = [
+        {
+            "model": model.name,
+            "MRR": model.mrr,
+            "interval": model.mrr_ci,
+            "hits@1": model.hits_at_1,
+            "hits@10": model.hits_at_10,
+            "difference": model.difference,
+            "of difference": model.difference_ci,
+        }
+        for model in by_mrr(view)
+    ]
+    output.result(view, [*_links_text(view), *write_table(table, rows, force=force)])
 
 
 def _links_text(view: "LinkComparison") -> Iterator[str]:

@@ -220,6 +220,55 @@ def write_file(out: Path, content: str | Iterable[str], *, force: bool) -> None:
         write_atomically(file, content)
 
 
+TABLES = (".tex", ".csv", ".md")
+"""Endings of files with tables: LaTeX, CSV and Markdown."""
+
+
+def check_table(out: Path | None, *, force: bool = False) -> None:
+    """Raise an error before long work if a table cannot be written, see :func:`write_table`."""
+    if out is not None and out.suffix not in TABLES:
+        raise ConfigError(f"`table` '{out}': expected a file that ends in {', '.join(TABLES)}.")
+    check_file(out, force=force)
+
+
+def write_table(
+    out: Path | None, rows: Iterable[Mapping[str, Any]], *, force: bool = False
+) -> list[str]:
+    """Write results for a paper as LaTeX, CSV or Markdown, by the file's ending.
+
+    Args:
+        out: the file; None writes nothing.
+        rows: values by column; an interval is a pair of numbers.
+        force: whether an existing file is replaced.
+
+    Returns:
+        A line for the command's text.
+
+    Raises:
+        OutputExistsError: if the file exists, without ``force``.
+    """
+    if out is None:
+        return []
+    import pandas as pd
+
+    frame = pd.DataFrame(
+        {name: _interval(value) for name, value in row.items() if value is not None} for row in rows
+    )
+    filled = frame.astype(object).where(frame.notna(), "")
+    content = {
+        ".tex": lambda: frame.to_latex(index=False, na_rep="", float_format="%.3f", escape=True),
+        ".csv": lambda: frame.to_csv(index=False, lineterminator="\n"),
+        ".md": lambda: filled.to_markdown(index=False, floatfmt=".3f") + "\n",
+    }
+    write_file(out, content[out.suffix](), force=force)
+    return [f"wrote {out}"]
+
+
+def _interval(value: Any) -> Any:
+    """Return an interval as text, and any other value as it is."""
+    return "[{:.3f}, {:.3f}]".format(*value) if isinstance(value, tuple | list) else value
+
+
 def command_line(*words: str | Path) -> str:
     """Return a command to repeat in a shell: labels and paths with blanks or signs are quoted."""
     return shlex.join(["wordcraft-kg", *map(str, words)])

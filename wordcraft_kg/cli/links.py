@@ -10,8 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from wordcraft_kg.base import ConfigError, whole
-from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, write_file
-from wordcraft_kg.cli.options import Force, MovedGraph, Paths
+from wordcraft_kg.cli.console import (
+    Flag,
+    Output,
+    aligned,
+    check_file,
+    check_table,
+    write_file,
+    write_table,
+)
+from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table
+from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:
@@ -39,7 +48,7 @@ EXAMPLES = {
 }
 
 
-def evaluate_links(
+def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
     model: Path,
     *,
     graph: MovedGraph = None,
@@ -47,6 +56,7 @@ def evaluate_links(
     predictions: Paths = None,
     rule: str | None = None,
     out: Path | None = None,
+    table: Table = None,
     force: Force = False,
     output: Output = Output(),
 ) -> int:
@@ -74,6 +84,7 @@ def evaluate_links(
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.pages import write_report
 
+    check_table(table, force=force)
     folder = out or model / "report"
     trained = open_model(model, graph)
     check_output(folder, force=force)
@@ -93,9 +104,21 @@ def evaluate_links(
     )
     view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
-    output.result(
-        summarise_links(view, str(folder / "index.html")), _text_of_evaluation(view, folder)
-    )
+    metrics_of = {model.name: view.metrics, **view.baselines}
+    rows = [
+        {
+            "model": name,
+            "triples": part,
+            "MRR": metrics[part].mrr,
+            "interval": metrics[part].mrr_ci,
+            "hits@1": metrics[part].hits_at_1,
+            "hits@10": metrics[part].hits_at_10,
+        }
+        for name, metrics in metrics_of.items()
+        for part in ("all", *RELATIONS)
+    ]
+    text = [*_text_of_evaluation(view, folder), *write_table(table, rows, force=force)]
+    output.result(summarise_links(view, str(folder / "index.html")), text)
     # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
     # metric is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]

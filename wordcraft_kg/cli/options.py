@@ -64,6 +64,10 @@ Trackers = Annotated[
         help="metric trackers, comma-separated: tensorboard, wandb (offline); each needs an extra."
     ),
 ]
+Table = Annotated[
+    Path | None,
+    Parameter(help="file for a table of the results: LaTeX (.tex), CSV or Markdown (.md)."),
+]
 Part = Annotated[TaskPart, Parameter(help="tasks to play: train, valid, test or all.")]
 Paths = Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)]
 MovedGraph = Annotated[

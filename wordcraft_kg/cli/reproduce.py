@@ -1,5 +1,6 @@
 """``wordcraft-kg reproduce``."""
 
+import logging
 import shlex
 import sys
 from collections import Counter
@@ -10,21 +11,31 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base import ConfigError, counted
-from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
-from wordcraft_kg.cli.options import Force, Words
+from wordcraft_kg.base import ConfigError, TrainingError, counted
+from wordcraft_kg.cli.console import (
+    Flag,
+    Output,
+    aligned,
+    check_table,
+    refuse_given,
+    split_labels,
+    write_table,
+)
+from wordcraft_kg.cli.options import Force, Table, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.studies.engine import StudyProgress, Watch
     from wordcraft_kg.studies.plan import Plan
     from wordcraft_kg.studies.results import StudyResults
     from wordcraft_kg.studies.study import Study
+    from wordcraft_kg.studies.view import StudyView
 
 EXAMPLES = (
     "wordcraft-kg reproduce --list",
     "wordcraft-kg reproduce embeddings --out results",
     "wordcraft-kg reproduce all --book everyday --steps 300000 --seeds 3 --jobs 2",
     "wordcraft-kg reproduce study.toml --engine ray --address auto",
+    "wordcraft-kg reproduce --search study.toml --table best.tex",
     "wordcraft-kg reproduce knowledge-everyday --show",
     "wordcraft-kg reproduce --show --plot",
 )
@@ -87,14 +98,16 @@ class ShowOptions:
     force: Force = False
 
 
-def reproduce(
+def reproduce(  # noqa: PLR0913 - parameters are the command's options
     study: str | None = None,
     *,
     all_studies: Annotated[Flag, Parameter(name="--list")] = False,
     show: Flag = False,
+    search: Flag = False,
     changes: Annotated[Changes, Parameter(name="*", group="Changes to the study")] = Changes(),
     engine: EngineOptions = EngineOptions(),
     shown: Annotated[ShowOptions, Parameter(name="*", group="Options of --show")] = ShowOptions(),
+    table: Table = None,
     output: Output = Output(),
 ) -> int:
     """Run a study and write the report (build, train, evaluate, plot), or show existing results.
@@ -107,11 +120,14 @@ def reproduce(
             study in the results folder (default: the only study), or a results file.
         all_studies: list the built-in studies.
         show: show existing results without training.
+        search: search for the settings below [search] in the study file: the best on validation
+            tasks are reported on test tasks.
     """
+    check_table(table, force=shown.force)
     # Options of the other mode would silently do nothing.
     if show:
         refuse_given(changes, "running a study, not for --show")
-        return _show(study, engine.out, shown, output)
+        return _show(study, engine.out, shown, table, output)
     refuse_given(shown, "existing results: add --show, or")
     if all_studies:
         return _list(changes, output)
@@ -123,7 +139,17 @@ def reproduce(
         raise ConfigError(
             f"`address` '{engine.address}' is for a Ray cluster; add --engine ray, or leave it out."
         )
-    return _run(_chosen(study, changes), engine, output)
+    studies = _chosen(study, changes)
+    if table is not None and len(studies) > 1:
+        raise ConfigError(f"`table` is for one study; '{study}' is {len(studies)}.")
+    if search:
+        studies = {
+            name: _searched(declared, name, engine, output) for name, declared in studies.items()
+        }
+    for declared in studies.values():
+        if declared.search:
+            raise ConfigError(f"'{study}' has settings to search over: add --search.")
+    return _run(studies, engine, table, output)
 
 
 def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
@@ -167,7 +193,9 @@ def _list(changes: Changes, output: Output) -> int:
     return 0
 
 
-def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -> int:
+def _show(
+    study: str | None, root: Path, options: ShowOptions, table: Path | None, output: Output
+) -> int:
     from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.studies.report import lines_of, write_study_report
     from wordcraft_kg.studies.view import view_study
@@ -181,12 +209,23 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
         # Refused before the tables and plots are made.
         check_output(target, force=options.force)
     view = view_study(results)
-    text = [*lines_of(view)]
+    text = [*lines_of(view), *_write_table(table, view, force=options.force)]
     if target is not None:
         page, *_ = write_study_report(view, target, force=options.force)
         text.append(f"wrote {target}/   open {page}")
     output.result({"report": None if target is None else str(target), "study": view}, text)
     return 0
+
+
+def _write_table(table: Path | None, view: "StudyView", *, force: bool = False) -> list[str]:
+    """Write a row for each agent at each grid point; return the line that says so."""
+    from wordcraft_kg.studies.report import tables_of
+
+    rows = []
+    for point in tables_of(view):
+        at = {"at": point.title} if point.title else {}
+        rows += [at | dict(zip(point.headings, row, strict=True)) for row in point.rows]
+    return write_table(table, rows, force=force)
 
 
 def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults":
@@ -223,12 +262,15 @@ def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults"
     return collect_study(root, names[0] if study is None else study)
 
 
-def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) -> int:
+def _run(
+    studies: "dict[str, Study]", options: EngineOptions, table: Path | None, output: Output
+) -> int:
     """Run studies, write the reports, print the outcome and return the exit code.
 
     Args:
         studies: studies by name.
         options: where and how they run.
+        table: file for a table of the results; None for none.
         output: the command's common options.
     """
     from wordcraft_kg.studies.plan import make_plan
@@ -242,11 +284,30 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
             values[plan.name], lines = _planned(plan, options)
         else:
             state = _run_plan(plan, options, output)
-            values[plan.name], lines = _reported(plan, state, options)
+            values[plan.name], lines = _reported(plan, state, options, table)
             failed |= bool(state.failed) or values[plan.name]["report"] is None
         text += lines
     output.result({"out": str(options.out), "studies": values}, text)
     return 1 if failed else 0
+
+
+def _searched(study: "Study", name: str, options: EngineOptions, output: Output) -> "Study":
+    """Return a study with the settings that are best on validation tasks, all trained."""
+    from wordcraft_kg.studies.plan import make_plan
+    from wordcraft_kg.studies.search import search, validation_success
+
+    if options.keep != "all" or options.dry_run:
+        raise ConfigError("a search reads the trained agents: leave out `keep` and `dry_run`.")
+    # Each trial replaces the study's record, which it would say.
+    logging.getLogger("wordcraft_kg.studies.results").setLevel(logging.ERROR)
+
+    def score(trial: "Study") -> float:
+        plan = make_plan(trial, name)
+        for outcome in _run_plan(plan, options, output).failed.values():
+            raise TrainingError(f"a trial of '{name}' failed: {outcome.error}")
+        return validation_success(plan, options.out)
+
+    return search(study, score)
 
 
 def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyProgress":
@@ -293,7 +354,7 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
 
 
 def _reported(
-    plan: "Plan", state: "StudyProgress", options: EngineOptions
+    plan: "Plan", state: "StudyProgress", options: EngineOptions, table: Path | None = None
 ) -> tuple[dict[str, Any], list[str]]:
     """Write the report of a study; return the outcome as JSON values and as lines of text.
 
@@ -301,6 +362,7 @@ def _reported(
         plan: the study's plan.
         state: how its tasks have ended.
         options: where and how the study ran.
+        table: file for a table of the results; None for none.
     """
     from wordcraft_kg.base.artefacts import write_atomically
     from wordcraft_kg.studies.report import lines_of, write_study_report
@@ -323,7 +385,8 @@ def _reported(
             page, *_ = write_study_report(view, folder, force=True)
             # After the report, which replaces the folder; small enough to keep with the page.
             write_atomically(folder / "results.json", results_text(results))
-            text = [*lines_of(view), *text, f"wrote {folder}/   open {page}"]
+            wrote = _write_table(table, view)
+            text = [*lines_of(view), *text, *wrote, f"wrote {folder}/   open {page}"]
     except ConfigError as error:
         # Metrics cannot be averaged; go on with the next study.
         text.append(f"no report: {error}")

@@ -17,8 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import COMPONENT_OF
+from wordcraft_kg.graphs import COMPONENT_OF, Ids
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.sets import (
     LEAST,

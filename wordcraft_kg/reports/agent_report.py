@@ -227,11 +227,12 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
 
     ``view`` has the results, by :func:`~wordcraft_kg.evaluation.agents.view_agents`.
     """
+    success = _success(view)
     return Report(
         view,
         "agent_report.html.j2",
         {
-            "success": _success(view),
+            "success": success,
             "curves": picture_of_success({agent.name: agent.curves for agent in view.agents}),
             "training": pictures_of_metrics({agent.name: agent.training for agent in view.agents}),
             "lambdas": {
@@ -248,6 +249,10 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
             "colours": source_colours(),
             "actions": ACTIONS,
             "advice": advice_on_words(row.name for row in view.baselines),
+        },
+        files={
+            "figure.svg": charts.as_file([("", success)], "Success"),
+            "figure.pdf": charts.as_pdf([("", success)]),
         },
     )
 

@@ -340,6 +340,14 @@ def _drawing() -> Iterator[None]:
         yield
 
 
+def as_pdf(panels: Sequence[tuple[str, Chart]], title: str = "") -> bytes:
+    """Return charts as a PDF file, for LaTeX; equal charts give equal bytes."""
+    file = io.BytesIO()
+    with _drawing():
+        figure_of(panels, title).savefig(file, format="pdf", metadata={"CreationDate": None})
+    return file.getvalue()
+
+
 def _content_of(figure: "Figure") -> Markup:
     """Return the elements of a figure as SVG, for a root element of our own.
 

@@ -322,7 +322,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
     """Return a study report, ready to write.
 
     Returns:
-        The page with its charts, and the files ``table.csv`` and ``figure.svg``.
+        The page with its charts, and the files ``table.csv``, ``figure.svg`` and ``figure.pdf``.
     """
     # A claim has one verdict for each grid point, all in a row: the page prints its text once.
     claims = [list(verdicts) for _, verdicts in groupby(view.claims, key=attrgetter("text"))]
@@ -340,7 +340,11 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "words": in_words,
             "claims": claims,
         },
-        files={"table.csv": as_csv(view), "figure.svg": study_figure(view)},
+        files={
+            "table.csv": as_csv(view),
+            "figure.svg": study_figure(view),
+            "figure.pdf": charts.as_pdf(list(panels_of(view).items()), view.title),
+        },
     )
 
 

@@ -97,6 +97,23 @@ class Claim(Record, frozen=True, omit_defaults=True):
     note: str = ""
 
 
+class Range(Record, frozen=True):
+    """Values to search: between two numbers, whole ones if both are.
+
+    Attributes:
+        low, high: the ends, which belong to it.
+        log: whether small numbers are tried as densely as large ones.
+    """
+
+    low: int | float
+    high: int | float
+    log: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high or (self.log and self.low <= 0):
+            raise ValueError(f"a range from {self.low} to {self.high} has no values to search")
+
+
 class Study(Record, omit_defaults=True):
     """A study file's content.
 
@@ -117,6 +134,9 @@ class Study(Record, omit_defaults=True):
         scorers: settings by scorer name, with ``command``: train-complex, train-links,
             train-recipes, facts, neighbours or kernel.
         claims: expected results, compared with the results in the report.
+        search: settings to search over, for ``reproduce --search``: a list of values or a
+            :class:`Range` each.
+        trials: trials of a search.
 
     Example:
         >>> variants = {"attention": {}, "mlp": {"policy": "mlp"}}
@@ -137,6 +157,8 @@ class Study(Record, omit_defaults=True):
     points: list[Values] = msgspec.field(default_factory=list)
     scorers: dict[str, Values] = msgspec.field(default_factory=dict)
     claims: list[Claim] = msgspec.field(default_factory=list)
+    search: dict[str, list[Value] | Range] = msgspec.field(default_factory=dict)
+    trials: int = 20
 
 
 class StudyCell(Record, frozen=True):
@@ -260,6 +282,7 @@ def check_study(study: Study, source: str = "study") -> None:
         ConfigError: for the first wrong or contradictory name or setting.
     """
     whole("seeds", study.seeds, 1, 1_000)
+    whole("trials", study.trials, 1, 1_000)
     if not study.variants:
         raise ConfigError(
             f'{source}: no variants; expected at least one table [variants."a name"].'
@@ -304,6 +327,7 @@ def _check_settings(study: Study, source: str) -> None:
     allowed_settings = {SCORER, *OF_GRAPH, *OF_AGENT, *scorer_settings} - set(NO_SETTINGS)
     _known(source, "settings.", study.settings, allowed_settings)
     _known(source, "grid.", study.grid, allowed_settings)
+    _known(source, "search.", study.search, allowed_settings)
     for number, point in enumerate(study.points):
         _known(source, f"points[{number}].", point, allowed_settings)
     varied = {*study.grid, *chain.from_iterable(study.points)}

@@ -14,8 +14,7 @@ from urllib.error import HTTPError, URLError
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.base.errors import ConfigError, PlayerError
-from wordcraft_kg.base.wording import for_terminal
+from wordcraft_kg.base import ConfigError, PlayerError, for_terminal
 
 KEY = "OPENAI_API_KEY"
 """Environment variable with the key; servers on this machine need none."""

@@ -25,8 +25,7 @@ from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
 from wordcraft_kg.base import MAX_SIZE, ConfigError, json_text, staged_file, steps, write_atomically
 from wordcraft_kg.envs.words import combined
-from wordcraft_kg.graphs.arrays import padded
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, padded
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player

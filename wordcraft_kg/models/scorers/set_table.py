@@ -72,7 +72,7 @@ class SetTableScorer(StoredScorer):
         flat = tables.view(-1)
         for i, first in enumerate(self.sets.T):
             links = [(COMPONENT_OF, self.results)]
-            links += [(COMBINES_WITH, other) for j, other in enumerate(self.sets.T) if i != j]
+            links += [(COMBINES_WITH, ids) for j, ids in enumerate(self.sets.T) if i != j]
             for relation, second in links:
                 cells = (relation * (size + 1) + first) * (size + 1) + second
                 flat.scatter_reduce_(0, cells, self.values, "amax")

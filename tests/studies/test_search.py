@@ -1,0 +1,81 @@
+"""A search for settings: the best on validation tasks, which test tasks then measure."""
+
+import msgspec
+import pytest
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.studies.search import search
+from wordcraft_kg.studies.study import Range, Study, parse_study
+
+SETTINGS = {"book": "kitchen", "steps": 64, "valid_ratio": 0.1}
+SPACE = {
+    "learning_rate": Range(0.001, 0.02, log=True),
+    "distractors": [1, 8],
+    "unroll": Range(2, 6),
+}
+STUDY = Study("A search", {"agent": {}}, seeds=1, settings=SETTINGS, search=SPACE, trials=15)
+
+
+def test_the_best_trial_wins_and_equal_searches_try_equal_settings():
+    def score(trial):
+        rate, distractors = trial.settings["learning_rate"], trial.settings["distractors"]
+        tried.append((rate, distractors, trial.settings["unroll"]))
+        return -abs(rate - 0.01) + (distractors == 8)
+
+    tried = []
+    best = search(STUDY, score)
+    first = list(tried)
+    closest = min(abs(rate - 0.01) for rate, distractors, _ in first if distractors == 8)
+    assert best.settings["distractors"] == 8
+    assert abs(best.settings["learning_rate"] - 0.01) == closest
+    assert best.search == {}
+    assert len(first) == 15
+    assert {type(unroll) for *_, unroll in first} == {int}
+    tried.clear()
+    search(STUDY, score)
+    assert tried == first
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"search": {}}, "no table .search."),
+        ({"variants": {"a": {}, "b": {"depth": 2}}}, "one variant"),
+        ({"grid": {"depth": [1, 2]}}, "one variant"),
+        ({"settings": {"book": "kitchen"}}, "`valid_ratio`"),
+    ],
+)
+def test_a_search_without_a_fair_choice_is_refused(changes, says):
+    with pytest.raises(ConfigError, match=says):
+        search(msgspec.structs.replace(STUDY, **changes), lambda trial: 0.0)
+
+
+@pytest.mark.parametrize(
+    ("space", "says"),
+    [
+        ("learning_rates = [1, 2]", "unknown setting 'search.learning_rates'.*learning_rate"),
+        ("steps = {low = 5, high = 5}", "no values to search"),
+        ("learning_rate = {low = 0, high = 1, log = true}", "no values to search"),
+        ("learning_rate = {low = 0, high = 1, lgo = true}", "lgo"),
+    ],
+)
+def test_a_faulty_search_is_refused_by_its_setting(space, says):
+    with pytest.raises(ConfigError, match=says):
+        parse_study(f"title = 'x'\n[search]\n{space}\n[variants.a]\n", "study")
+
+
+@pytest.mark.slow
+def test_a_search_reports_its_best_settings_on_test_tasks(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "study.toml").write_text(
+        "title = 'Rates'\nseeds = 1\ntrials = 2\n[settings]\nbook = 'kitchen'\nsteps = 256\n"
+        "valid_ratio = 0.1\n[search]\nlearning_rate = {low = 0.001, high = 0.01}\n[variants.a]\n"
+    )
+    refused = run("reproduce", "study.toml")
+    assert (refused.code, "--search" in refused.err) == (1, True)
+    words = ("reproduce", "--search", "study.toml", "--jobs", 1, "--table", "best.tex")
+    done = run(*words)
+    assert done.code == 0, done.err
+    assert "best of 2 trials, validation success" in done.out
+    assert r"\toprule" in (tmp_path / "best.tex").read_text()
+    assert (tmp_path / "results/reports/study/figure.pdf").read_bytes().startswith(b"%PDF")

@@ -1,0 +1,80 @@
+"""A search for settings by optuna: the best on validation tasks, so that test tasks stay unseen."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.studies.plan import Plan
+from wordcraft_kg.studies.study import Study, Value, Values, check_study
+
+
+def search(study: Study, score: Callable[[Study], float]) -> Study:
+    """Return a study with the best settings of ``study.trials`` trials.
+
+    Trials follow from the study alone, so a search that is repeated finds what it has trained.
+
+    Args:
+        study: a study with ``search``.
+        score: trains a study with the settings of a trial, and returns its validation success.
+
+    Raises:
+        ConfigError: if nothing is to be searched, several variants are, or the split has no
+            validation part.
+    """
+    # Imported here: it takes a second, and studies without a search do without.
+    import optuna
+
+    check_searchable(study)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    trials = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=0))
+    trials.optimize(lambda trial: score(_with(study, _suggested(trial, study))), study.trials)
+    best = _with(study, trials.best_params)
+    shown = ", ".join(f"{name} {value}" for name, value in trials.best_params.items())
+    outcome = f"best of {study.trials} trials, validation success {trials.best_value:.3f}: {shown}"
+    return msgspec.structs.replace(best, title=f"{study.title} ({outcome})")
+
+
+def check_searchable(study: Study) -> None:
+    """Raise a ConfigError unless a study is a search over one variant with a validation part."""
+    if not study.search:
+        raise ConfigError("the study has no table [search]; expected the settings to search over.")
+    if len(study.variants) > 1 or study.grid or study.points or study.claims:
+        raise ConfigError("a search is over one variant: leave out grid, points and claims.")
+    if not study.settings.get("valid_ratio"):
+        raise ConfigError("a search needs validation tasks: set `valid_ratio`, such as 0.1.")
+
+
+def validation_success(plan: Plan, root: Path) -> float:
+    """Return the mean success of a plan's agents on validation tasks."""
+    from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.agents.evaluation import evaluate
+    from wordcraft_kg.envs.world import World
+
+    rates = []
+    for address in plan.runs:
+        agent = open_agent(root / address)
+        tasks = agent.config.tasks.environment("valid")
+        rates.append(evaluate(agent.policy, World(agent.opened, tasks)).success.mean())
+    return float(np.mean(rates))
+
+
+def _suggested(trial: Any, study: Study) -> Values:
+    values: Values = {}
+    for name, space in study.search.items():
+        if isinstance(space, list):
+            values[name] = trial.suggest_categorical(name, space)
+            continue
+        is_whole = isinstance(space.low, int) and isinstance(space.high, int)
+        suggest = trial.suggest_int if is_whole else trial.suggest_float
+        values[name] = suggest(name, space.low, space.high, log=space.log)
+    return values
+
+
+def _with(study: Study, values: dict[str, Value]) -> Study:
+    trial = msgspec.structs.replace(study, settings=study.settings | values, search={})
+    check_study(trial)
+    return trial

@@ -33,7 +33,10 @@ def interleaved(graph: str, depths: list[int], **settings: Any) -> list[dict[str
 def form(environments: list[CraftingEnvironment], **_: Any) -> list[float]:
     """Return 1 for each game in which every call was accepted and one was made, else 0."""
     talks = [environment.talk for environment in environments]
-    return [float(bool(talk.game.pairs) and not talk.invalid_actions) for talk in talks]
+    return [
+        float(talk is not None and bool(talk.game.pairs) and not talk.invalid_actions)
+        for talk in talks
+    ]
 
 
 def make_trainer(model: Any, options: argparse.Namespace, **more: Any) -> GRPOTrainer:

@@ -804,7 +804,7 @@ def test_commands_play_sets(run, folder, tmp_path, monkeypatch):
     players = json.loads(run("evaluate-agent", folder, *options).out)
     assert "recipe oracle" in json.dumps(players)
     out = tmp_path / "chats.jsonl"
-    run("chats", folder, "--part", "train", "--tasks", "3", "--out", out)
+    run("chats", folder, "--tasks", "3", "--out", out)
     calls = [
         message["tool_calls"][0]["function"]["arguments"]
         for line in out.read_text().splitlines()

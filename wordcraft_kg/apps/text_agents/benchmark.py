@@ -156,9 +156,12 @@ def rank_text(track: str, success: float) -> str:
     rows = json.loads(read_small_file(BOARD)).get(track, [])
     if not rows:
         return ""
-    better = [row for row in rows if row["success"] > success]
-    above = f", below {better[-1]['player']} ({better[-1]['success']:.3f})" if better else ""
-    return f"rank {len(better) + 1} beside the {len(rows)} rows of the leaderboard{above}"
+    better_rows = [row for row in rows if row["success"] > success]
+    text = f"rank {len(better_rows) + 1} beside the {len(rows)} rows of the leaderboard"
+    if better_rows:
+        neighbour = better_rows[-1]
+        text += f", below {neighbour['player']} ({neighbour['success']:.3f})"
+    return text
 
 
 @dataclass(frozen=True)

@@ -98,8 +98,8 @@ class ChatServer:
                 with self._opener.open(request, timeout=self._timeout) as response:
                     return self._read(response.read(_LONGEST_REPLY))
             except HTTPError as error:
-                said = error.read(_LONGEST_REPLY).decode("utf-8", "replace")
-                failure = f"answers with {error.code}: {said or error.reason}"
+                content = error.read(_LONGEST_REPLY).decode("utf-8", "replace")
+                failure = f"answers with {error.code}: {content or error.reason}"
                 is_final = error.code not in _BUSY
             except TimeoutError:
                 failure = f"has not answered in {self._timeout:g} seconds"
@@ -129,5 +129,5 @@ class ChatServer:
 
     def _shown(self, text: str) -> str:
         """Return a server's words in one line, without the key, which some servers repeat."""
-        hidden = text.replace(self._key, "***") if self._key else text
-        return for_terminal(" ".join(hidden.split()))[:2_000].rstrip(".")
+        public_text = text.replace(self._key, "***") if self._key else text
+        return for_terminal(" ".join(public_text.split()))[:2_000].rstrip(".")

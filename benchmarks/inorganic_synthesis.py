@@ -209,19 +209,21 @@ def ablation(fold: int, out: Path) -> list[str]:
     fold_of_recipe = fold_of_entity[recipes[:, -1]]
     style = scorer.knowledge.style_parts
     lessons: dict[type[SetKnowledge], list[Candidates]] = defaultdict(list)
+    fold_of_lesson: list[int] = []
     for part in range(5):
         others, held_out = (recipes[fold_of_recipe != part], recipes[fold_of_recipe == part])
         network = fit_network(SetKnowledge(others, amounts, words, style), part, members=1)
         for kind in (SetKnowledge, Uncovered, Single):
             knowledge = kind(others, amounts, words, style)
             lessons[kind] += candidates_of(knowledge, network, held_out)
+        fold_of_lesson += [part] * (len(lessons[SetKnowledge]) - len(fold_of_lesson))
     tests = {
         kind: candidates_of(kind(recipes, amounts, words), scorer._network, test)
         for kind in (SetKnowledge, Uncovered, Single)
     }
     hits = {}
     for name, (kind, columns) in ABLATIONS.items():
-        hits[name] = ranked_hits(lessons[kind], tests[kind], list(columns))
+        hits[name] = ranked_hits(lessons[kind], fold_of_lesson, tests[kind], list(columns))
     hits["the order of the search, without a committee"] = first_hits(tests[SetKnowledge])
     hits["ComplEx: train sets by their links to the target"] = link_hits(
         links_of_fold(fold, out), scorer.knowledge, test
@@ -244,7 +246,10 @@ def ablation(fold: int, out: Path) -> list[str]:
 
 
 def ranked_hits(
-    lessons: list[Candidates], tests: list[Candidates], columns: list[int]
+    lessons: list[Candidates],
+    fold_of_lesson: list[int],
+    tests: list[Candidates],
+    columns: list[int],
 ) -> NDArray[np.bool_]:
     """Fit a committee without some features, and return its hits, shape (goals, 2)."""
 
@@ -253,11 +258,11 @@ def ranked_hits(
         features[:, columns] = 0
         return candidates._replace(features=features)
 
-    committee, mean, deviation, _, _ = fit_order(list(map(without, lessons)), 0)
+    order = fit_order(list(map(without, lessons)), np.array(fold_of_lesson), 0)
     ordered = []
     for test in map(without, tests):
-        scaled = ((torch.from_numpy(test.features) - mean) / deviation).clamp(-6, 6)
-        scores = committee(scaled)[..., 0].mean(0).numpy()
+        scaled = ((torch.from_numpy(test.features) - order.mean) / order.deviation).clamp(-6, 6)
+        scores = order.committee(scaled)[..., 0].mean(0).numpy()
         ordered.append(test._replace(is_right=test.is_right[np.argsort(-scores, kind="stable")]))
     return first_hits(ordered)
 

@@ -15,7 +15,7 @@ import pytest
 import scipy.optimize
 import torch
 from link_helpers import interrupt_after
-from wordcraft_kg.apps.explorer.rendering import Site
+from wordcraft_kg.apps.explorer.site import Site
 
 from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.apps.explorer.explored import Explored

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from hashlib import sha256
-from itertools import chain
+from itertools import chain, compress
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,6 @@ _HIDDEN = 256
 _EPOCHS = 25
 _MEMBERS = 2
 """Networks of the last knowledge; folds have one each."""
-_COMMITTEE = 5
 _COMMITTEE_HIDDEN = 64
 _COMMITTEE_EPOCHS = 14
 _LIMIT = 6.0
@@ -42,8 +41,7 @@ class FittedSets(NamedTuple):
         deviation: of each feature, shape (F,).
         calibration: temperature, and score of none of the candidates, shape (2,).
         top: share of unseen train goals with a right set among the first 1, 3, 5 and 10.
-        folds: the same without each fold of the train goals, for cross-fitting; none if too few
-            goals are left without a fold.
+        folds: the same without each fold of the train goals, for cross-fitting.
     """
 
     network: Networks
@@ -141,14 +139,23 @@ def fit_sets(
         networks.append(network)
         lessons.append(candidates_of(knowledge, network, held_out))
     network = network_of(whole, folds, _MEMBERS)
-    fitted = fit_order(list(chain(*lessons)), seed)
-    parts = []
-    for fold in range(folds):
-        # No goal of the fold is a lesson of its committee.
-        other_lessons = list(chain(*lessons[:fold], *lessons[fold + 1 :]))
-        if any(len(lesson.sets) for lesson in other_lessons):
-            parts.append(FittedSets(networks[fold], *fit_order(other_lessons, seed)))
-    return FittedSets(network, *fitted, tuple(parts) if len(parts) == folds else ())
+    fold_of_lesson = np.repeat(np.arange(folds), list(map(len, lessons)))
+    order = fit_order(list(chain(*lessons)), fold_of_lesson, seed)
+    # A committee of the single network that has not seen the fold's goals.
+    parts = tuple(
+        FittedSets(
+            networks[fold],
+            order.committee.member(fold),
+            order.mean,
+            order.deviation,
+            order.calibrations[fold],
+            order.top,
+        )
+        for fold in range(folds)
+    )
+    return FittedSets(
+        network, order.committee, order.mean, order.deviation, order.calibration, order.top, parts
+    )
 
 
 def fit_network(knowledge: SetKnowledge, seed: int, *, members: int) -> Networks:
@@ -239,24 +246,41 @@ def candidates_of(knowledge: SetKnowledge, network: Networks, recipes: Ids) -> l
     return results
 
 
-def fit_order(
-    lessons: Sequence[Candidates], seed: int
-) -> tuple[Networks, Tensor, Tensor, Tensor, tuple[float, ...]]:
-    """Fit the committee and the probabilities; each network leaves out a fifth of the goals.
+class FittedOrder(NamedTuple):
+    """What puts the candidates of a goal in order.
+
+    Attributes:
+        committee: scores of sets from their features; network f has not seen the goals of fold f.
+        mean: of each feature, shape (F,).
+        deviation: of each feature, shape (F,).
+        calibration: temperature, and score of none of the candidates, shape (2,).
+        calibrations: the same without the goals of each fold.
+        top: share of unseen train goals with a right set among the first 1, 3, 5 and 10.
+    """
+
+    committee: Networks
+    mean: Tensor
+    deviation: Tensor
+    calibration: Tensor
+    calibrations: tuple[Tensor, ...]
+    top: tuple[float, ...]
+
+
+def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> FittedOrder:
+    """Fit the committee and the probabilities; each network leaves out a fold of the goals.
 
     Args:
         lessons: candidates of train goals.
-        seed: seed of weights, batches and the parts of goals.
-
-    Returns:
-        Committee, mean and deviation of features, calibration and shares, as in
-        :class:`FittedSets`.
+        fold_of_lesson: fold of each goal, shape (n,), from 0.
+        seed: seed of weights and batches.
 
     Raises:
         GraphError: if no goal has candidates.
     """
     num_goals = len(lessons)
-    lessons = [lesson for lesson in lessons if len(lesson.sets)]
+    num_folds = int(fold_of_lesson.max()) + 1
+    has_sets = np.array([len(lesson.sets) > 0 for lesson in lessons])
+    lessons = list(compress(lessons, has_sets))
     if not lessons:
         raise GraphError(
             "no train goal has a set of known ingredients to choose from, as if each recipe had "
@@ -278,27 +302,29 @@ def fit_order(
     wrong = torch.from_numpy(np.where(is_right, 0, _NEVER).astype(np.float32))
     generator = torch.Generator().manual_seed(seed * 1_000 + 999)
     has_right = torch.from_numpy(is_right.any(1))
-    left_out = torch.randperm(len(lessons), generator=generator) % _COMMITTEE
-    member = torch.arange(_COMMITTEE)[:, None]
+    left_out = torch.from_numpy(fold_of_lesson[has_sets])
+    member = torch.arange(num_folds)[:, None]
     useful = torch.nonzero(has_right)[:, 0]
 
     def scores_of(networks: Networks, rows: Tensor, **drop: Callable[[Tensor], Tensor]) -> Tensor:
         flat = scaled[rows].reshape(-1, num_features)
-        return networks(flat, **drop).reshape(_COMMITTEE, len(rows), longest) + never[rows]
+        return networks(flat, **drop).reshape(num_folds, len(rows), longest) + never[rows]
 
     def loss_of(networks: Networks, rows: Tensor, drop: Callable[[Tensor], Tensor]) -> Tensor:
         goals = useful[rows]
         scores = scores_of(networks, goals, drop=drop)
         loss = torch.logsumexp(scores, 2) - torch.logsumexp(scores + wrong[goals], 2)
-        return (loss * (left_out[goals] != member)).sum() / (_COMMITTEE - 1) / len(rows)
+        return (loss * (left_out[goals] != member)).sum() / (num_folds - 1) / len(rows)
 
-    start = Networks.drawn(_COMMITTEE, (num_features, _COMMITTEE_HIDDEN, 1), generator)
+    start = Networks.drawn(num_folds, (num_features, _COMMITTEE_HIDDEN, 1), generator)
     if not len(useful):
         # No set of a train goal is among its candidates, so there is nothing to learn from: equal
         # scores keep the order of the search, and a right set is as rare as the train goals say.
         level = Networks(*(torch.zeros_like(getattr(start, name)) for name in NAMES))
         none_score = math.log(longest * (num_goals + 1))
-        return level, mean, deviation, torch.tensor([1.0, none_score]), (0.0,) * len(TOP)
+        calibration = torch.tensor([1.0, none_score])
+        calibrations = (calibration,) * num_folds
+        return FittedOrder(level, mean, deviation, calibration, calibrations, (0.0,) * len(TOP))
     committee = fit(start, loss_of, len(useful), generator, epochs=_COMMITTEE_EPOCHS, rate=5e-3)
     with torch.no_grad():
         everything = torch.arange(len(lessons))
@@ -307,7 +333,12 @@ def fit_order(
     is_hit = torch.from_numpy(is_right).gather(1, order)
     # Goals without candidates are misses.
     top = tuple(float(is_hit[:, :k].any(1).sum()) / num_goals for k in TOP)
-    return committee, mean, deviation, _calibrated(unseen, wrong, has_right), top
+    without_fold = []
+    for fold in range(num_folds):
+        rows = torch.nonzero(left_out != fold)[:, 0]
+        without_fold.append(_calibrated(unseen[rows], wrong[rows], has_right[rows]))
+    calibration = _calibrated(unseen, wrong, has_right)
+    return FittedOrder(committee, mean, deviation, calibration, tuple(without_fold), top)
 
 
 def _calibrated(scores: Tensor, wrong: Tensor, has_right: Tensor) -> Tensor:

@@ -249,7 +249,7 @@ class SetsTraining(Training[RecipesConfig, FitDone, TrainedSets]):
         }
         write_scorer(run.path, SetScorer.kind, tensors, self.opened.graph)
         outputs: tuple[str, ...] = _OUTPUTS
-        if self.folds is not None and fitted.folds:
+        if self.folds is not None:
             outputs += (FOLDS_RECORD, FOLDS_TENSORS)
             self._write_folds(run.path, self.folds, fitted)
         knowledge = SetKnowledge(self.recipes, self.parts.amounts, self.words)

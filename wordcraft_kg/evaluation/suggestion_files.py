@@ -106,7 +106,7 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
             f"{path} has the columns {named}; expected a column '{ACCEPT}' with x in the rows to "
             "take, as in a table of `wordcraft-kg suggest --out`."
         )
-    known = set(graph.recipe_labels())
+    book_recipes = set(graph.recipe_labels())
     recipes = []
     for recipe, place in check.places.items():
         cell = check.records.get(place, {}).get(columns[ACCEPT], "")
@@ -119,7 +119,7 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
                     "suggestions for this book. Nothing was written."
                     f"{nearest(label, graph.entities)}"
                 )
-        if recipe in known:
+        if recipe in book_recipes:
             raise RecipeFileError(
                 f"{path}, line {place}: {recipe} is in {graph.name} already. Remove the tick. "
                 "Nothing was written."

@@ -101,10 +101,10 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
         raise RecipeFileError(str(check.findings[0].message))
     columns = {name.strip().lower(): name for name in reading.ignored}
     if ACCEPT not in columns:
-        named = ", ".join((*reading.columns, *reading.ignored))
+        columns_shown = ", ".join((*reading.columns, *reading.ignored))
         raise RecipeFileError(
-            f"{path} has the columns {named}; expected a column '{ACCEPT}' with x in the rows to "
-            "take, as in a table of `wordcraft-kg suggest --out`."
+            f"{path} has the columns {columns_shown}; expected a column '{ACCEPT}' with x in the rows "
+            "to take, as in a table of `wordcraft-kg suggest --out`."
         )
     book_recipes = set(graph.recipe_labels())
     recipes = []

@@ -417,15 +417,17 @@ def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = T
         listed = _likely_sets(model, wish, steps, top, has_coverage=has_coverage)
     else:
         finder = finder_of(model)
-        likely = likely_pairs(finder, wish, graph, steps)
-        rows = varied(likely.rows.tolist(), top, {graph.id_of(label) for label in wish.labels})
+        recipes = likely_pairs(finder, wish, graph, steps)
+        rows = varied(recipes.rows.tolist(), top, {graph.id_of(label) for label in wish.labels})
         listed = [
-            _suggested_pair(finder.whole, likely.rows[row], float(likely.probabilities[row]), steps)
+            _suggested_pair(
+                finder.whole, recipes.rows[row], float(recipes.probabilities[row]), steps
+            )
             for row in rows
         ]
         shown_pairs = () if wish.pair else {suggestion.ingredients for suggestion in listed}
-        analogies = _analogies(finder, likely, graph, shown_pairs)
-        combines = float(likely.combines[0]) if wish.pair else None
+        analogies = _analogies(finder, recipes, graph, shown_pairs)
+        combines = float(recipes.combines[0]) if wish.pair else None
     known_steps = [] if steps is None else _made(model.opened.split, steps)
     return Suggestions(
         wish,
@@ -486,8 +488,8 @@ def varied(rows: Iterable[Sequence[int]], top: int, named: Iterable[int] = ()) -
         :data:`MOST_OF_ITEM` times; a recipe that has no room waits for the next page.
     """
     waiting = list(enumerate(map(frozenset, rows)))
-    chosen: list[int] = []
-    while waiting and len(chosen) < top:
+    places: list[int] = []
+    while waiting and len(places) < top:
         uses = Counter[int]()
         page: list[int] = []
         postponed = []
@@ -498,9 +500,9 @@ def varied(rows: Iterable[Sequence[int]], top: int, named: Iterable[int] = ()) -
             else:
                 page.append(place)
                 uses.update(items)
-        chosen += page
+        places += page
         waiting = postponed
-    return chosen[:top]
+    return places[:top]
 
 
 def _suggested_pair(

@@ -103,8 +103,8 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
     if ACCEPT not in columns:
         columns_shown = ", ".join((*reading.columns, *reading.ignored))
         raise RecipeFileError(
-            f"{path} has the columns {columns_shown}; expected a column '{ACCEPT}' with x in the rows "
-            "to take, as in a table of `wordcraft-kg suggest --out`."
+            f"{path} has the columns {columns_shown}; expected a column '{ACCEPT}' with x in the "
+            "rows to take, as in a table of `wordcraft-kg suggest --out`."
         )
     book_recipes = set(graph.recipe_labels())
     recipes = []

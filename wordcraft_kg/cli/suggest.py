@@ -70,8 +70,8 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
 
     whole("top", top, 1)
     user_rule = read_rule(rule) if rule else None
-    opened = open_suggesting(model, graph)
-    book = opened.opened.graph
+    recipe_model = open_suggesting(model, graph)
+    book = recipe_model.opened.graph
     if accept is not None:
         if out is None or pair or goal or with_item or start:
             raise ConfigError("`accept` writes a longer book to `out`; give both, and no query.")
@@ -92,11 +92,11 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             raise ConfigError(f"'{' '.join(pair)}' has a result; expected a pair. Use score.")
     wish = Wish(goal=goal, item=with_item, pair=labels, table=tuple(split_labels(start or [])))
     if goal is not None and wish.labels == (goal,):
-        view = suggest_recipes(opened, goal, top, has_coverage=not any_parts, rule=user_rule)
+        view = suggest_recipes(recipe_model, goal, top, has_coverage=not any_parts, rule=user_rule)
     elif user_rule is not None:
         raise ConfigError("`rule` chooses among the sets of a single goal; give `goal` alone.")
     else:
-        view = suggest_for(opened, wish, top, has_coverage=not any_parts)
+        view = suggest_for(recipe_model, wish, top, has_coverage=not any_parts)
     if not (view.suggestions or view.analogies or view.made):
         raise ConfigError(
             f"nothing is left to propose: {book.name} has all recipes that the model looks at. Ask "

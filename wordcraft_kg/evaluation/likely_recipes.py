@@ -216,8 +216,10 @@ class RecipeFinder:
         results, scores = results_of(knowledge, a, b, number=number)
         if goal is not None and not knowledge.has_result_ranker:
             # Neighbours propose unseen goals seldom, and the recipe ranker scores them, too.
-            own = self.whole.score_recipes(a, b, torch.tensor(goal))
-            scores = torch.cat([scores.masked_fill(results == goal, -torch.inf), own[:, None]], 1)
+            goal_scores = self.whole.score_recipes(a, b, torch.tensor(goal))
+            scores = torch.cat(
+                [scores.masked_fill(results == goal, -torch.inf), goal_scores[:, None]], 1
+            )
             results = torch.cat([results, torch.full((len(a), 1), goal)], 1)
         shares = self._shares(pairs, results.numpy(), scores)
         probabilities = np.clip(combines[:, None] * shares, 0, 1)
@@ -266,16 +268,16 @@ class RecipeFinder:
         """
         first, second, result = self.learned
         best: tuple[tuple[int, int, int], float] | None = None
-        for common, changed in ((a, b), (b, a)):
+        for common, replaced in ((a, b), (b, a)):
             is_here = ((first == common) | (second == common)) & (result < self.size)
-            others = (first + second - common)[is_here]
+            partners = (first + second - common)[is_here]
             # The pair itself explains nothing.
-            is_other = (others != changed) & (others < self.size)
+            is_other = (partners != replaced) & (partners < self.size)
             rows = np.flatnonzero(is_here)[is_other]
-            others = torch.from_numpy(others[is_other])
-            if not len(others):
+            partner_ids = torch.from_numpy(partners[is_other])
+            if not len(partner_ids):
                 continue
-            cosines = self.whole.knowledge.word_cosines(changed, others)
+            cosines = self.whole.knowledge.word_cosines(replaced, partner_ids)
             place = int(cosines.argmax())
             cosine = float(cosines[place])
             if cosine > (best[1] if best else 0):

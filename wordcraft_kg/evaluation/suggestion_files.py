@@ -104,12 +104,12 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
         raise RecipeFileError(str(check.findings[0].message))
     columns = {name.strip().lower(): name for name in reading.ignored}
     if ACCEPT not in columns:
-        named = ", ".join((*reading.columns, *reading.ignored))
+        columns_shown = ", ".join((*reading.columns, *reading.ignored))
         raise RecipeFileError(
-            f"{path} has the columns {named}; expected a column '{ACCEPT}' with x in the rows to "
-            "take, as in a table of `wordcraft-kg suggest --out`."
+            f"{path} has the columns {columns_shown}; expected a column '{ACCEPT}' with x in the "
+            "rows to take, as in a table of `wordcraft-kg suggest --out`."
         )
-    known = set(graph.recipe_labels())
+    book_recipes = set(graph.recipe_labels())
     recipes = []
     for recipe, place in check.places.items():
         cell = check.records.get(place, {}).get(columns[ACCEPT], "")
@@ -122,7 +122,7 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
                     "suggestions for this book. Nothing was written."
                     f"{nearest(label, graph.entities)}"
                 )
-        if recipe in known:
+        if recipe in book_recipes:
             raise RecipeFileError(
                 f"{path}, line {place}: {recipe} is in {graph.name} already. Remove the tick. "
                 "Nothing was written."

@@ -134,10 +134,10 @@ class Wish(Record):
             UnknownEntityError: for the first that it lacks, with the nearest labels.
             ConfigError: if several wishes are named, or a pair has not two ingredients.
         """
-        named = [name for name in ("goal", "item", "pair", "table") if getattr(self, name)]
-        if len(named) > 1:
+        wishes = [name for name in ("goal", "item", "pair", "table") if getattr(self, name)]
+        if len(wishes) > 1:
             raise ConfigError(
-                f"{' and '.join(named)} together; expected one of a pair, an item, a goal and a "
+                f"{' and '.join(wishes)} together; expected one of a pair, an item, a goal and a "
                 "list of entities. Leave the others out."
             )
         if self.pair and len(self.pair) != 2:
@@ -425,18 +425,28 @@ def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = T
         listed = _likely_sets(model, wish, steps, top, has_coverage=has_coverage)
     else:
         finder = finder_of(model)
-        likely = likely_pairs(finder, wish, graph, steps)
-        rows = varied(likely.rows.tolist(), top, {graph.id_of(label) for label in wish.labels})
+        recipes = likely_pairs(finder, wish, graph, steps)
+        rows = varied(recipes.rows.tolist(), top, {graph.id_of(label) for label in wish.labels})
         listed = [
-            _suggested_pair(finder.whole, likely.rows[row], float(likely.probabilities[row]), steps)
+            _suggested_pair(
+                finder.whole, recipes.rows[row], float(recipes.probabilities[row]), steps
+            )
             for row in rows
         ]
-        shown = () if wish.pair else {each.ingredients for each in listed}
-        analogies = _analogies(finder, likely, graph, shown)
-        combines = float(likely.combines[0]) if wish.pair else None
-    made = [] if steps is None else _made(model.opened.split, steps)
+        shown_pairs = () if wish.pair else {suggestion.ingredients for suggestion in listed}
+        analogies = _analogies(finder, recipes, graph, shown_pairs)
+        combines = float(recipes.combines[0]) if wish.pair else None
+    known_steps = [] if steps is None else _made(model.opened.split, steps)
     return Suggestions(
-        wish, {}, (), tuple(listed), model.kg, analogies, combines, tuple(made[:top]), len(made)
+        wish,
+        {},
+        (),
+        tuple(listed),
+        model.kg,
+        analogies,
+        combines,
+        tuple(known_steps[:top]),
+        len(known_steps),
     )
 
 
@@ -486,21 +496,21 @@ def varied(rows: Iterable[Sequence[int]], top: int, named: Iterable[int] = ()) -
         :data:`MOST_OF_ITEM` times; a recipe that has no room waits for the next page.
     """
     waiting = list(enumerate(map(frozenset, rows)))
-    chosen: list[int] = []
-    while waiting and len(chosen) < top:
+    places: list[int] = []
+    while waiting and len(places) < top:
         uses = Counter[int]()
         page: list[int] = []
-        later = []
+        postponed = []
         for place, items in waiting:
             is_crowded = any(uses[item] >= MOST_OF_ITEM for item in items.difference(named))
             if len(page) == PAGE or is_crowded:
-                later.append((place, items))
+                postponed.append((place, items))
             else:
                 page.append(place)
                 uses.update(items)
-        chosen += page
-        waiting = later
-    return chosen[:top]
+        places += page
+        waiting = postponed
+    return places[:top]
 
 
 def _suggested_pair(
@@ -554,19 +564,19 @@ def _made(split: Split, steps: Ids) -> list[Suggestion]:
     graph = split.graph
     *ingredients, results = graph.sets.T
     # The padding of small recipes is there from the start; what is never made comes last.
-    never = graph.num_recipes + 1
-    from_start = np.append(np.where(steps < 0, never, steps), 0)
+    unreached = graph.num_recipes + 1
+    from_start = np.append(np.where(steps < 0, unreached, steps), 0)
     before = np.max([from_start[column] for column in ingredients], axis=0)
-    is_first = (before < never) & (before + 1 == from_start[results])
+    is_first = (before < unreached) & (before + 1 == from_start[results])
     _, rows = np.unique(results[is_first], return_index=True)
     rows = np.flatnonzero(is_first)[rows]
     rows = rows[np.argsort(from_start[results[rows]], kind="stable")]
-    made = []
+    suggestions = []
     for recipe in graph.recipe_labels(graph.sets[rows]):
         step = int(from_start[graph.id_of(recipe.result)])
         part = _known(split, recipe.ingredients, recipe.result)
-        made.append(Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step))
-    return made
+        suggestions.append(Suggestion(recipe.ingredients, recipe.result, 1.0, part, (), step))
+    return suggestions
 
 
 def _likely_sets(
@@ -591,19 +601,21 @@ def _likely_sets(
                 (each, goal) for each in scorer.recipes(goal, _SETS, has_coverage=has_coverage)
             ]
     ranked.sort(key=lambda found: -found[0].score)
-    wanted = []
+    candidates = []
     for ranked_set, goal in ranked:
         labels = graph.labels(ranked_set.ingredients)
         step = _step(steps, ranked_set.ingredients)
         is_new = _known(split, labels, graph.entities[goal]) == "new"
         has_self = goal in ranked_set.ingredients and not graph.has_self_results
         if is_new and not has_self and wish.takes(labels, step):
-            wanted.append((ranked_set, goal, step))
-    named = {graph.id_of(label) for label in wish.labels}
-    rows = varied(((*ranked_set.ingredients, goal) for ranked_set, goal, _ in wanted), top, named)
+            candidates.append((ranked_set, goal, step))
+    asked_ids = {graph.id_of(label) for label in wish.labels}
+    rows = varied(
+        ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, asked_ids
+    )
     suggestions = []
     for row in rows:
-        ranked_set, goal, step = wanted[row]
+        ranked_set, goal, step = candidates[row]
         suggestion = _suggestion(
             split, scorer, ranked_set.ingredients, graph.entities[goal], ranked_set.score
         )

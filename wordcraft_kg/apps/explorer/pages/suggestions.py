@@ -53,9 +53,9 @@ def _view(explored: Explored, state: SuggestionsState) -> SuggestionsProfile:
     name = state.model or next(iter(names), "")
     predictor = explored.predictor(name)
     wish = Wish(goal=state.goal or None, item=state.item or None)
-    found = suggest(predictor.model, wish, TOP)
-    header, *lines = (line.removesuffix("\n") for line in table_lines(found.suggestions))
-    return SuggestionsProfile(predictor.name, names, found, header, tuple(lines))
+    suggestions = suggest(predictor.model, wish, TOP)
+    header, *lines = (line.removesuffix("\n") for line in table_lines(suggestions.suggestions))
+    return SuggestionsProfile(predictor.name, names, suggestions, header, tuple(lines))
 
 
 PAGE = Page("suggestions", SuggestionsState, _view, title="Suggestions", is_there=_models)

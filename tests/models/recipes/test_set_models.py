@@ -15,12 +15,12 @@ import pytest
 import scipy.optimize
 import torch
 from link_helpers import interrupt_after
-from wordcraft_kg.apps.explorer.site import Site
 
 from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entity import EntityState
+from wordcraft_kg.apps.explorer.site import Site
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions

@@ -138,10 +138,8 @@ def result_weights(recipes: Ids, coordinates: Floats) -> Floats:
         inputs = np.concatenate([a + b, PRODUCT * a * b], axis=1)
         return np.asarray(inputs.T @ np.concatenate([inputs, c], axis=1), dtype=np.float64)
 
-    # Sums of blocks are added in their order.
-    sums = np.zeros((2 * size, 3 * size))
-    for part in of_blocks(products, blocks_of(len(recipes))):
-        sums += part
+    # Blocks are added in their order.
+    sums = sum(of_blocks(products, blocks_of(len(recipes))), np.zeros((2 * size, 3 * size)))
     squares, targets = np.split(sums, [2 * size], axis=1)
     weights = np.linalg.solve(squares + RESULT_RIDGE * np.eye(2 * size), targets)
     return weights.astype(np.float32)
@@ -164,10 +162,9 @@ def _turned(
         part = coordinates[train_ids[block]]
         return np.asarray(part.T @ part, dtype=np.float64)
 
-    # Sums of blocks are added in their order.
-    squares = np.zeros((coordinates.shape[1],) * 2)
-    for part in of_blocks(square, blocks_of(len(train_ids))):
-        squares += part
+    # Blocks are added in their order.
+    zeros = np.zeros((coordinates.shape[1],) * 2)
+    squares = sum(of_blocks(square, blocks_of(len(train_ids))), zeros)
     weights, turn = np.linalg.eigh(squares)
     largest = np.maximum(weights[::-1][:rank], 0)
     directions = turn[:, ::-1][:, :rank].astype(np.float32)
@@ -213,9 +210,7 @@ def _left_factor(
     def product(block: slice) -> Floats:
         return np.asarray(right[block].T @ (links[block] @ right))
 
-    inner = np.zeros_like(shrinkage)
-    for part in of_blocks(product, blocks):
-        inner += part
+    inner = sum(of_blocks(product, blocks), np.zeros_like(shrinkage))
     return right @ (inner / shrinkage).astype(np.float32)
 
 

@@ -75,7 +75,7 @@ def test_columns_without_any_figure_are_left_out(view):
 
 def test_a_report_is_written_whole(view, tmp_path):
     files = write_study_report(view, tmp_path / "report")
-    names = "index.html report.json table.csv figure.svg"
+    names = "index.html report.json table.csv figure.svg figure.pdf"
     assert [file.name for file in files] == names.split()
     assert sorted(files) == sorted((tmp_path / "report").iterdir())
     values = json.loads((tmp_path / "report" / "report.json").read_text())

@@ -38,7 +38,7 @@ TRAINING = {
     "train-complex": ("train-complex", "{folder}", "--out", "{links}", "--force"),
     "train-recipes": ("train-recipes", "{folder}", "--out", "{model}", "--force"),
     "score": ("score", "{model}", "entity 1 + entity 2"),
-    "evaluate-links": ("evaluate-links", "{model}", "--max-queries", "4000"),
+    "evaluate-links": ("evaluate-links", "{model}"),
     "train-agent": (
         *("train-agent", "{folder}", "--scorer", "{model}", "--use", "combines,component,recipe"),
         *("--steps", "100000", "--out", "{run}", "--force"),

@@ -30,7 +30,7 @@ def test_a_table_is_latex_csv_or_markdown_by_its_ending(tmp_path):
 @pytest.mark.parametrize(
     "command",
     [
-        ("compare", "plain", "guided", "--episodes", "0", "--out", "report"),
+        ("compare", "plain", "guided", "--out", "report"),
         ("evaluate-agent", "plain/seed-0"),
         ("evaluate-agent", "graph"),
         pytest.param(("evaluate-links", "scorer", "--out", "report"), marks=pytest.mark.slow),

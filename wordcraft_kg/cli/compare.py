@@ -34,8 +34,8 @@ EXAMPLES = (
     "wordcraft-kg compare runs/no-kg-seeds runs/partial-seeds --distractors 1,2,8",
 )
 
-# Of the bootstrap: intervals hardly depend on them.
-FILE_ONLY = ["--resamples", "--seed"]
+# Of the bootstrap, on which intervals hardly depend; and `explain` shows more episodes.
+FILE_ONLY = ["--resamples", "--seed", "--episodes"]
 
 PAGE_ENDINGS = (".html", ".htm")
 """Endings of a page; the first is added to any other file name."""

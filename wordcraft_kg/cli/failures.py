@@ -238,7 +238,7 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
 def with_options(message: str, manual: Manual | None = None) -> str:
     """Replace Python setting names in backticks by command-line names.
 
-    So `max_queries` becomes --max-queries: libraries' errors name settings as Python does.
+    So `batch_size` becomes --batch-size: errors of libraries name settings as Python does.
 
     Args:
         message: text of an error.

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 EXPLAINED = 3
 """Number of answers that are shown with evidence."""
+FILE_ONLY = {"evaluate-links": ("--max-queries",)}
 EXAMPLES = {
     "evaluate-links": (
         "wordcraft-kg evaluate-links models/everyday",

@@ -80,7 +80,7 @@ def book(tmp_path_factory):
 @pytest.fixture(scope="module")
 def model(book):
     config = RecipesConfig(
-        str(book / "graph"), RecipeScorerConfig(folds=3, parts=str(book / "parts.csv"))
+        str(book / "graph"), RecipeScorerConfig(folds=5, parts=str(book / "parts.csv"))
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(set_fitting, "_EPOCHS", 12)

@@ -24,6 +24,8 @@ _HIDDEN = 256
 _EPOCHS = 25
 _MEMBERS = 2
 """Networks of the last knowledge; folds have one each."""
+_COMMITTEE = 5
+"""Fewest networks of the committee; each fold has as many that have not seen it."""
 _COMMITTEE_HIDDEN = 64
 _COMMITTEE_EPOCHS = 14
 _LIMIT = 6.0
@@ -141,11 +143,11 @@ def fit_sets(
     network = network_of(whole, folds, _MEMBERS)
     fold_of_lesson = np.repeat(np.arange(folds), list(map(len, lessons)))
     order = fit_order(list(chain(*lessons)), fold_of_lesson, seed)
-    # A committee of the single network that has not seen the fold's goals.
+    # The networks of the committee that have not seen the fold's goals.
     parts = tuple(
         FittedSets(
             networks[fold],
-            order.committee.member(fold),
+            order.committee.every(folds, fold),
             order.mean,
             order.deviation,
             order.calibrations[fold],
@@ -250,7 +252,8 @@ class FittedOrder(NamedTuple):
     """What puts the candidates of a goal in order.
 
     Attributes:
-        committee: scores of sets from their features; network f has not seen the goals of fold f.
+        committee: scores of sets from their features; network m has not seen the goals of
+            fold m modulo the number of folds.
         mean: of each feature, shape (F,).
         deviation: of each feature, shape (F,).
         calibration: temperature, and score of none of the candidates, shape (2,).
@@ -303,20 +306,26 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
     generator = torch.Generator().manual_seed(seed * 1_000 + 999)
     has_right = torch.from_numpy(is_right.any(1))
     left_out = torch.from_numpy(fold_of_lesson[has_sets])
-    member = torch.arange(num_folds)[:, None]
+    num_for_fold = math.ceil(_COMMITTEE / num_folds)
+    members = num_folds * num_for_fold
+    fold_of_member = torch.arange(members)[:, None] % num_folds
     useful = torch.nonzero(has_right)[:, 0]
 
     def scores_of(networks: Networks, rows: Tensor, **drop: Callable[[Tensor], Tensor]) -> Tensor:
         flat = scaled[rows].reshape(-1, num_features)
-        return networks(flat, **drop).reshape(num_folds, len(rows), longest) + never[rows]
+        return networks(flat, **drop).reshape(members, len(rows), longest) + never[rows]
 
     def loss_of(networks: Networks, rows: Tensor, drop: Callable[[Tensor], Tensor]) -> Tensor:
         goals = useful[rows]
         scores = scores_of(networks, goals, drop=drop)
         loss = torch.logsumexp(scores, 2) - torch.logsumexp(scores + wrong[goals], 2)
-        return (loss * (left_out[goals] != member)).sum() / (num_folds - 1) / len(rows)
+        return (
+            (loss * (left_out[goals] != fold_of_member)).sum()
+            / (members - num_for_fold)
+            / len(rows)
+        )
 
-    start = Networks.drawn(num_folds, (num_features, _COMMITTEE_HIDDEN, 1), generator)
+    start = Networks.drawn(members, (num_features, _COMMITTEE_HIDDEN, 1), generator)
     if not len(useful):
         # No set of a train goal is among its candidates, so there is nothing to learn from: equal
         # scores keep the order of the search, and a right set is as rare as the train goals say.
@@ -328,7 +337,10 @@ def fit_order(lessons: Sequence[Candidates], fold_of_lesson: Ids, seed: int) -> 
     committee = fit(start, loss_of, len(useful), generator, epochs=_COMMITTEE_EPOCHS, rate=5e-3)
     with torch.no_grad():
         everything = torch.arange(len(lessons))
-        unseen = scores_of(committee, everything)[left_out, everything]
+        scores = scores_of(committee, everything)
+        # Each goal by the networks that have not seen it.
+        by_fold = scores.reshape(num_for_fold, num_folds, *scores.shape[1:]).mean(0)
+        unseen = by_fold[left_out, everything]
     order = torch.argsort(unseen, dim=1, descending=True, stable=True)
     is_hit = torch.from_numpy(is_right).gather(1, order)
     # Goals without candidates are misses.

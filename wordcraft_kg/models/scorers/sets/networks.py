@@ -55,9 +55,9 @@ class Networks:
         """Return the networks stored under names with a prefix."""
         return cls(*(tensors[prefix + name] for name in NAMES))
 
-    def member(self, number: int) -> "Networks":
-        """Return one network as a committee of its own."""
-        return Networks(*(getattr(self, name)[number : number + 1] for name in NAMES))
+    def every(self, step: int, start: int) -> "Networks":
+        """Return every ``step``-th network, from ``start``, as a committee of its own."""
+        return Networks(*(getattr(self, name)[start::step] for name in NAMES))
 
     def tensors(self, prefix: str) -> dict[str, Tensor]:
         """Return the weights by their names with a prefix."""

@@ -4,7 +4,7 @@
     python -m benchmarks.inorganic_synthesis --out synthesis --predictions published.json.gz
 
 Each of the five published folds is built, trained on and evaluated in a folder of OUT; what is there
-is used again. The table pools the targets of all folds. A fold takes about 95 CPU seconds.
+is used again. The table pools the targets of all folds. A fold takes about 81 CPU seconds.
 
     python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --ablation
     python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --wrong 20

@@ -395,7 +395,7 @@ SHORTER = {
         "train-links": "--dim 8 --epochs 1 --folds 0",
     },
     **{
-        "train-recipes": "--train-fraction 0.2",
+        "train-recipes": "--folds 3",
         "train-agent": "--steps 320",
         "discover": "--attempts 20",
     },
@@ -506,7 +506,6 @@ BAD_VALUES = {
         *(
             "--epochs=0",
             "--n3=-1",
-            "--eval-every=2",
         ),
         *("--device=nonsense", "--seeds=4-0"),
     ],

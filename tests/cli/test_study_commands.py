@@ -240,7 +240,7 @@ def test_a_killed_seed_begins_again_and_its_report_is_written(world, tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ("--scorer-cost 0.1", "was trained with --scorer-cost "),
+        ("--learning-rate 0.1", "was trained with --learning-rate "),
         ("--max-attempts 2", "--max-attempts None, and this command has 2"),
         ("--scorer {trained}/one", "another scorer"),
         ("{other}", "another split"),

@@ -430,7 +430,7 @@ LONG = {
         2,
         *in_file("train-complex", checkpoint_every=5),
     ),
-    "train-recipes": ("--folds", 3, "--train-fraction", 0.3),
+    "train-recipes": ("--folds", 3, *in_file("train-recipes", train_fraction=0.3)),
     "train-agent": (
         "--distractors",
         4,

@@ -57,22 +57,28 @@ EXAMPLES = {
     ),
 }
 FILE_ONLY = {
-    # For comparisons: auto knows when an encoder gains something.
-    "train-recipes": ["--encoder"],
+    # For comparisons: auto knows when an encoder gains something; studies train on less or worse.
+    "train-recipes": ["--encoder", "--label-noise", "--threads", "--train-fraction"],
     # Chosen once for all by studies.
     "train-complex": [
         "--batch-size",
         "--checkpoint-every",
+        "--eval-every",
         "--init-scale",
+        "--label-noise",
         "--learning-rate",
+        "--popularity",
         "--threads",
+        "--train-fraction",
     ],
     # Chosen once for all by studies.
     "train-links": [
         "--batch-size",
         "--checkpoint-every",
         "--eval-every",
+        "--label-noise",
         "--threads",
+        "--train-fraction",
     ],
     # Settings of the paper's released code, or chosen once for all by studies.
     "train-agent": [
@@ -101,14 +107,17 @@ FILE_ONLY = {
         "--rms-decay",
         "--rms-epsilon",
         "--scale",
+        "--scorer-cost",
         "--sees-attempts",
         "--self-edges",
         "--tables",
         "--task-weighting",
+        "--threads",
         "--unroll",
         "--value-readout",
         "--value-size",
         "--vector-noise",
+        "--weigh-plans",
     ],
 }
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.submission import Submission
 
 GROUP = "Text agents"
+FILE_ONLY = {"bench run": ("--price",)}
 SUBJECT = "Play a benchmark's frozen tasks, and verify results by playing all games again."
 EXAMPLES = {
     "bench list": ("wordcraft-kg bench list", "wordcraft-kg bench list --json"),

@@ -27,6 +27,7 @@ from wordcraft_kg import (
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.base import ConfigError, NotRegisteredError, registry, sha256_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.study import Study, parse_study
@@ -65,10 +66,9 @@ def test_an_own_idea_has_at_most_25_lines(file):
 def test_a_run_records_its_plugins_and_opens_with_them_alone(folder, tmp_path):
     hashes = {file.name: sha256_of(file) for file in FILES.values()}
     assert read_run(folder).plugins == hashes
+    asked = ".*".join(f"'{name}' with SHA-256 {hashes[name]}" for name in read_run(folder).plugins)
     for open_it in (open_agent, load_policy):
-        with pytest.raises(
-            NotRegisteredError, match=f"'network.py' with SHA-256 {hashes['network.py']}"
-        ):
+        with pytest.raises(NotRegisteredError, match=f"{asked}.*--plugin network.py --plugin"):
             open_it(folder)
     for file in FILES.values():
         load_plugin(file)
@@ -127,6 +127,10 @@ def test_without_its_plugin_a_command_says_which_one_is_needed(run, folder, wher
             "'sparse' in plugin",
         ),
         ("from wordcraft_kg.plugins import source\nsource('plan')(print)\n", "'plan' is built in"),
+        ("from wordcraft_kg.plugins import policy\npolicy('mlp')(print)\n", "'mlp' is built in"),
+        ("from wordcraft_kg.plugins import player\nplayer('random')(print)\n", "is built in"),
+        ("from wordcraft_kg.plugins import source\nsource('a,b')(print)\n", "registers 'a,b'"),
+        ("import sys\nsys.exit(0)\n", "line 2 cannot be run (SystemExit"),
         (None, "no such file"),
     ],
 )
@@ -138,6 +142,119 @@ def test_a_faulty_plugin_is_refused_without_a_traceback(run, tmp_path, text, say
     assert (failed.code, failed.out) == (1, "")
     assert says in failed.err
     assert "Traceback" not in failed.err
+
+
+NETWORK = """
+import torch
+from torch import nn
+from wordcraft_kg.plugins import policy
+
+@policy("mine")
+class Mine(nn.Module):
+    def __init__(self, dim):
+        super().__init__()
+        self.layer = nn.Linear(dim, 1)
+        self.scale = torch.full((), 2.0)
+        {extra}
+
+    def forward(self, states, vectors):
+        logits = self.scale * self.layer(vectors[states.table])[..., 0]
+        value = self.layer(vectors[states.goal])
+        return {result}
+"""
+FAULTS = {
+    "reward": """
+from wordcraft_kg.plugins import reward
+
+@reward("mine")
+def mine(before, after, step):
+    return {result}
+""",
+    "split": """
+from wordcraft_kg.plugins import split
+
+@split("mine")
+def mine(graph):
+    return {result}
+""",
+    "use": """
+from wordcraft_kg.plugins import source
+
+@source("mine")
+def mine(labels):
+    return {result}
+""",
+}
+
+
+@pytest.mark.parametrize(
+    ("setting", "result", "says"),
+    [
+        ("reward", "1.0", "--reward mine gives float of shape none"),
+        ("reward", "step.reward[:3]", "of shape (3,)"),
+        ("reward", "step.nothing", "plugin 'mine.py', line 6 cannot be run (AttributeError"),
+        ("split", "[0.5] * graph.num_recipes", "a whole number for each recipe"),
+        ("split", "[1, 2, 3]", "gives groups of shape (3,)"),
+        ("use", "['a']", "expected (80, 80), by goal and entity"),
+    ],
+)
+def test_a_part_that_returns_something_else_is_refused(run, tmp_path, setting, result, says):
+    file = tmp_path / "mine.py"
+    file.write_text(FAULTS[setting].format(result=result))
+    command = ["train-agent", "kitchen", "--steps", 64, f"--{setting}", "mine"]
+    if setting == "split":
+        command = ["build-graph", "kitchen", "--split", "mine"]
+    failed = run(*command, "--out", tmp_path / "out", "--plugin", file)
+    assert (failed.code, failed.out) == (1, "")
+    assert says in failed.err
+    assert "Traceback" not in failed.err
+
+
+@pytest.mark.parametrize(
+    ("extra", "result", "says"),
+    [
+        ("", "logits, value", r"expected logits and values, \[\(1, 2\), \(1,\)\]"),
+        ("", "logits", "expected logits and values"),
+        ("self.drop = nn.Dropout()", "logits, value[:, 0]", "has a Dropout"),
+        ("self.norm = nn.BatchNorm1d(dim)", "logits, value[:, 0]", "has a BatchNorm1d"),
+        ("del self.layer", "logits, value[:, 0]", "a module of torch with parameters"),
+    ],
+)
+def test_a_network_of_another_form_is_refused(tmp_path, extra, result, says):
+    file = tmp_path / "mine.py"
+    file.write_text(NETWORK.format(extra=extra, result=result))
+    load_plugin(file)
+    graph = open_graph("kitchen").graph
+    with pytest.raises(ConfigError, match=says):
+        make_policy(PolicyConfig("mine"), graph, 2)[0].act("bread", ["flour", "water"])
+
+
+def test_tensors_of_a_network_that_are_no_buffers_survive_its_folder(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(NETWORK.format(extra="", result="logits, value[:, 0]"))
+    load_plugin(file)
+    policy, _ = make_policy(PolicyConfig("mine"), open_graph("kitchen").graph, 2)
+    copy = load_policy(save_policy(tmp_path / "copy", policy))
+    tasks = [(goal, ["flour", "water", "egg"]) for goal in ("bread", "dough", "cake")]
+    assert [copy.act(*task) for task in tasks] == [policy.act(*task) for task in tasks]
+
+
+def test_files_of_one_name_are_refused_because_records_could_not_tell_them_apart(tmp_path):
+    load_plugin(FILES["haste"])
+    (tmp_path / "haste.py").write_text("")
+    with pytest.raises(ConfigError, match="Rename one"):
+        load_plugin(tmp_path / "haste.py")
+
+
+def test_a_worker_refuses_a_plugin_that_was_changed_meanwhile(tmp_path, forget_plugins):
+    file = tmp_path / "mine.py"
+    file.write_text("")
+    plugin = load_plugin(file)
+    forget_plugins()
+    registry.load_again([plugin])
+    file.write_text("# changed")
+    with pytest.raises(ConfigError, match="was changed while the study ran"):
+        registry.load_again([plugin])
 
 
 def test_nothing_that_a_stranger_gives_loads_a_plugin(run, folder, tmp_path):

@@ -23,7 +23,7 @@ def policy(name: str) -> Callable[[T], T]:
 
     A class ``Network(dim)`` of :class:`torch.nn.Module`, for entity vectors of length ``dim``, with
     ``forward(states, vectors) -> (logits, value)``; shapes are those of
-    :class:`~wordcraft_kg.models.policies.network.NetworkPolicy`.
+    :class:`~wordcraft_kg.models.policies.network.NetworkPolicy`, which takes no dropout.
     """
     from wordcraft_kg.models.policies.config import POLICIES
 
@@ -37,7 +37,7 @@ def source(name: str) -> Callable[[T], T]:
     goal, shape (goals, entities), on any scale, NaN where unknown. Or a subclass of
     :class:`~wordcraft_kg.models.policies.sources.source.Source` for all else.
     """
-    from wordcraft_kg.models.policies.sources import SOURCES, Label, check_new_source
+    from wordcraft_kg.models.policies.sources import SOURCES, Label
     from wordcraft_kg.models.policies.sources.tables import GoalTable
 
     def made(thing: Any) -> Any:
@@ -49,7 +49,6 @@ def source(name: str) -> Callable[[T], T]:
         kind.label = replace(getattr(thing, "label", label), name=name)
         return kind
 
-    check_new_source(name)
     return _adding(SOURCES, name, made)
 
 

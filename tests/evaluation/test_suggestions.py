@@ -8,6 +8,7 @@ import pytest
 
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.evaluation.likely_recipes import RecipeFinder
+from wordcraft_kg.evaluation.suggestion_files import ticked
 from wordcraft_kg.evaluation.suggestions import (
     MOST_OF_ITEM,
     PAGE,
@@ -159,13 +160,24 @@ def test_an_analogy_is_the_known_recipe_with_the_most_similar_other_ingredient(f
     [
         (Wish(item="eg"), "Did you mean 'egg'"),
         (Wish(table=("water", "nothing")), "no entity 'nothing'"),
-        (Wish(pair=("egg", "flour", "milk")), "expected two ingredients"),
-        (Wish(goal="bread", item="egg"), "goal and item together"),
+        (Wish(item=""), "no entity ''"),
     ],
 )
-def test_a_wish_that_cannot_be_answered_is_refused_with_the_remedy(model, wish, fault):
-    with pytest.raises((ConfigError, UnknownEntityError), match=fault):
+def test_a_wish_with_an_unknown_entity_is_refused_with_the_nearest_labels(model, wish, fault):
+    with pytest.raises(UnknownEntityError, match=fault):
         suggest(model, wish)
+
+
+def test_a_wish_is_a_single_one_and_its_pair_has_two_ingredients():
+    with pytest.raises(ConfigError, match="expected two ingredients"):
+        Wish(pair=("egg", "flour", "milk"))
+    with pytest.raises(ConfigError, match="goal and item together"):
+        Wish(goal="bread", item="egg")
+
+
+def test_a_goal_has_suggestions_and_no_pairs_that_make_anything_else(model):
+    assert suggest(model, Wish()).analogies
+    assert suggest(model, Wish(goal="bread")).analogies == ()
 
 
 def test_models_without_probabilities_are_refused(model):
@@ -207,20 +219,27 @@ def test_a_table_of_suggestions_is_a_book_and_its_ticks_lengthen_a_copy(
     table.write_text("\ufeff" + text, encoding="utf-8")
     assert run(*accept).code == 0
     book = read_book(longer)
-    ticked = {Recipe.of(*lines[row].split(",")[:3]) for row in (1, 3)}
-    assert set(book.recipes) == ticked | set(graph.recipe_labels())
+    accepted = {Recipe.of(*lines[row].split(",")[:3]) for row in (1, 3)}
+    assert set(book.recipes) == accepted | set(graph.recipe_labels())
     assert book.base == tuple(sorted(graph.base))
     assert "exists, and is not replaced" in run(*accept).err
     assert "exists, and is not replaced" in run(*accept[:2], "--out", table).err
+
+
+HEADER = "ingredient_a,ingredient_b,result,accept\n"
 
 
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
         ("ingredient_a,ingredient_b,result,tick\negg,fire,ash,x\n", "expected a column 'accept'"),
-        ("ingredient_a,ingredient_b,result,accept\negg,zork,ash,x\n", "'zork' is no entity"),
-        ("ingredient_a,ingredient_b,result,accept\nflour,water,dough,x\n", "already"),
+        (HEADER + "egg,zork,ash,x\n", "'zork' is no entity"),
+        (HEADER + "flour,water,dough,x\n", "already"),
         ("one,two,three\n", "expected a column|no recipe"),
+        # Each tick is a recipe of the longer book, or the table is refused.
+        (HEADER + "egg,fire,ash,x\negg,fire,fire,x\n", "with an ingredient as the result"),
+        (HEADER + "egg,fire,ash,x\negg,,,x\n", "without ingredients or result"),
+        (HEADER + "egg,fire,ash,x\nfire,egg,ash,x\n", "that repeat a recipe"),
     ],
 )
 def test_a_table_that_is_none_of_suggestions_is_refused_and_nothing_is_written(
@@ -235,6 +254,13 @@ def test_a_table_that_is_none_of_suggestions_is_refused_and_nothing_is_written(
     assert not longer.exists()
 
 
+def test_a_ticked_recipe_of_a_single_ingredient_is_accepted(graph, tmp_path):
+    """As from a page of a model of sets, none of which has three ingredients."""
+    table = tmp_path / "found.csv"
+    table.write_text(HEADER + "egg,fire,ash,x\negg,,shell,x\n")
+    assert ticked(table, graph) == [Recipe.of("egg", "fire", "ash"), Recipe.of("egg", "shell")]
+
+
 def test_the_command_tells_steps_analogies_and_the_reasons(run, recipes_folder):
     told = run("suggest", recipes_folder, "--from", "water,fire,egg", "--top", 3).out
     assert "known:" in told
@@ -245,3 +271,4 @@ def test_the_command_tells_steps_analogies_and_the_reasons(run, recipes_folder):
     assert "because" in run("suggest", recipes_folder, "--top", 3).out
     assert "expected a pair" in run("suggest", recipes_folder, "egg + stone = egg").err
     assert "no query" in run("suggest", recipes_folder, "--accept", "x.csv").err
+    assert "--from has no entity" in run("suggest", recipes_folder, "--from", "").err

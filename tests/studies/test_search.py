@@ -10,7 +10,7 @@ from wordcraft_kg.studies.study import Range, Study, parse_study
 SETTINGS = {"book": "kitchen", "steps": 64, "valid_ratio": 0.1}
 SPACE = {
     "learning_rate": Range(0.001, 0.02, log=True),
-    "distractors": [1, 8],
+    "policy": ["pairs", "attention"],
     "unroll": Range(2, 6),
 }
 STUDY = Study("A search", {"agent": {}}, seeds=1, settings=SETTINGS, search=SPACE, trials=15)
@@ -18,15 +18,15 @@ STUDY = Study("A search", {"agent": {}}, seeds=1, settings=SETTINGS, search=SPAC
 
 def test_the_best_trial_wins_and_equal_searches_try_equal_settings():
     def score(trial):
-        rate, distractors = trial.settings["learning_rate"], trial.settings["distractors"]
-        tried.append((rate, distractors, trial.settings["unroll"]))
-        return -abs(rate - 0.01) + (distractors == 8)
+        rate, policy = trial.settings["learning_rate"], trial.settings["policy"]
+        tried.append((rate, policy, trial.settings["unroll"]))
+        return -abs(rate - 0.01) + (policy == "attention")
 
     tried = []
     best = search(STUDY, score)
     first = list(tried)
-    closest = min(abs(rate - 0.01) for rate, distractors, _ in first if distractors == 8)
-    assert best.settings["distractors"] == 8
+    closest = min(abs(rate - 0.01) for rate, policy, _ in first if policy == "attention")
+    assert best.settings["policy"] == "attention"
     assert abs(best.settings["learning_rate"] - 0.01) == closest
     assert best.search == {}
     assert len(first) == 15
@@ -43,6 +43,8 @@ def test_the_best_trial_wins_and_equal_searches_try_equal_settings():
         ({"variants": {"a": {}, "b": {"depth": 2}}}, "one variant"),
         ({"grid": {"depth": [1, 2]}}, "one variant"),
         ({"settings": {"book": "kitchen"}}, "`valid_ratio`"),
+        ({"search": {"distractors": [1, 8]}}, "search.distractors changes the tasks"),
+        ({"search": {"split": ["by-goal", "by-recipe"]}}, "search.split changes the tasks"),
     ],
 )
 def test_a_search_without_a_fair_choice_is_refused(changes, says):
@@ -62,6 +64,12 @@ def test_a_search_without_a_fair_choice_is_refused(changes, says):
 def test_a_faulty_search_is_refused_by_its_setting(space, says):
     with pytest.raises(ConfigError, match=says):
         parse_study(f"title = 'x'\n[search]\n{space}\n[variants.a]\n", "study")
+
+
+def test_a_variant_cannot_undo_the_search():
+    text = "title = 'x'\n[search]\nunroll = [2, 4]\n[variants.a]\nunroll = 3\n"
+    with pytest.raises(ConfigError, match="variants.a.unroll is also in the grid or search"):
+        parse_study(text, "study")
 
 
 @pytest.mark.slow

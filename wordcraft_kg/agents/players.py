@@ -37,8 +37,6 @@ from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 from wordcraft_kg.planning.source import BestPlan
 
 Player = Callable[[State, np.random.Generator], Ids]
-PLAYERS: Registry[Callable[[Split], Player]] = Registry("wordcraft_kg.players")
-"""Player constructors that other packages register, by name."""
 SlotScores = Callable[[States], Tensor]
 """A function that scores the slots of states: shape (B, A), for example a source."""
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -55,6 +53,14 @@ BEST_IN_TABLE = "t, best pair"
 """Name of the player of the pair with the highest score in a table, in :func:`scorer_players`."""
 BEST_SET = "best set"
 """Name of the player of the set with the highest score, among :func:`scorer_players`."""
+RANDOM = "random"
+"""Name of the player :func:`random_entity`."""
+ORACLE = "recipe oracle"
+"""Name of the player :func:`recipe_oracle`."""
+PLAYERS: Registry[Callable[[Split], Player]] = Registry(
+    "wordcraft_kg.players", reserved=(RANDOM, FEWEST_USES, PLANNER, BEST_SET, ORACLE)
+)
+"""Player constructors that plugins and other packages register, by name."""
 CELLS = 200_000
 """Maximum number of slot pairs to score at once: a state with A slots has A² pairs."""
 
@@ -359,7 +365,7 @@ def knowledge_players(split: Split, knowledge: RecipeKnowledge | None = None) ->
         }
         best_pair = {"full KG, best pair": pair_player(fact_recipes(graph, graph.triples))}
     return {
-        "random": random_entity,
+        RANDOM: random_entity,
         "random, distinct": random_distinct,
         FEWEST_USES: fewest_uses(split),
         **words_player(graph, knowledge),
@@ -372,7 +378,7 @@ def knowledge_players(split: Split, knowledge: RecipeKnowledge | None = None) ->
         "full KG, u+v, no self edges": knowledge_player([no_self["u"], no_self["v"]]),
         **best_pair,
         **{name: make(split) for name, make in PLAYERS.items()},
-        "recipe oracle": recipe_oracle,
+        ORACLE: recipe_oracle,
     }
 
 

@@ -7,6 +7,8 @@ that a stranger gives, such as a run folder or a configuration file, names a fil
 """
 
 import hashlib
+import re
+import shlex
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, MutableMapping
@@ -42,6 +44,8 @@ class Plugin:
     path: Path
 
 
+# Also a name in lists with commas, and of a module of torch.
+_NAME = re.compile(r"\w[\w +-]*")
 _LOADED: dict[Path, Plugin] = {}
 _LOADING: ContextVar[Plugin | None] = ContextVar("loading", default=None)
 
@@ -61,9 +65,18 @@ class Registry(MutableMapping[str, T]):
         ['blue', 'red']
     """
 
-    def __init__(self, group: str, own: Mapping[str, T] | None = None):
-        """Create a registry with the built-in objects ``own``, extended by an entry-point group."""
+    def __init__(
+        self, group: str, own: Mapping[str, T] | None = None, reserved: Iterable[str] = ()
+    ):
+        """Create a registry.
+
+        Args:
+            group: the entry-point group that extends it.
+            own: built-in objects.
+            reserved: names of built-in objects elsewhere, which nothing may take.
+        """
         self._group = group
+        self._reserved = tuple(reserved)
         self._known = dict(own or {})
         self._plugins: dict[str, Plugin] = {}
         self._points: dict[str, EntryPoint] | None = None
@@ -75,8 +88,15 @@ class Registry(MutableMapping[str, T]):
         return self._known[name]
 
     def __setitem__(self, name: str, thing: T) -> None:
+        if name in self._reserved:
+            raise ConfigError(f"'{name}' is built in; choose another name.")
         plugin = _LOADING.get()
         if plugin is not None:
+            if not isinstance(name, str) or not _NAME.fullmatch(name):
+                raise ConfigError(
+                    f"plugin '{plugin.name}' registers {name!r}; expected a name of letters, "
+                    "digits, blanks and the signs _, + and -."
+                )
             # Another file, or the package, means something else by the name; a file that has
             # been corrected is loaded again.
             is_again = name in self._plugins and self._plugins[name].path == plugin.path
@@ -115,23 +135,21 @@ class Registry(MutableMapping[str, T]):
             self._points = {point.name: point for point in points if point.attr}
         return self._points
 
-    def check(self, setting: str, name: Any, built_in: Iterable[str] = ()) -> None:
-        """Check that a setting names a registered object.
+    def check(self, setting: str, name: Any) -> None:
+        """Check that a setting names a registered object, or one with a reserved name.
 
         Args:
             setting: the setting, for the error.
             name: its value.
-            built_in: further names that the setting may have.
 
         Raises:
             NotRegisteredError: if it does not; the message has the names, and where others may be.
             ConfigError: if it is no text.
         """
-        built_in = tuple(built_in)
         if not isinstance(name, str):
             raise refuse(setting, name, "a name")
-        if name not in built_in and name not in self:
-            names = [*built_in, *self]
+        if name not in self._reserved and name not in self:
+            names = [*self._reserved, *self]
             message = refuse(setting, name, f"one of {', '.join(names)}", nearest(name, names))
             raise NotRegisteredError(f"{message} {REMEDY}")
 
@@ -151,7 +169,7 @@ def load_plugin(path: str | Path) -> Plugin:
         The plugin.
 
     Raises:
-        ConfigError: if there is no such file, it cannot be run, or a name in it is registered
+        ConfigError: if there is no such file, it cannot be run, or its name or one in it is taken
             already.
         ArtefactError: if it is too large.
 
@@ -169,6 +187,12 @@ def load_plugin(path: str | Path) -> Plugin:
     plugin = Plugin(path.name, hashlib.sha256(content).hexdigest(), path.resolve())
     if _LOADED.get(plugin.path) == plugin:
         return plugin
+    for loaded in _LOADED.values():
+        if loaded.name == plugin.name and loaded.path != plugin.path:
+            raise ConfigError(
+                f"plugin '{path}': '{loaded.path}' is loaded, too, and records name plugins by "
+                "file name. Rename one of them."
+            )
     module = ModuleType(f"{PLUGINS}.{plugin.sha256[:16]}")
     module.__file__ = str(plugin.path)
     # Dataclasses look for their module there.
@@ -176,28 +200,43 @@ def load_plugin(path: str | Path) -> Plugin:
     token = _LOADING.set(plugin)
     try:
         # The very bytes that the hash is of.
-        exec(compile(content, str(path), "exec"), vars(module))
+        exec(compile(content, str(plugin.path), "exec"), vars(module))
     except WordCraftKGError:
         raise
-    except Exception as error:
-        lines = [
-            f", line {frame.lineno}"
-            for frame in traceback.extract_tb(error.__traceback__)
-            if frame.filename == str(path)
-        ]
-        raise ConfigError(
-            f"plugin '{path}'{''.join(lines[-1:])} cannot be run ({reason(error)}). Correct the "
-            "file."
-        ) from error
+    except (Exception, SystemExit) as error:
+        raise plugin_error(error, plugin) from error
     finally:
         _LOADING.reset(token)
     _LOADED[plugin.path] = plugin
     return plugin
 
 
+def plugin_error(error: BaseException, plugin: Plugin) -> ConfigError:
+    """Return an error in a plugin's code as one with its line, for the author."""
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if frame.filename == str(plugin.path)]
+    place = f", line {lines[-1]}" if lines else ""
+    return ConfigError(
+        f"plugin '{plugin.name}'{place} cannot be run ({reason(error)}). Correct the file."
+    )
+
+
 def loaded_plugins() -> tuple[Plugin, ...]:
     """Return the plugins that this process has loaded, so that its workers load them too."""
     return tuple(_LOADED.values())
+
+
+def load_again(plugins: Iterable[Plugin]) -> None:
+    """Load another process' plugins, as it has loaded them.
+
+    Raises:
+        ConfigError: if a file was changed since: its hash is a part of the addresses of results.
+    """
+    for plugin in plugins:
+        if load_plugin(plugin.path) != plugin:
+            raise ConfigError(
+                f"plugin '{plugin.path}' was changed while the study ran. Repeat the command."
+            )
 
 
 def check_plugins(needed: Mapping[str, str], folder: Path) -> None:
@@ -210,17 +249,18 @@ def check_plugins(needed: Mapping[str, str], folder: Path) -> None:
     Raises:
         NotRegisteredError: if one is missing, or another file of its name is loaded.
     """
-    loaded = {plugin.sha256: plugin.name for plugin in _LOADED.values()}
-    for name, sha256 in needed.items():
-        if sha256 in loaded:
-            continue
-        hashes = [digest for digest, file_name in loaded.items() if file_name == name]
-        if hashes:
+    loaded = {plugin.name: plugin.sha256 for plugin in _LOADED.values()}
+    missing = {name: needed[name] for name in needed if needed[name] not in loaded.values()}
+    for name, sha256 in missing.items():
+        if name in loaded:
             raise NotRegisteredError(
                 f"'{folder}' was made with another plugin '{name}': expected SHA-256 {sha256}, "
-                f"found {hashes[0]}. Restore that file, or train again with this one."
+                f"found {loaded[name]}. Restore that file, or train again with this one."
             )
+    if missing:
+        files = " and ".join(f"'{name}' with SHA-256 {missing[name]}" for name in missing)
+        options = shlex.join(word for name in missing for word in ("--plugin", name))
         raise NotRegisteredError(
-            f"'{folder}' needs the plugin '{name}' with SHA-256 {sha256}. No plugin is loaded by "
-            f"itself: read the file, and name it by --plugin {name} (in Python load_plugin)."
+            f"'{folder}' needs the plugin {files}. No plugin is loaded by itself: read what you "
+            f"name, and add {options} (in Python load_plugin)."
         )

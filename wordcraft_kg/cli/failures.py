@@ -24,6 +24,7 @@ from cyclopts import (
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
 from wordcraft_kg.base.extras import missing_package
+from wordcraft_kg.base.registry import loaded_plugins, plugin_error
 from wordcraft_kg.base.wording import for_terminal
 from wordcraft_kg.cli.console import Output, json_line
 
@@ -156,6 +157,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     Returns:
         The failure; None for a defect of the package, which keeps its traceback.
     """
+    error = _for_author(error)
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
         return Failure(kind, _message(error, manual), 2, _hints(error, manual))
@@ -190,6 +192,16 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
         message = "this machine does not have enough memory. Nothing was changed."
         return Failure("MemoryError", message)
     return None
+
+
+def _for_author(error: BaseException) -> BaseException:
+    """Return a defect in a plugin's code as an error for its author, and others as they are."""
+    if isinstance(error, Exception) and not isinstance(error, WordCraftKGError):
+        files = {frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)}
+        for plugin in loaded_plugins():
+            if str(plugin.path) in files:
+                return plugin_error(error, plugin)
+    return error
 
 
 def pykeen_folder() -> Path:

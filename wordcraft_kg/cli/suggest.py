@@ -11,7 +11,8 @@ from wordcraft_kg.cli.console import Flag, Output, aligned, command_line, split_
 from wordcraft_kg.cli.options import MovedGraph, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.suggestions import SetSupport, Suggestion, Suggestions
+    from wordcraft_kg.evaluation.suggestions import SetSupport, Suggestion, Suggestions, Wish
+    from wordcraft_kg.graphs import RecipeGraph
 
 EXAMPLES = (
     "wordcraft-kg suggest models/everyday-recipes",
@@ -59,13 +60,12 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
         accept: such a file: write a copy of the book with its ticked recipes to --out.
     """
     from wordcraft_kg.evaluation import suggestion_files
-    from wordcraft_kg.evaluation.queries import pieces_of_recipe
     from wordcraft_kg.evaluation.suggestions import (
-        Wish,
         open_suggesting,
         suggest as suggest_for,
         suggest_recipes,
     )
+    from wordcraft_kg.models.recipes.records import SetMetrics
     from wordcraft_kg.models.scorers.sets.rules import read_rule
 
     whole("top", top, 1)
@@ -73,25 +73,14 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     recipe_model = open_suggesting(model, graph)
     book = recipe_model.opened.graph
     if accept is not None:
-        if out is None or pair or goal or with_item or start:
+        if out is None or pair or goal or with_item or start or rule:
             raise ConfigError("`accept` writes a longer book to `out`; give both, and no query.")
-        recipes = suggestion_files.ticked(accept, book)
-        suggestion_files.write_accepted(book, recipes, out)
-        lines = [
-            f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and "
-            f"{len(recipes):,} of {accept}   next: {command_line('build-graph', out)}"
-        ]
-        output.result({"out": str(out), "accepted": list(recipes)}, lines)
+        _write_longer_book(book, accept, out, output)
         return
     if out is not None:
         suggestion_files.check_new_table(out)
-    labels: tuple[str, ...] = ()
-    if pair:
-        labels, result = pieces_of_recipe(pair, frozenset(book.entities))
-        if result is not None:
-            raise ConfigError(f"'{' '.join(pair)}' has a result; expected a pair. Use score.")
-    wish = Wish(goal=goal, item=with_item, pair=labels, table=tuple(split_labels(start or [])))
-    if goal is not None and wish.labels == (goal,):
+    wish = _read_wish(book, pair, goal, with_item, start)
+    if goal is not None:
         view = suggest_recipes(recipe_model, goal, top, has_coverage=not any_parts, rule=user_rule)
     elif user_rule is not None:
         raise ConfigError("`rule` chooses among the sets of a single goal; give `goal` alone.")
@@ -103,11 +92,52 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             "for another pair, item or goal."
         )
     lines = list(suggestion_lines(view))
+    metrics = recipe_model.metrics
+    if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
+        lines.append("In training no unseen goal got a right set: these suggestions are guesses.")
     if out is not None:
         suggestion_files.write_suggestions(view.suggestions, out)
         count = counted(len(view.suggestions), "suggestion")
         lines.append(f"wrote {out}: {count}; put x into the column accept, then --accept {out}")
     output.result(view, lines)
+
+
+def _read_wish(
+    book: "RecipeGraph",
+    pair: Sequence[str],
+    goal: str | None,
+    item: str | None,
+    start: Sequence[str] | None,
+) -> "Wish":
+    """Return the wish of the command's options.
+
+    Raises:
+        ConfigError: for several wishes, a list without entities, or words that are no pair.
+    """
+    from wordcraft_kg.evaluation.queries import pieces_of_recipe
+    from wordcraft_kg.evaluation.suggestions import Wish
+
+    labels: tuple[str, ...] = ()
+    if pair:
+        labels, result = pieces_of_recipe(pair, frozenset(book.entities))
+        if result is not None:
+            raise ConfigError(f"'{' '.join(pair)}' has a result; expected a pair. Use score.")
+    table = tuple(split_labels(start or []))
+    if start is not None and not table:
+        raise ConfigError("`from` has no entity; expected labels between commas. Name one or more.")
+    return Wish(goal=goal, item=item, pair=labels, table=table)
+
+
+def _write_longer_book(book: "RecipeGraph", table: Path, out: Path, output: Output) -> None:
+    from wordcraft_kg.evaluation.suggestion_files import ticked, write_accepted
+
+    recipes = ticked(table, book)
+    write_accepted(book, recipes, out)
+    lines = [
+        f"wrote {out}: {book.num_recipes:,} recipes of {book.name} and "
+        f"{len(recipes):,} of {table}   next: {command_line('build-graph', out)}"
+    ]
+    output.result({"out": str(out), "accepted": recipes}, lines)
 
 
 def suggestion_lines(view: "Suggestions") -> Iterator[str]:

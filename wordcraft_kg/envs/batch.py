@@ -609,6 +609,12 @@ class BatchEngine:
         step = Step(reward, over, outcome, results.by_plan, picked.illegal, state.task)
         if self._reward_function is not None:
             reward = self._reward_function(state, after, step)
+            if getattr(reward, "shape", None) != step.reward.shape:
+                raise ConfigError(
+                    f"`reward` {self.config.reward} gives {type(reward).__name__} of shape "
+                    f"{getattr(reward, 'shape', 'none')}; expected an array of shape "
+                    f"{step.reward.shape}, as `step.reward`."
+                )
             step = step._replace(reward=cast(reward, self._reward_dtype))
         return after, step
 

@@ -3,7 +3,7 @@
 The table is a recipe file, so every command that takes a book reads it without options.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,9 @@ from wordcraft_kg.base import (
 )
 from wordcraft_kg.evaluation.suggestions import Suggestion
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, write_book
-from wordcraft_kg.graphs.book_check import check_book
+from wordcraft_kg.graphs.book_check import BookCheck, check_book
+from wordcraft_kg.graphs.book_files.reader import SELF_RESULT
+from wordcraft_kg.graphs.book_files.rows import Place
 from wordcraft_kg.graphs.book_files.texts import own_header
 from wordcraft_kg.graphs.book_files.writing import csv_line
 
@@ -96,9 +98,10 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
 
     Raises:
         RecipeFileError: if the table cannot be read, has no column of ticks or no tick, or a ticked
-            recipe has an ingredient that the book lacks, or is in the book.
+            row is no recipe, has an ingredient that the book lacks, or is in the book.
     """
-    check = check_book(path)
+    # A page of suggestions may have no set of three, without which readers refuse sets of one.
+    check = check_book(path, single_ingredient="alone")
     reading = check.reading
     if reading is None:
         raise RecipeFileError(str(check.findings[0].message))
@@ -109,11 +112,16 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
             f"{path} has the columns {columns_shown}; expected a column '{ACCEPT}' with x in the "
             "rows to take, as in a table of `wordcraft-kg suggest --out`."
         )
+    ticked_places = {
+        place
+        for place, cells in check.records.items()
+        if cells.get(columns[ACCEPT], "").strip().lower() in TICKS
+    }
+    _check_none_is_lost(path, check, ticked_places, keeps_self_results=graph.has_self_results)
     book_recipes = set(graph.recipe_labels())
     recipes = []
     for recipe, place in check.places.items():
-        cell = check.records.get(place, {}).get(columns[ACCEPT], "")
-        if cell.strip().lower() not in TICKS:
+        if place not in ticked_places:
             continue
         for label in recipe.ingredients:
             if label not in graph:
@@ -134,6 +142,19 @@ def ticked(path: Path, graph: RecipeGraph) -> list[Recipe]:
             "to take. Nothing was written."
         )
     return recipes
+
+
+def _check_none_is_lost(
+    path: Path, check: BookCheck, ticked_places: Collection[Place], *, keeps_self_results: bool
+) -> None:
+    for reason, places in check.lost.items():
+        lost_places = [place for place in places if place in ticked_places]
+        is_lost = reason != SELF_RESULT or not keeps_self_results
+        if lost_places and is_lost:
+            raise RecipeFileError(
+                f"{path}, line {lost_places[0]}: this row has a tick, but is among the rows "
+                f"{reason}. Correct the row, or remove its tick. Nothing was written."
+            )
 
 
 def write_accepted(graph: RecipeGraph, recipes: Sequence[Recipe], out: Path) -> None:

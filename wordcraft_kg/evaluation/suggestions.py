@@ -122,19 +122,13 @@ class Wish(Record):
     pair: tuple[str, ...] = ()
     table: tuple[str, ...] = ()
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """All named entities."""
-        return tuple(filter(None, (self.goal, self.item, *self.pair, *self.table)))
-
-    def check(self, graph: RecipeGraph) -> None:
-        """Check that the graph has all named entities.
+    def __post_init__(self) -> None:
+        """Check the wish itself.
 
         Raises:
-            UnknownEntityError: for the first that it lacks, with the nearest labels.
             ConfigError: if several wishes are named, or a pair has not two ingredients.
         """
-        wishes = [name for name in ("goal", "item", "pair", "table") if getattr(self, name)]
+        wishes = [name for name in self.__struct_fields__ if getattr(self, name) not in (None, ())]
         if len(wishes) > 1:
             raise ConfigError(
                 f"{' and '.join(wishes)} together; expected one of a pair, an item, a goal and a "
@@ -145,6 +139,19 @@ class Wish(Record):
                 f"'{' + '.join(self.pair)}' is no pair; expected two ingredients, such as ham + "
                 "cheese. For recipes with one item use `with_item`."
             )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """All named entities."""
+        single = (label for label in (self.goal, self.item) if label is not None)
+        return (*single, *self.pair, *self.table)
+
+    def check(self, graph: RecipeGraph) -> None:
+        """Check that the graph has all named entities.
+
+        Raises:
+            UnknownEntityError: for the first that it lacks, with the nearest labels.
+        """
         for label in self.labels:
             graph.id_of(label)
 
@@ -434,7 +441,8 @@ def suggest(model: Model, wish: Wish, top: int = PAGE, *, has_coverage: bool = T
             for row in rows
         ]
         shown_pairs = () if wish.pair else {suggestion.ingredients for suggestion in listed}
-        analogies = _analogies(finder, recipes, graph, shown_pairs)
+        if wish.goal is None:
+            analogies = _analogies(finder, recipes, graph, shown_pairs)
         combines = float(recipes.combines[0]) if wish.pair else None
     known_steps = [] if steps is None else _made(model.opened.split, steps)
     return Suggestions(

@@ -466,9 +466,16 @@ def groups_of(graph: RecipeGraph, kind: str) -> Ids:
 
     Raises:
         SplitError: for a split by kind, if the graph has no kinds of recipes.
+        ConfigError: for a plugin's split that does not give each recipe a whole number.
         KeyError: if the kind of split is unknown.
     """
-    return SPLITS[kind].groups(graph)
+    groups = np.asarray(SPLITS[kind].groups(graph))
+    if groups.shape != (graph.num_recipes,) or groups.dtype.kind not in "iu":
+        raise ConfigError(
+            f"the split '{kind}' gives groups of shape {groups.shape}, {groups.dtype}; expected "
+            f"{(graph.num_recipes,)}, a whole number for each recipe."
+        )
+    return groups
 
 
 def read_split(

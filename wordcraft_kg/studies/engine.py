@@ -22,7 +22,7 @@ from wordcraft_kg.base.errors import (
     reason,
 )
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.base.registry import load_plugin, loaded_plugins
+from wordcraft_kg.base.registry import Plugin, load_again, loaded_plugins
 from wordcraft_kg.base.settings import CORES_VARIABLE, cores
 from wordcraft_kg.runs.run_folder import first_interrupt, sigterm_as_interrupt
 from wordcraft_kg.studies.perform import check_whole, is_done, make_graph, perform
@@ -281,7 +281,7 @@ def _outcomes(
         settings = {"ray_remote_args": {"num_cpus": plan.threads, "num_gpus": gpus}}
         form = {"return_as": "list", "verbose": 10}
     backend = "ray" if pool.engine == "ray" else "loky"
-    plugins = [plugin.path for plugin in loaded_plugins()]
+    plugins = loaded_plugins()
     calls = [delayed(_performed_by_worker)(task, root, work, sys.argv, plugins) for task in tasks]
     ask = partial(stop_file(root).touch, exist_ok=True)
     with parallel_config(backend=backend, n_jobs=pool.jobs, **settings), first_interrupt(ask):
@@ -315,7 +315,7 @@ def _performed(task: Task, root: Path, work: Perform) -> Outcome:
 
 
 def _performed_by_worker(
-    task: Task, root: Path, work: Perform, command: list[str], plugins: Sequence[Path]
+    task: Task, root: Path, work: Perform, command: list[str], plugins: Sequence[Plugin]
 ) -> Outcome:
     # Out of reach of Ctrl-C on a terminal: the study asks by its stop file, also on other machines.
     if hasattr(os, "setpgrp"):
@@ -324,8 +324,7 @@ def _performed_by_worker(
     sys.argv = command
     # So that a training starts no processes of its own beside the other workers.
     os.environ[CORES_VARIABLE] = str(task.threads)
-    for plugin in plugins:
-        load_plugin(plugin)
+    load_again(plugins)
     with _stopping(stop_file(root)):
         return _performed(task, root, work)
 

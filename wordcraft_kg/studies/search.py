@@ -7,9 +7,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.studies.plan import Plan
-from wordcraft_kg.studies.study import Study, Value, Values, check_study
+from wordcraft_kg.studies.plan import Plan, defaults_of
+from wordcraft_kg.studies.study import OF_GRAPH, Study, Value, Values, check_study
 
 
 def search(study: Study, score: Callable[[Study], float]) -> Study:
@@ -46,6 +47,12 @@ def check_searchable(study: Study) -> None:
         raise ConfigError("a search is over one variant: leave out grid, points and claims.")
     if not study.settings.get("valid_ratio"):
         raise ConfigError("a search needs validation tasks: set `valid_ratio`, such as 0.1.")
+    easier = sorted(study.search.keys() & {*OF_GRAPH, *defaults_of(TaskConfig)} - {"reward"})
+    if easier:
+        raise ConfigError(
+            f"search.{easier[0]} changes the tasks, so that the easiest would win. Put it into "
+            "[settings]; search over settings of policy, trainer, scorer and `reward`."
+        )
 
 
 def validation_success(plan: Plan, root: Path) -> float:

@@ -330,15 +330,15 @@ def _check_settings(study: Study, source: str) -> None:
     _known(source, "search.", study.search, allowed_settings)
     for number, point in enumerate(study.points):
         _known(source, f"points[{number}].", point, allowed_settings)
-    varied = {*study.grid, *chain.from_iterable(study.points)}
+    varied = {*study.grid, *study.search, *chain.from_iterable(study.points)}
     for variant, settings in study.variants.items():
         prefix = f"variants.{variant}."
         _known(source, prefix, settings, allowed_settings)
         for name in settings:
             if name in varied:
                 raise ConfigError(
-                    f"{source}: {prefix}{name} is also in the grid; remove the setting from the "
-                    "variant."
+                    f"{source}: {prefix}{name} is also in the grid or search; remove the setting "
+                    "from the variant."
                 )
 
 

@@ -465,7 +465,7 @@ def test_a_book_of_pairs_trains_a_model_of_sets_only_if_parts_are_named(opened_k
     assert "parts" not in RecipesConfig("kitchen").values()
 
 
-def test_a_book_whose_sets_no_search_finds_trains_with_low_probabilities(tmp_path):
+def test_a_book_whose_sets_no_search_finds_trains_with_low_probabilities(run, tmp_path):
     """No train goal of this kitchen has its set among the candidates, so nothing ranks them."""
     content = open_book(ROOT / "examples" / "kitchen-sets.csv")
     split = make_split(RecipeGraph.from_book(content), SplitConfig("by-goal"))
@@ -476,6 +476,7 @@ def test_a_book_whose_sets_no_search_finds_trains_with_low_probabilities(tmp_pat
     ranked = scorer.recipes("pesto", 5)
     assert len(ranked) == 5
     assert all(math.exp(row.score) < 0.05 for row in ranked)
+    assert "suggestions are guesses" in run("suggest", tmp_path / "model", "--goal", "pesto").out
 
 
 def test_goals_whose_parts_no_other_recipe_brings_are_refused():
@@ -714,6 +715,8 @@ def test_files_of_recipes_and_links_of_new_entities_are_refused_with_the_reason(
 def test_words_of_minilm_are_of_built_in_books(scorer):
     with pytest.raises(ConfigError, match="no words for 'zzqx': a model of minilm words"):
         with_new_entities(scorer, ["zzqx"], "none", "minilm")
+    with pytest.raises(ConfigError, match="glove has no vector for its words"):
+        with_new_entities(scorer, ["zzqx"], "none", "glove")
 
 
 RULES = """

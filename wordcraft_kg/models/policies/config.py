@@ -31,7 +31,9 @@ from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
 
 BUILT_IN_POLICIES = ("pairs", "attention", "mlp")
-POLICIES: Registry[Callable[[int], Any]] = Registry("wordcraft_kg.policies")
+POLICIES: Registry[Callable[[int], Any]] = Registry(
+    "wordcraft_kg.policies", reserved=BUILT_IN_POLICIES
+)
 """Own networks by name: what makes one for entity vectors of a length, see ``network``."""
 Mixing = Literal["softmax", "free", "residual"]
 _ValueReadout = Literal["softmax", "logits"]
@@ -132,7 +134,7 @@ class PolicyConfig:
                 get_args(PolicyConfig.__annotations__[name]),
             )
         if self.policy is not None:
-            POLICIES.check("policy", self.policy, BUILT_IN_POLICIES)
+            POLICIES.check("policy", self.policy)
         for name, choices in (("mixing", Mixing), ("scale", Scale)):
             if getattr(self, name) is not None:
                 one_of(name, getattr(self, name), get_args(choices))

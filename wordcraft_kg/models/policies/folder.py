@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base import (
+    MAX_DIM,
     ArtefactError,
     ConfigError,
     Count,
@@ -69,7 +70,7 @@ class _Description(Record, frozen=True, kw_only=True):
     settings: dict[str, Any]
     sources: tuple[str, ...]
     num_slots: Count | None
-    dim: Count
+    dim: Annotated[int, msgspec.Meta(ge=0, le=MAX_DIM)]
 
 
 def make_policy(
@@ -166,7 +167,10 @@ def _policy(
     if config.policy == "pairs":
         return PairPolicy(config, vectors, sources)
     if config.policy is not None and config.policy in POLICIES:
-        return NetworkPolicy(config, vectors, sources, POLICIES[config.policy](vectors.dim))
+        # In memory even for a policy that is read: tensors that are no buffers are in no file.
+        with torch.device("cpu"):
+            network = POLICIES[config.policy](vectors.dim)
+        return NetworkPolicy(config, vectors, sources, network)
     return AttentionPolicy(config, vectors, sources, most_picks=most_picks)
 
 
@@ -253,7 +257,7 @@ def read_policy(
             for name in description.sources
         ]
         # Modules without memory, whatever sizes the description names: only shapes matter here.
-        with torch.device("meta"):
+        with torch.random.fork_rng(devices=[]), torch.device("meta"):
             is_learned = config.features == LEARNED
             dim = description.dim
             constant = torch.zeros(size, dim) if dim and not is_learned else None

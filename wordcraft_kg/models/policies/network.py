@@ -5,7 +5,9 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 from torch.func import functional_call
+from torch.nn.modules.dropout import _DropoutNd
 
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.attention import SourceWeights, mix_logits
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights
@@ -23,6 +25,13 @@ class NetworkPolicy(Policy):
     last row is zeros: ``vectors[states.table]`` has shape (B, A, F), and an empty slot or no
     selection the vector 0. It returns logits (B, A) for tables of any size, and values (B,). Empty
     slots are masked here, and the scores of sources added, each times a learned number.
+
+    The same parameters give the same output in training and in evaluation: the network is always in
+    evaluation mode.
+
+    Raises:
+        ConfigError: for a network that is no module with parameters, or has dropout or running
+            statistics; or for outputs of other shapes.
     """
 
     def __init__(
@@ -34,7 +43,19 @@ class NetworkPolicy(Policy):
     ):
         """Take a network; the other arguments are those of the base class."""
         super().__init__(config, vectors, sources)
-        self.network = network
+        if not isinstance(network, nn.Module) or not [*network.parameters()]:
+            raise ConfigError(
+                f"`policy` {config.policy} makes a {type(network).__name__}; expected a module of "
+                "torch with parameters."
+            )
+        for module in network.modules():
+            is_dropout = isinstance(module, _DropoutNd) and module.p > 0
+            if is_dropout or getattr(module, "track_running_stats", False):
+                raise ConfigError(
+                    f"`policy` {config.policy} has a {type(module).__name__}, which acts otherwise "
+                    "in training; expected a network that does not, such as one with LayerNorm."
+                )
+        self.network = network.eval()
         if self.sources:
             self.lambdas = SourceWeights(self.first_lambdas()[-len(self.sources) :])
 
@@ -66,7 +87,16 @@ class NetworkPolicy(Policy):
             for name, tensor in weights.items()
             if name.startswith(_NETWORK)
         }
-        logits, value = functional_call(self.network, parameters, (states, weights["vectors"]))
+        result = functional_call(self.network, parameters, (states, weights["vectors"]))
+        parts = result if isinstance(result, tuple) else (result,)
+        shapes = [tuple(getattr(part, "shape", ())) for part in parts]
+        expected = [tuple(states.table.shape), tuple(states.goal.shape)]
+        if shapes != expected:
+            raise ConfigError(
+                f"`policy` {self.config.policy} gives the shapes {shapes}; expected logits and "
+                f"values, {expected}."
+            )
+        logits, value = result
         mask = states.slot_mask(self.num_entities)
         if external_scores is None:
             return PolicyOutput(logits.masked_fill(~mask, -torch.inf), value)

@@ -61,6 +61,14 @@ _OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json
 _OF_PAIRS = ("train_fraction", "label_noise", "with_", "without", "encoder", "device")
 """Settings that models of sets do not have."""
 _FEWEST_GOALS = 10
+_WITHOUT_WORDS = {
+    "glove": "the graph lacks it, and glove has no vector for its words. Correct the label.",
+    "minilm": (
+        "a model of minilm words knows the labels of built-in books alone. Train with `features` "
+        "glove for other labels."
+    ),
+}
+"""Reasons and remedies for labels without a vector, by word vectors."""
 
 
 def trains_sets(settings: RecipeScorerConfig, graph: RecipeGraph) -> bool:
@@ -121,13 +129,11 @@ def with_new_entities(
     try:
         words = word_vectors(features, labels, allow_missing=False)
     except ConfigError:
-        if features != "minilm":
+        if features not in _WITHOUT_WORDS:
             raise
         names = ", ".join(f"'{label}'" for label in labels)
-        raise ConfigError(
-            f"no words for {names}: a model of minilm words knows the labels of built-in books "
-            "alone. Train with `features` glove for other labels."
-        ) from None
+        hint = nearest(labels[0], scorer.entities)
+        raise ConfigError(f"no words for {names}: {_WITHOUT_WORDS[features]}{hint}") from None
     return scorer.with_entities(labels, shares, words)
 
 

@@ -23,7 +23,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.registry import Registry
 
 
@@ -102,29 +101,24 @@ W = Label(
     "without selection, with the best partner.",
 )
 BUILT_IN = {label.name: label for label in (U, V, W, T)}
-SOURCES: Registry[Any] = Registry("wordcraft_kg.sources")
-"""Classes of all other sources by name; those of :data:`BUILT_IN` are in ``registry``."""
 SPELLED = {"combines": "u", "component": "v", "recipe": "w", "table": "t", "plan": "p"}
 """Names for people by name in records. Settings take both; records, addresses and formulas keep the
 short ones, so that results from before the longer names stay valid. A dictionary here and not a
 field of the label, because the label of p lies in a module that imports torch."""
-
-
-def check_new_source(name: str) -> None:
-    """Check that a source to register has a name of its own.
-
-    Raises:
-        ConfigError: for a name of a built-in source, which policies in existing folders use, or for
-            its longer name, such as ``combines``.
-    """
-    if name == ALPHA.name or name in BUILT_IN or name in SPELLED:
-        raise ConfigError(f"the source '{name}' is built in; choose another name.")
+SOURCES: Registry[Any] = Registry(
+    "wordcraft_kg.sources", reserved=(ALPHA.name, *BUILT_IN, *SPELLED, *SPELLED.values())
+)
+"""Classes of all other sources by name; those of :data:`BUILT_IN` are in ``registry``."""
 
 
 def need_no_scorer(names: Iterable[str]) -> bool:
     """Return whether sources, by short name, score without a scorer."""
     return all(
-        name in SOURCES and not getattr(SOURCES[name], "needs_scorer", True) for name in names
+        # Built-in ones first: a look for others loads the modules of packages.
+        name not in BUILT_IN
+        and name in SOURCES
+        and not getattr(SOURCES[name], "needs_scorer", True)
+        for name in names
     )
 
 

@@ -34,7 +34,12 @@ class GoalTable(ComponentOf):
         cls, scorer: TripleScorer, view: ScoreView
     ) -> "GoalTable":
         size = len(scorer.entities)
-        scores = torch.as_tensor(cls.scores_of(scorer.entities), dtype=torch.float32)
+        rows = cls.scores_of(scorer.entities)
+        try:
+            scores = torch.as_tensor(rows, dtype=torch.float32)
+        except (TypeError, ValueError, RuntimeError):
+            # Refused below: the shape is another.
+            scores = torch.zeros(0)
         if scores.shape != (size, size) or scores.isinf().any() or scores.isnan().all():
             raise ConfigError(
                 f"the source '{cls.label.name}' gives scores of shape {tuple(scores.shape)}; "

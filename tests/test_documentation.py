@@ -34,7 +34,7 @@ PAGES = [
     "README.md",
     *(
         f"docs/{name}.md"
-        for name in ("agents", "environment", "language-models", "link-prediction")
+        for name in ("agents", "environment", "language-models")
     ),
 ]
 

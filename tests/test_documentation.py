@@ -32,10 +32,7 @@ ROOT = Path(__file__).parents[1]
 
 PAGES = [
     "README.md",
-    *(
-        f"docs/{name}.md"
-        for name in ("agents", "environment", "language-models")
-    ),
+    *(f"docs/{name}.md" for name in ("agents", "environment", "language-models")),
 ]
 
 ELSEWHERE = {

@@ -41,7 +41,7 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch.nn.functional import cross_entropy
 
-from wordcraft_kg import open_graph
+from wordcraft_kg import RecipeGraph, open_graph
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.graphs.folds import make_folds
@@ -238,12 +238,39 @@ def games_of(path: Path) -> Iterator[tuple[Row, list[tuple[str, str]]]]:
         yield row, pairs
 
 
+def recipes_by_text(graph: RecipeGraph) -> dict[str, tuple[int, int, int]]:
+    """Return recipes by their texts in both orders, such as ``water + earth -> mud``."""
+    recipe_of = {}
+    for one, other, goal in graph.recipes.tolist():
+        for first, second in ((one, other), (other, one)):
+            names = (graph.entities[number] for number in (first, second, goal))
+            recipe_of["{} + {} -> {}".format(*names)] = (one, other, goal)
+    return recipe_of
+
+
+def reasons_in(row: Row, recipe_of: dict[str, tuple[int, int, int]]) -> list[tuple[int, int, int]]:
+    """Return the recipes that the reasons of a game's answers name.
+
+    Raises:
+        ValueError: for a reason that names something else.
+    """
+    reasons: list[tuple[int, int, int]] = []
+    for place in answers_in(row):
+        line, _, answer = row["messages"][place]["content"].partition("\n")
+        named = line.removeprefix("Similar recipes: ").partition(". So ")[0]
+        for text in named.split(", ") if answer else ():
+            if text not in recipe_of:
+                raise ValueError(f"'{row['id']}' names '{text}', which is no recipe of the book.")
+            reasons.append(recipe_of[text])
+    return reasons
+
+
 def read_chats(path: Path, splits: Sequence[Split], folds: int) -> tuple[list[Row], list[Row]]:
     """Return conversations to learn, and those left out: a row is a line of the command `chats`.
 
-    A conversation is learned if all that its answers make is made by recipes to learn; it is left
-    out if an answer uses another train recipe. Conversations with a test recipe of some split are
-    in neither list.
+    A conversation is learned if all that its answers make, or name as reasons, are recipes to
+    learn; it is left out if an answer uses another train recipe. Conversations with a test recipe
+    of some split are in neither list.
 
     Raises:
         ValueError: for a line that the command does not write, for a row of another part than
@@ -255,6 +282,7 @@ def read_chats(path: Path, splits: Sequence[Split], folds: int) -> tuple[list[Ro
     makes: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
     for one, other, goal in graph.recipes.tolist():
         makes.setdefault((one, other), []).append((one, other, goal))
+    recipe_of = recipes_by_text(graph)
     to_learn = set(map(tuple, learned(splits, folds).tolist()))
     trains = [set(map(tuple, split.recipes("train").tolist())) for split in splits]
     kept: list[Row] = []
@@ -272,6 +300,7 @@ def read_chats(path: Path, splits: Sequence[Split], folds: int) -> tuple[list[Ro
                 )
             one, other = sorted((ids[first], ids[second]))
             used += makes.get((one, other), [])
+        used += reasons_in(row, recipe_of)
         for recipe in used:
             if not any(recipe in train for train in trains):
                 raise ValueError(

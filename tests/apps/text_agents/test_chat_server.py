@@ -110,8 +110,8 @@ def test_a_server_that_is_down_is_named_in_one_line(run, tmp_path):
 
 @pytest.mark.parametrize(
     "reply",
-    [b"<html>", {"choices": []}, [1], {"choices": [{"message": None}]}],
-    ids=["html", "empty", "list", "no message"],
+    [b"<html>", {"choices": []}, [1], {"choices": [{"message": None}]}, said(5), said([5])],
+    ids=["html", "empty", "list", "no message", "number", "numbers"],
 )
 def test_another_reply_is_shown_and_refused(serve, reply):
     url = serve(lambda number, body: (200, reply))
@@ -129,7 +129,31 @@ def test_a_redirection_does_not_carry_the_key(serve, monkeypatch):
     assert not seen
 
 
-@pytest.mark.parametrize("url", ["file:///etc/passwd", "127.0.0.1:8000", ""])
+def test_an_answer_in_parts_is_their_text(serve):
+    parts = [{"type": "thinking"}, {"type": "text", "text": "1 "}, {"type": "text", "text": "+ 2"}]
+    assert (
+        ChatServer("tiny", serve(lambda number, body: (200, said(parts))), 5.0).ask([]) == "1 + 2"
+    )
+
+
+def test_a_key_that_cannot_be_sent_is_refused_unseen(serve, monkeypatch):
+    """A line break behind a key is cut; elsewhere, and letters beyond ASCII, are errors."""
+    seen = []
+    url = serve(first_two, seen)
+    monkeypatch.setenv("OPENAI_API_KEY", f"{KEY}\n")
+    ChatServer("tiny", url, 5.0).ask([])
+    assert seen[0][0]["Authorization"] == f"Bearer {KEY}"
+    for key in (f"{KEY}\nmore", f"{KEY}\u2192"):
+        monkeypatch.setenv("OPENAI_API_KEY", key)
+        with pytest.raises(ConfigError, match="OPENAI_API_KEY") as caught:
+            ChatServer("tiny", url, 5.0)
+        assert KEY not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["file:///etc/passwd", "127.0.0.1:8000", "", "http://", "http://[::1/v1", "http://localhost:x"],
+)
 def test_an_address_that_is_none_of_http_is_refused(url):
     with pytest.raises(ConfigError, match="chat completions API"):
         ChatServer("tiny", url, 5.0)

@@ -13,12 +13,15 @@ from wordcraft_kg.apps.text_agents.chats import (
     ChatCounts,
     ChatSettings,
     chat_rows,
+    recipe_scorer,
 )
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
 from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, LeakError
+from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.models.model import Model
 
 PLAYERS = ("oracle", "planner", "votes", "graph", "nearest-words", "random")
 
@@ -255,6 +258,14 @@ def test_a_model_plays(run, tmp_path, recipes_folder):
         outcome = run("chats", "kitchen", "--player", player, "--tasks", "40", "--out", out)
         assert outcome.code == 0, outcome.err
         assert len(out.read_text().splitlines()) > 10
+
+
+def test_a_model_that_has_learned_the_test_recipes_gives_no_reasons(recipes_folder, monkeypatch):
+    opened = open_graph("kitchen")
+    recipe_scorer(recipes_folder, opened)
+    monkeypatch.setattr(Model, "kg", "full")
+    with pytest.raises(LeakError, match="its reasons would name test recipes"):
+        recipe_scorer(recipes_folder, opened)
 
 
 @pytest.mark.slow

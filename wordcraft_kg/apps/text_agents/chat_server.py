@@ -11,6 +11,7 @@ from collections.abc import Callable
 from http.client import HTTPException
 from typing import Any
 from urllib.error import HTTPError, URLError
+from urllib.parse import urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
@@ -32,6 +33,28 @@ class _NoRedirects(HTTPRedirectHandler):
         """Redirect nowhere: the reply becomes an HTTPError."""
 
 
+def _is_address(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        # Reading a port raises ValueError for one that is no number.
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        return False
+
+
+def _text_in(content: Any) -> str:
+    """Return the text of a message: a text, or a list of parts of which some have text.
+
+    Raises TypeError, LookupError or AttributeError for another content.
+    """
+    # Reasoning models may leave the answer empty when their tokens run out.
+    if content is None:
+        return ""
+    if isinstance(content, str):
+        return content
+    return "".join(part["text"] for part in content if part["type"] == "text")
+
+
 class ChatServer:
     """A model behind an address; games may go on at once.
 
@@ -50,9 +73,9 @@ class ChatServer:
             pause: seconds before the second request; each further pause is twice as long.
 
         Raises:
-            ConfigError: if the address is none of HTTP.
+            ConfigError: if the address is none of HTTP, or the key cannot be sent.
         """
-        if not base_url.startswith(("http://", "https://")):
+        if not _is_address(base_url):
             raise ConfigError(
                 f"`base_url` '{base_url[:100]}': expected the address of a chat completions API, "
                 "such as http://127.0.0.1:8000/v1."
@@ -62,7 +85,13 @@ class ChatServer:
         self._address = f"{base_url.rstrip('/')}/chat/completions"
         self._timeout = timeout
         self._pause = pause
-        self._key = os.environ.get(KEY, "")
+        # Files of settings often end a key by a line break.
+        self._key = os.environ.get(KEY, "").strip()
+        if not (self._key.isascii() and (self._key + "0").isprintable()):
+            raise ConfigError(
+                f"{KEY} has a letter that no key has; expected ASCII letters, digits and signs. "
+                "Copy the key again."
+            )
         self._opener = build_opener(_NoRedirects())
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
@@ -115,7 +144,7 @@ class ChatServer:
     def _read(self, data: bytes) -> str:
         try:
             reply = json.loads(data)
-            text = reply["choices"][0]["message"]["content"]
+            text = _text_in(reply["choices"][0]["message"]["content"])
             usage = reply.get("usage") or {}
             self.tokens["input"] += int(usage.get("prompt_tokens", 0))
             self.tokens["output"] += int(usage.get("completion_tokens", 0))
@@ -124,8 +153,7 @@ class ChatServer:
             raise PlayerError(
                 f"{self._address} answers '{shown}'; expected a reply of a chat completions API."
             ) from None
-        # Reasoning models may leave the answer empty when their tokens run out.
-        return "" if text is None else str(text)
+        return text
 
     def _shown(self, text: str) -> str:
         """Return a server's words in one line, without the key, which some servers repeat."""

@@ -23,7 +23,15 @@ from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import name_of
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
-from wordcraft_kg.base import MAX_SIZE, ConfigError, json_text, staged_file, steps, write_atomically
+from wordcraft_kg.base import (
+    MAX_SIZE,
+    ConfigError,
+    LeakError,
+    json_text,
+    staged_file,
+    steps,
+    write_atomically,
+)
 from wordcraft_kg.envs.words import combined
 from wordcraft_kg.graphs import OpenedGraph, padded
 
@@ -311,6 +319,7 @@ def recipe_scorer(folder: Path, opened: OpenedGraph) -> "RecipeScores":
 
     Raises:
         ConfigError: if the model scores no recipes, so it has no evidence.
+        LeakError: if it has learned the test recipes, which would be among the reasons.
         GraphMismatchError: if it is of another graph or split.
         ArtefactError: if the folder is missing or damaged.
     """
@@ -321,6 +330,11 @@ def recipe_scorer(folder: Path, opened: OpenedGraph) -> "RecipeScores":
     check_graph(str(folder), model.opened, opened)
     if not isinstance(model.scorer, RecipeScores):
         raise ConfigError(f"`reasons` '{folder}': expected a model of train-recipes.")
+    if model.kg == "full":
+        raise LeakError(
+            f"`reasons` '{folder}': this model has learned all recipes, and its reasons would name "
+            "test recipes; expected a model of the train recipes (`kg` partial)."
+        )
     return model.scorer
 
 

@@ -68,7 +68,7 @@ def test_a_faulty_search_is_refused_by_its_setting(space, says):
 
 def test_a_variant_cannot_undo_the_search():
     text = "title = 'x'\n[search]\nunroll = [2, 4]\n[variants.a]\nunroll = 3\n"
-    with pytest.raises(ConfigError, match="variants.a.unroll is also in the grid or search"):
+    with pytest.raises(ConfigError, match=r"variants\.a\.unroll is also in the grid or search"):
         parse_study(text, "study")
 
 

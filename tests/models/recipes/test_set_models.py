@@ -20,6 +20,7 @@ from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entity import EntityState
+from wordcraft_kg.apps.explorer.pages.suggestions import SuggestionsState
 from wordcraft_kg.apps.explorer.site import Site
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
@@ -803,6 +804,14 @@ def test_the_explorer_lists_suggested_sets_on_the_page_of_a_goal(book, model):
     assert "Suggestions of model" in html
     # No other card has an a: the page says nothing, and does not fail.
     assert PAGES["entity"].view(explored, EntityState("ax")).suggested == ()
+
+
+def test_the_form_for_suggestions_stays_beside_the_reason_why_there_are_none(book, model):
+    explored = Explored.open(book / "graph", [book / "model"])
+    site = Site(explored, lambda page, state: page.address(state), str, is_static=False)
+    html = site.page(PAGES["suggestions"], SuggestionsState(item="ax", goal="Gab"))
+    assert "goal and item together" in html
+    assert 'value="ax"' in html
 
 
 @pytest.mark.parametrize(

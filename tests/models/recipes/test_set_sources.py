@@ -29,7 +29,7 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.set_fitting import fit_sets
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.recipes.training import train_recipes
-from wordcraft_kg.models.scorers.cross_fitting import folds_of
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.sets.parts import Parts
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
 from wordcraft_kg.planning.set_plans import best_plans, known_recipes
@@ -127,6 +127,10 @@ def test_train_tasks_are_scored_by_the_model_that_has_not_seen_their_goals(model
         with_task = states._replace(task=torch.tensor([task]))
         assert torch.equal(w(with_task), expected(states))
         assert not torch.equal(w(with_task), w(states))
+    # In-sample scores, for those who ask for them, are of the model of all folds.
+    assert folds_of(whole_of(scorer)) is None
+    (in_sample,) = make_sources(["w"], whole_of(scorer), tasks=train.tasks)
+    assert torch.equal(in_sample(with_task), w(states))
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ The page docs/architecture.md, *On disk*, lists the files.
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -151,7 +152,9 @@ def load_scorer(
     if FOLDS_RECORD in files.run.outputs:
         folded = _cross_fitted(files, scorer, vocabulary, tensors)
         if isinstance(scorer, SetScorer):
-            # It answers queries of its own, such as for goals that the graph lacks.
+            # It answers queries of its own, such as for goals that the graph lacks. The model of
+            # all folds stays without them, for in-sample scores.
+            scorer = copy(scorer)
             scorer.cross_fitted = folded
         else:
             scorer = folded

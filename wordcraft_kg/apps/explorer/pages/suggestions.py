@@ -2,7 +2,7 @@
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base import ConfigError, Record
 from wordcraft_kg.evaluation.suggestion_files import table_lines
 from wordcraft_kg.evaluation.suggestions import Suggestions, Wish, can_suggest, suggest
 
@@ -30,14 +30,16 @@ class SuggestionsProfile(Record):
     Attributes:
         model: name of the model.
         models: names of the models that suggest recipes.
-        found: the suggestions.
+        answer: the suggestions; None if they cannot be made.
+        fault: why they cannot be made, and the remedy.
         header: first line of their table.
         lines: line of each suggestion, with an empty last cell for the tick.
     """
 
     model: str
     models: tuple[str, ...]
-    found: Suggestions
+    answer: Suggestions | None
+    fault: str
     header: str
     lines: tuple[str, ...]
 
@@ -52,10 +54,16 @@ def _view(explored: Explored, state: SuggestionsState) -> SuggestionsProfile:
     names = _models(explored)
     name = state.model or next(iter(names), "")
     predictor = explored.predictor(name)
-    wish = Wish(goal=state.goal or None, item=state.item or None)
-    suggestions = suggest(predictor.model, wish, TOP)
-    header, *lines = (line.removesuffix("\n") for line in table_lines(suggestions.suggestions))
-    return SuggestionsProfile(predictor.name, names, suggestions, header, tuple(lines))
+    answer = None
+    fault = ""
+    # The form stays for another wish.
+    try:
+        answer = suggest(predictor.model, Wish(state.goal or None, state.item or None), TOP)
+    except ConfigError as error:
+        fault = str(error)
+    rows = answer.suggestions if answer is not None else ()
+    header, *lines = (line.removesuffix("\n") for line in table_lines(rows))
+    return SuggestionsProfile(predictor.name, names, answer, fault, header, tuple(lines))
 
 
 PAGE = Page("suggestions", SuggestionsState, _view, title="Suggestions", is_there=_models)

@@ -27,6 +27,24 @@ def test_a_table_is_latex_csv_or_markdown_by_its_ending(tmp_path):
     assert write_table(None, ROWS) == []
 
 
+def test_names_in_markdown_are_neither_numbers_nor_markup(tmp_path):
+    out = tmp_path / "table.md"
+    write_table(out, [{"agent": name, "success": 0.5} for name in ("1e5", "a|b", "<b>")])
+    assert [line.split()[1] for line in out.read_text().splitlines()[2:]] == [
+        "1e5",
+        "a\\|b",
+        "&lt;b>",
+    ]
+
+
+def test_an_existing_table_is_named_by_its_option_before_any_work(run, tmp_path):
+    (tmp_path / "t.tex").touch()
+    failed = run("evaluate-agent", "kitchen", "--table", tmp_path / "t.tex")
+    assert failed.code == 1
+    assert failed.err.startswith("error: --table")
+    assert "--out" not in failed.err
+
+
 @pytest.mark.parametrize(
     "command",
     [

@@ -17,6 +17,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base import (
     ConfigError,
+    OutputExistsError,
     check_output_file,
     for_terminal,
     json_text,
@@ -228,7 +229,9 @@ def check_table(out: Path | None, *, force: bool = False) -> None:
     """Raise an error before long work if a table cannot be written, see :func:`write_table`."""
     if out is not None and out.suffix not in TABLES:
         raise ConfigError(f"`table` '{out}': expected a file that ends in {', '.join(TABLES)}.")
-    check_file(out, force=force)
+    if out is not None and out.exists() and not force:
+        raise OutputExistsError(f"`table` '{out}' exists. Name another file, or remove this one.")
+    check_file(out, force=True)
 
 
 def write_table(
@@ -254,11 +257,13 @@ def write_table(
     frame = pd.DataFrame(
         {name: _interval(value) for name, value in row.items() if value is not None} for row in rows
     )
-    filled = frame.astype(object).where(frame.notna(), "")
     content = {
         ".tex": lambda: frame.to_latex(index=False, na_rep="", float_format="%.3f", escape=True),
         ".csv": lambda: frame.to_csv(index=False, lineterminator="\n"),
-        ".md": lambda: filled.to_markdown(index=False, floatfmt=".3f") + "\n",
+        # Names such as 1e5 are no numbers.
+        ".md": lambda: (
+            frame.map(_in_markdown).to_markdown(index=False, disable_numparse=True) + "\n"
+        ),
     }
     write_file(out, content[out.suffix](), force=force)
     return [f"wrote {out}"]
@@ -267,6 +272,14 @@ def write_table(
 def _interval(value: Any) -> Any:
     """Return an interval as text, and any other value as it is."""
     return "[{:.3f}, {:.3f}]".format(*value) if isinstance(value, tuple | list) else value
+
+
+def _in_markdown(value: Any) -> str:
+    """Return a cell as text without markup: names of folders come from anyone."""
+    if value != value:  # NaN, for no value
+        return ""
+    text = f"{value:.3f}" if isinstance(value, float) else str(value)
+    return text.replace("<", "&lt;").replace("|", "\\|")
 
 
 def command_line(*words: str | Path) -> str:

@@ -23,6 +23,7 @@ PLAYERS = {
     "u+v, self edges kept": "both (u + v), self edges kept",
     "u+v, self edges observed": "both (u + v), self edges where training has them",
     "w, best pair": "recipes (w): the best pair",
+    "t, best pair": "table (t): the best pair",
     "u+v, self edges dropped": "both (u + v), self edges dropped",
     "random": "any slot at random",
     FEWEST_USES: "the two entities with the fewest train uses, whatever the goal",

@@ -7,6 +7,7 @@ setting is an option in ``build-graph`` (``book``, ``split``, ``split_seed``, ``
 ``valid_ratio``), ``train-agent`` or a training command for scorers.
 """
 
+import math
 import tomllib
 from dataclasses import fields
 from importlib.resources import files
@@ -110,7 +111,8 @@ class Range(Record, frozen=True):
     log: bool = False
 
     def __post_init__(self) -> None:
-        if not self.low < self.high or (self.log and self.low <= 0):
+        is_finite = -math.inf < self.low < self.high < math.inf
+        if not is_finite or (self.log and self.low <= 0):
             raise ValueError(f"a range from {self.low} to {self.high} has no values to search")
 
 

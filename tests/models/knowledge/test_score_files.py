@@ -74,6 +74,8 @@ def test_a_triple_has_the_best_score_of_its_sets_and_a_set_its_own(scorer):
         (("set,result,score", "flour + watr,dough,1"), "line 2: .*'watr'.*water"),
         (("set,result,score", "flour + water,dough,high"), "line 2: .*a finite number"),
         (("set,result,score", "flour + water,dough,nan"), "line 2: .*a finite number"),
+        (("set,result,score", "flour + water,dough,1e99"), "line 2: .*a finite number"),
+        (("set,result,score", f"flour + water,dough,{'1' * 200_000}"), "line 2: field larger"),
         (("set,result,score", "flour + water,dough"), "line 2: .*a finite number"),
         (("set,result,score", "flour + water,dough,1,2"), "line 2: .*a finite number"),
         (("set,result,score", *["water + flour,dough,1"] * 2), "line 3: .*in an earlier line"),
@@ -121,6 +123,14 @@ def test_a_folder_of_scores_serves_players_and_agents(run, file, tmp_path, monke
     assert " t " in run("explain", "agent", "--episodes", 1).out
     refused = run("import-knowledge", "kitchen", "--scores", path, "--triples", path)
     assert (refused.code, "leave out other knowledge" in refused.err) == (1, True)
+
+
+@pytest.mark.slow
+def test_a_folder_of_scores_has_a_report_on_its_links(run, file, tmp_path):
+    path = file("set,result,score", "flour + water,dough,1", "egg + fire,cake,2")
+    assert run("import-knowledge", "kitchen", "--scores", path, "--out", tmp_path / "m").code == 0
+    assert run("evaluate-links", tmp_path / "m", "--out", tmp_path / "links").code == 0
+    assert "table (t): the best pair" in (tmp_path / "links/index.html").read_text()
 
 
 def test_other_scorers_have_no_table():

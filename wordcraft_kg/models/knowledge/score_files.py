@@ -1,7 +1,7 @@
 """Read scores of sets for results from a CSV file, such as a language model's opinions."""
 
 import csv
-import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import torch
@@ -12,6 +12,8 @@ from wordcraft_kg.models.scorers.set_table import SetTableScorer
 
 _PLACES = 8
 """Most ingredients of a set."""
+_LARGEST = 1e30
+"""Largest score: the sum of the squares of all has to be a finite number."""
 
 
 def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
@@ -23,8 +25,8 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
         graph: the recipe graph, whose labels the file has.
 
     Raises:
-        KnowledgeFileError: for another header, an unknown label, a score that is no finite number,
-            or a set and result that stand twice; the message names the line.
+        KnowledgeFileError: for another header, an unknown label, a score that is no finite number
+            or too large, or a set and result that stand twice; the message names the line.
         ArtefactError: if there is no such file, or it is too large.
     """
     try:
@@ -40,7 +42,7 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
             "a column for each ingredient), result and score."
         )
     values: dict[tuple[tuple[int, ...], int], float] = {}
-    for row in rows:
+    for row in _rows(rows, path):
         place = f"{path}, line {rows.line_num}"
         try:
             if ingredients == ["set"]:
@@ -51,14 +53,14 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
             key = (ids, graph.id_of(row["result"].strip()))
             score = float(row["score"])
             # A row with more cells than the header has them below None.
-            if not 1 <= len(ids) <= _PLACES or None in row or not math.isfinite(score):
+            if not 1 <= len(ids) <= _PLACES or None in row or not abs(score) <= _LARGEST:
                 raise ValueError
         except UnknownEntityError as error:
             raise KnowledgeFileError(f"{place}: {error}") from None
         except (AttributeError, TypeError, ValueError):
             raise KnowledgeFileError(
                 f"{place}: found {list(row.values())}; expected 1 to {_PLACES} ingredients, a "
-                "result, and a finite number as score."
+                f"result, and a finite number up to {_LARGEST:g} as score."
             ) from None
         if key in values:
             raise KnowledgeFileError(f"{place}: this set and result stand in an earlier line, too.")
@@ -74,3 +76,12 @@ def read_scores(path: Path, graph: RecipeGraph) -> SetTableScorer:
         "values": standardised.float(),
     }
     return SetTableScorer(tensors, graph.entities, graph.hash)
+
+
+def _rows(rows: "csv.DictReader[str]", path: Path) -> Iterator[dict[str, str]]:
+    """Yield the rows; what is no CSV, such as a cell of a megabyte, is an error with its line."""
+    try:
+        yield from rows
+    except csv.Error as error:
+        line = rows.line_num + 1
+        raise KnowledgeFileError(f"{path}, line {line}: {error}; expected CSV.") from None

@@ -58,7 +58,8 @@ def said(text, **more):
 
 
 def first_two(number, body):
-    return 200, said("1 + 2", usage={"prompt_tokens": 10, "completion_tokens": 3})
+    # Some servers do not count tokens.
+    return 200, said("1 + 2", usage={"prompt_tokens": None, "completion_tokens": None})
 
 
 def test_parallel_games_are_those_of_one_at_a_time_and_become_a_submission(run, tmp_path, serve):
@@ -91,7 +92,6 @@ def test_a_busy_server_is_asked_again_and_a_broken_one_given_up(serve):
     url = serve(lambda number, body: first_two(number, body) if number > 2 else (429, b"later"))
     server = ChatServer("tiny", url, 5.0, pause=0.0)
     assert server.ask([]) == "1 + 2"
-    assert server.tokens == {"input": 10, "output": 3}
     seen = []
     url = serve(lambda number, body: (503, b"out of order"), seen)
     with pytest.raises(PlayerError, match="answers with 503: out of order"):

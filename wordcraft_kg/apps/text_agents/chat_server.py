@@ -60,7 +60,6 @@ class ChatServer:
 
     Attributes:
         name: the model's name.
-        tokens: numbers of input and output tokens so far, as the server counts them.
     """
 
     def __init__(self, model: str, base_url: str, timeout: float, pause: float = 1.0):
@@ -81,7 +80,6 @@ class ChatServer:
                 "such as http://127.0.0.1:8000/v1."
             )
         self.name = model
-        self.tokens = {"input": 0, "output": 0}
         self._address = f"{base_url.rstrip('/')}/chat/completions"
         self._timeout = timeout
         self._pause = pause
@@ -143,17 +141,12 @@ class ChatServer:
 
     def _read(self, data: bytes) -> str:
         try:
-            reply = json.loads(data)
-            text = _text_in(reply["choices"][0]["message"]["content"])
-            usage = reply.get("usage") or {}
-            self.tokens["input"] += int(usage.get("prompt_tokens", 0))
-            self.tokens["output"] += int(usage.get("completion_tokens", 0))
+            return _text_in(json.loads(data)["choices"][0]["message"]["content"])
         except (LookupError, TypeError, ValueError, AttributeError):
             shown = self._shown(data.decode("utf-8", "replace"))
             raise PlayerError(
                 f"{self._address} answers '{shown}'; expected a reply of a chat completions API."
             ) from None
-        return text
 
     def _shown(self, text: str) -> str:
         """Return a server's words in one line, without the key, which some servers repeat."""

@@ -608,7 +608,7 @@ def _likely_sets(
             ranked += [
                 (each, goal) for each in scorer.recipes(goal, _SETS, has_coverage=has_coverage)
             ]
-    ranked.sort(key=lambda found: -found[0].score)
+    ranked.sort(key=lambda pair: -pair[0].score)
     candidates = []
     for ranked_set, goal in ranked:
         labels = graph.labels(ranked_set.ingredients)
@@ -617,9 +617,9 @@ def _likely_sets(
         has_self = goal in ranked_set.ingredients and not graph.has_self_results
         if is_new and not has_self and wish.takes(labels, step):
             candidates.append((ranked_set, goal, step))
-    asked_ids = {graph.id_of(label) for label in wish.labels}
+    wish_ids = {graph.id_of(label) for label in wish.labels}
     rows = varied(
-        ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, asked_ids
+        ((*ranked_set.ingredients, goal) for ranked_set, goal, _ in candidates), top, wish_ids
     )
     suggestions = []
     for row in rows:

@@ -224,6 +224,8 @@ def test_a_table_of_suggestions_is_a_book_and_its_ticks_lengthen_a_copy(
     assert book.base == tuple(sorted(graph.base))
     assert "exists, and is not replaced" in run(*accept).err
     assert "exists, and is not replaced" in run(*accept[:2], "--out", table).err
+    assert "no folder" in run(*accept[:2], "--out", table.parent / "no" / "table.csv").err
+    assert "of a model of sets" in run(*accept[:2], "--any-parts").err
 
 
 HEADER = "ingredient_a,ingredient_b,result,accept\n"

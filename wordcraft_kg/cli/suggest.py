@@ -77,6 +77,12 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             raise ConfigError("`accept` writes a longer book to `out`; give both, and no query.")
         _write_longer_book(book, accept, out, output)
         return
+    metrics = recipe_model.metrics
+    if any_parts and not isinstance(metrics, SetMetrics):
+        raise ConfigError(
+            "`any_parts` lifts the rule on parts of a model of sets; this model is of pairs. Leave "
+            "it out."
+        )
     if out is not None:
         suggestion_files.check_new_table(out)
     wish = _read_wish(book, pair, goal, with_item, start)
@@ -92,7 +98,6 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             "for another pair, item or goal."
         )
     lines = list(suggestion_lines(view))
-    metrics = recipe_model.metrics
     if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
         lines.append("In training no unseen goal got a right set: these suggestions are guesses.")
     if out is not None:

@@ -42,7 +42,7 @@ def check_new_table(out: Path) -> None:
     """Check, before any work, that a table can be written.
 
     Raises:
-        RecipeFileError: if the ending is no table's.
+        RecipeFileError: if the ending is no table's, or the file's folder is not there.
         OutputExistsError: if the file exists.
     """
     _check_new(out)
@@ -52,6 +52,8 @@ def check_new_table(out: Path) -> None:
 
 def _check_new(out: Path) -> None:
     check_output_file(out, force=True)
+    if not out.parent.is_dir():
+        raise RecipeFileError(f"no folder '{out.parent}' for `out`; expected one. Make it first.")
     if out.exists():
         raise OutputExistsError(f"'{out}' exists, and is not replaced. Choose another `out`.")
 

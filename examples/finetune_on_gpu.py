@@ -71,7 +71,8 @@ class LowRank(torch.nn.Module):
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return the outputs, shape (..., outputs)."""
         change = linear(linear(values, self.first), self.second)
-        return self.layer(values) + 2 * change
+        result: torch.Tensor = self.layer(values) + 2 * change
+        return result
 
 
 def add_low_rank(model: Any, rank: int, seed: int) -> dict[str, torch.nn.Parameter]:

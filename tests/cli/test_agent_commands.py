@@ -137,14 +137,15 @@ def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path,
     """Agents with another task weighting are compared only if it does not decide the tasks."""
     small = ("--depth", depth, "--distractors", 1)
     runs = [train(*moment(task_weighting=name), *small, name=name) for name in ("task", "goal")]
-    options = "--distractor-seeds 1 --episodes 0 --distractors 1 --part train --out"
-    outcome = run("compare", *runs, *options.split(), tmp_path / "report")
+    options = (*in_file("compare", episodes=0), "--distractor-seeds", 1, "--distractors", 1)
+    report = tmp_path / "report"
+    outcome = run("compare", *runs, *options, "--part", "train", "--out", report)
     if depth == 1:  # all tasks are enumerated, and all are played
         assert outcome.code == 0, outcome.err
     else:
         assert outcome.code == 1
         assert "'goal' plays with task_weighting goal and 'task' with task" in outcome.err
-        assert not (tmp_path / "report").exists()
+        assert not report.exists()
 
 
 SLOW_CHOICES = [

@@ -395,7 +395,6 @@ SHORTER = {
         "train-links": "--dim 8 --epochs 1 --folds 0",
     },
     **{
-        "train-recipes": "--folds 3",
         "train-agent": "--steps 320",
         "discover": "--attempts 20",
     },

@@ -9,9 +9,11 @@ is used again. The table pools the targets of all folds. A fold takes about 81 C
     python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --ablation
     python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --wrong 20
     python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --furnace
+    python -m benchmarks.inorganic_synthesis --out synthesis --folds 1 --game
 
 give the same targets without parts of the model (about 200 CPU seconds a fold), wrong first answers
-drawn at random, and a discovery game in which each attempt is a set for a target.
+drawn at random, a discovery game in which each attempt is a set for a target, and the crafting game
+by coverage alone.
 
 PREDICTIONS holds the published methods' answers and is made by hand: the files
 ``results/METHOD/top5_random_cvFOLD.json`` of the data's repository, https://github.com/jschrier/SynthGPT
@@ -32,10 +34,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg import open_model
+from wordcraft_kg import WordCraftConfig, World, open_graph, open_model
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import paired_difference, wilson_interval
+from wordcraft_kg.envs.draws import EvaluationTables
 from wordcraft_kg.evaluation.ranked_sets import RankedSets, rank_sets
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import write_graph_folder
@@ -55,6 +58,7 @@ from wordcraft_kg.models.recipes.set_fitting import (
 from wordcraft_kg.models.recipes.set_training import rows_of_sets
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import Flags, GoalEvidence, SetKnowledge, Vector
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
@@ -76,6 +80,7 @@ NAMES = {
     "statistical_baseline.json": "statistics of element and precursor (2024)",
 }
 SHOWN = (1, 5)
+COVERAGE_PLAYER = "coverage alone, no model: all items without foreign elements"
 PLAYERS = ("the model", "frequency", "random")
 ATTEMPTS = (500, 1_000, 2_000, 4_000)
 WHOLE = "the whole model"
@@ -302,6 +307,35 @@ def first_hits(tests: list[Candidates]) -> NDArray[np.bool_]:
     return np.array([[test.is_right[:k].any() for k in SHOWN] for test in tests])
 
 
+def coverage_game(fold: int, out: Path) -> list[str]:
+    """Play the crafting game by a rule without a model: take each item that brings no foreign part.
+
+    The trivial twin of the model's best set. Carbon, hydrogen, nitrogen and oxygen may be lost.
+    """
+    opened = open_graph(out / f"fold-{fold}")
+    graph = opened.graph
+    parts = [set(parse_formula(label)) for label in graph.entities]
+    empty = {graph.num_entities}
+    recipes = {(*sorted(set(row[:-1]) - empty), row[-1]) for row in graph.sets.tolist()}
+    lines = []
+    for distractors in (1, 8):
+        world = World.open(opened, WordCraftConfig(num_distractors=distractors, part="test"))
+        tables = EvaluationTables(world)
+        tasks = np.linspace(0, len(world.tasks) - 1, 300).astype(int).tolist()
+        made = 0
+        for task in tasks:
+            goal = graph.entities.index(world.tasks[task].goal)
+            items = [item for item in tables.table(task) if item < graph.num_entities]
+            foreign = [parts[item] - parts[goal] - {"C", "H", "N", "O"} for item in items]
+            chosen = sorted(item for item, extra in zip(items, foreign, strict=True) if not extra)
+            made += (*chosen, goal) in recipes
+        low, high = wilson_interval(float(made), len(tasks))
+        count = f"{distractors} distractor{'s' * (distractors > 1)}"
+        share = made / len(tasks)
+        lines.append(f'{PAGE},players,"{COVERAGE_PLAYER}",{count},{share:.3f},{low:.3f},{high:.3f}')
+    return lines
+
+
 def wrong_answers(fold: int, out: Path, number: int) -> list[str]:
     """Return targets with a wrong first set, drawn at random, with it and the right sets."""
     path = published_fold(BOOK, f"fold-{fold}")
@@ -395,15 +429,17 @@ def main() -> None:
     parser.add_argument("--ablation", action="store_true")
     parser.add_argument("--wrong", type=int, default=0, metavar="NUMBER")
     parser.add_argument("--furnace", action="store_true")
+    parser.add_argument("--game", action="store_true")
     given = parser.parse_args()
     given.out.mkdir(exist_ok=True)
     records = []
     folds = list(map(int, given.folds.split(",")))
-    if given.ablation or given.wrong or given.furnace:
+    if given.ablation or given.wrong or given.furnace or given.game:
         for fold in folds:
             lines = ablation(fold, given.out) if given.ablation else []
             lines += wrong_answers(fold, given.out, given.wrong) if given.wrong else []
             lines += furnace(fold, given.out) if given.furnace else []
+            lines += coverage_game(fold, given.out) if given.game else []
             print("\n".join(lines), flush=True)
         return
     for fold in folds:

@@ -7,7 +7,7 @@ import random
 from functools import cache
 
 from wordcraft_kg.graphs import SPLITS, open_book
-from wordcraft_kg.graphs.book_files import CSV_HEADER
+from wordcraft_kg.graphs.book_files.words import CSV_HEADER
 from wordcraft_kg.graphs.export import EXPORTERS
 
 from .harness import IN, Trial

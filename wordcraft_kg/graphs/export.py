@@ -16,7 +16,7 @@ import numpy as np
 from wordcraft_kg.base import ConfigError, one_of, stage, staged_file, write_atomically
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.book_files import write_book
-from wordcraft_kg.graphs.book_files.texts import own_header
+from wordcraft_kg.graphs.book_files.words import own_header
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

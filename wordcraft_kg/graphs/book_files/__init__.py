@@ -21,7 +21,6 @@ from wordcraft_kg.graphs.book_files.reader import (
     book_name as book_name,
     read_book as read_book,
 )
-from wordcraft_kg.graphs.book_files.texts import CSV_HEADER as CSV_HEADER
 from wordcraft_kg.graphs.book_files.words import KIND as KIND
 from wordcraft_kg.graphs.book_files.writing import (
     book_json as book_json,

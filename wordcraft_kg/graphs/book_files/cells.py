@@ -31,8 +31,6 @@ UNSEEN = "".join(
     )
 )
 """Characters at the ends of a cell that cannot be seen, and are no part of a label."""
-HIDDEN = re.compile(f"[{UNSEEN[1:]}]")
-"""A character that cannot be seen, other than a plain space."""
 NUMBER = "\x01"
 """Before a number of JSON, which is an id until a list names it; no label holds it."""
 Names = Mapping[str, str | None]

@@ -8,23 +8,19 @@ clay + rain`` gives two recipes. Marks of lists are no part of labels.
 
 import io
 import re
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence, Set
 from functools import cache
-from itertools import chain, count, takewhile
+from itertools import chain, takewhile
 from operator import ne
 from pathlib import Path
-from string import ascii_lowercase
 from typing import NamedTuple
 
-import numpy as np
 from msgspec.structs import replace
 
 from wordcraft_kg.base import ConfigError, counted
 from wordcraft_kg.graphs.book_files.cells import (
-    HIDDEN,
     alternatives,
-    exact_fault,
     is_number,
     read_labels,
     trim_unseen,
@@ -49,93 +45,11 @@ from wordcraft_kg.graphs.book_files.words import (
     is_documented,
     is_name,
     is_plain,
+    own_header,
     ways_by_words,
 )
 from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, RecipeRows, label_fault
-
-_PIECE = 2**20  # characters that are parted at once; all cells of a large book would take gigabytes
-
-
-def number_plain_rows(
-    text: str,
-    start: int,
-    delimiter: str,
-    has_fault: Callable[[str], object],
-) -> RecipeRows | None:
-    """Return the rows of a plain table, in file order, or None if any row is not plain.
-
-    Args:
-        text: text of the file.
-        start: place of the first row in it.
-        delimiter: one character between cells.
-        has_fault: returns a true value for a cell that is no label; each cell is judged once.
-
-    Returns:
-        The rows, with labels numbered in the order in which they are met. None also for a table
-        without rows.
-    """
-    # Blanks around cells are looked for below; a blank between cells would be one of them.
-    if delimiter == " " or not delimiter.isascii():
-        return None
-    number_of: defaultdict[str, int] = defaultdict(count().__next__)
-    pieces = []
-    while start < len(text):
-        # Up to the end of a line; a last line may have none.
-        end = text.find("\n", start + _PIECE) + 1 or len(text)
-        piece = text[start:end]
-        start = end
-        if not _is_plain(piece, delimiter):
-            return None
-        # All cells of the piece in one list: a line end parts cells as a delimiter does.
-        cells = piece.removesuffix("\n").replace("\n", delimiter).split(delimiter)
-        numbers = map(number_of.__getitem__, cells)
-        pieces.append(np.fromiter(numbers, np.int64, len(cells)))
-    if not pieces:
-        return None
-    if any(map(has_fault, number_of)):
-        return None
-    # Three cells each, in file order: shape (num_rows, 3).
-    ids = np.concatenate(pieces).reshape(-1, 3)
-    return RecipeRows(number_of, ids)
-
-
-def _is_plain(piece: str, delimiter: str) -> bool:
-    """Return whether whole lines consist of three cells each, without blanks and quotes."""
-    blanks = (f" {delimiter}", f"{delimiter} ", " \n", "\n ")
-    # A byte order mark, and line ends of other systems, have their own rules.
-    if any(sign in piece for sign in ('"', "\r", "\ufeff", *blanks)):
-        return False
-    if piece[0] == " " or piece[-1] == " ":
-        return False
-    letters = np.frombuffer(piece.encode(errors="surrogatepass"), np.uint8)
-    between_cells = ord(delimiter)
-    line_end = ord("\n")
-    # The signs that part cells, in file order. In UTF-8 no other character holds their bytes.
-    is_mark = (letters == between_cells) | (letters == line_end)
-    marks = letters[is_mark]
-    if letters[-1] != line_end:
-        marks = np.append(marks, np.uint8(line_end))
-    if len(marks) % 3 != 0:
-        return False
-    # A row of three cells has two delimiters, then the line's end: shape (num_rows, 3).
-    row = (between_cells, between_cells, line_end)
-    return bool(np.all(marks.reshape(-1, 3) == row))
-
-
-CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
-
-
-def own_header(num_ingredients: int) -> tuple[str, ...]:
-    """Return the columns of our own table for recipes of up to as many ingredients, from two.
-
-    Example:
-        >>> own_header(3)
-        ('ingredient_a', 'ingredient_b', 'ingredient_c', 'result')
-    """
-    letters = ascii_lowercase[: max(num_ingredients, 2)]
-    return (*(f"ingredient_{letter}" for letter in letters), CSV_HEADER[-1])
-
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, label_fault
 
 ENDINGS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
 """Usual column delimiters by file ending."""
@@ -403,7 +317,6 @@ def read_table(
         raise refusal(path, "no row of a table, only comments", "table")
     faults = list(filter(None, (read_directive(source, *line) for line in head)))
     first = lines[0]
-    start = sum(len(line) for _, line in (*head, first))
     if len(first[1]) > MAX_LINE_LENGTH:
         raise refusal(path, f"no table: {too_long(first[1])[:-1]}", "table")
     sample = [line for _, line in lines[:_SAMPLE_ROWS] if line.strip()]
@@ -414,16 +327,7 @@ def read_table(
         dialect = _dialect(sample, delimiter) if delimiter else _guess_dialect(path, sample, usual)
     source.reading = Reading(shape="table", delimiter=dialect.delimiter)
     source.is_exact = is_own
-    # Blanks at the ends that cannot be seen are slips, unless they are in quotes.
-    if header == CSV_HEADER and not faults and (text.isascii() or not HIDDEN.search(text)):
-        source.numbered = number_plain_rows(text, start, dialect.delimiter, _is_odd)
     return source, _document(path, source, [*faults, *_parsed(source, lines, dialect)], is_named)
-
-
-def _is_odd(label: str) -> bool:
-    """Return whether a label may be no label: of a repeated header, a comment or a formula."""
-    is_word = label in CSV_HEADER or _is_comment(label)
-    return is_word or bool(exact_fault(label))
 
 
 def _document(
@@ -440,9 +344,6 @@ def _document(
             "with a sign such as = or ->"
         )
         raise refusal(path, problem, "lines", "Another delimiter is named with --delimiter.")
-    grid = _grid(body)
-    if grid is not None:
-        return grid
     heads = [row for row in body[:_HEADER_ROWS] if _are_names(row.cells)]
     is_first = not heads and (is_named or _are_unknown_names(body))
     header = next(iter(body[:1] if is_first else heads), None)
@@ -474,22 +375,6 @@ def _document(
                 document.others.append(odd)
     source.reading = replace(source.reading, header=bool(names))
     return document
-
-
-def _grid(body: Sequence[Line]) -> Document | None:
-    """Return the recipes of a grid: ingredients in the first row and column, results in cells."""
-    (_, *names), *below = [row.cells for row in body]
-    if len(names) < _FEWEST_BELOW or [cells[0] for cells in below] != names:
-        return None
-    document = Document([], is_table=True)
-    for row in body[1:]:
-        for name, result in zip(names, row.cells[1:], strict=False):
-            document.places.append(row.number)
-            document.value.append({"first": row.cells[0], "second": name, "result": result})
-    results = [record["result"] for record in document.value if record["result"]]
-    # In a table of effects or numbers, results are no names.
-    is_closed = 2 * sum(result in names for result in results) > len(results)
-    return document if is_closed else None
 
 
 def _odd_row(

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import chain, takewhile
+from string import ascii_lowercase
 from typing import NamedTuple
 
 EACH = "[]"
@@ -48,6 +49,20 @@ KIND = "kind"
 """Name of the optional column with the kind of reasoning behind a recipe."""
 QUANTITIES = "quantities"
 """Name of the optional column with a number for each ingredient, in the order of the row."""
+CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
+
+
+def own_header(num_ingredients: int) -> tuple[str, ...]:
+    """Return the columns of our own table for recipes of up to as many ingredients, from two.
+
+    Example:
+        >>> own_header(3)
+        ('ingredient_a', 'ingredient_b', 'ingredient_c', 'result')
+    """
+    letters = ascii_lowercase[: max(num_ingredients, 2)]
+    return (*(f"ingredient_{letter}" for letter in letters), CSV_HEADER[-1])
+
+
 RESULT = words_of(
     "result results resulting product products output outputs out outcome outcomes makes made make "
     "creates create created creation crafted yield yields child offspring target gives give "

@@ -9,8 +9,7 @@ from typing import Any
 from wordcraft_kg.base import RecipeFileError, output_target, write_atomically
 from wordcraft_kg.graphs.arrays import json_recipes, row_text
 from wordcraft_kg.graphs.book_files.cells import trim_unseen
-from wordcraft_kg.graphs.book_files.texts import own_header
-from wordcraft_kg.graphs.book_files.words import KIND, QUANTITIES
+from wordcraft_kg.graphs.book_files.words import KIND, QUANTITIES, own_header
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, RecipeRows
 
 _JSON_FORMAT = "wordcraft-kg recipe book 1"

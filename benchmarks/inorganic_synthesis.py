@@ -43,8 +43,8 @@ from wordcraft_kg.evaluation.ranked_sets import RankedSets, rank_sets
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.library import open_book, published_fold
-from wordcraft_kg.graphs.published_splits import read_published_split
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import read_published_split
 from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links

@@ -38,7 +38,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
-from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.train_samples import make_folds
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import TrainedLinks, train_links

@@ -39,7 +39,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import SplitConfig, open_book, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
-from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.train_samples import make_folds
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.knowledge.books import OtherBook, open_other_book
 from wordcraft_kg.models.knowledge.outside import join_books, open_outside

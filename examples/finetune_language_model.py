@@ -44,8 +44,8 @@ from torch.nn.functional import cross_entropy
 from wordcraft_kg import RecipeGraph, open_graph
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.train_samples import make_folds
 
 Tokens = Callable[[str], list[int]]
 Recipes = NDArray[np.int64]

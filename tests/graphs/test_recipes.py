@@ -376,20 +376,6 @@ def test_an_odd_row_has_the_result_or_the_fault_of_its_line(put, odd, after):
     assert outcome(path) == outcome_by_rows(path)
 
 
-@pytest.mark.parametrize("name", ["the header again", "a control character"])
-def test_a_fault_behind_the_first_piece_has_its_line(put, monkeypatch, name):
-    monkeypatch.setattr("wordcraft_kg.graphs.book_files.texts._PIECE", 20)
-    assert ", line 6: " in outcome(put(PLAIN + ODD[name]))
-
-
-def test_pieces_end_at_lines(put, monkeypatch):
-    path = put(PLAIN)
-    whole = outcome(path)
-    for size in range(1, len(PLAIN)):
-        monkeypatch.setattr("wordcraft_kg.graphs.book_files.texts._PIECE", size)
-        assert outcome(path) == whole
-
-
 def test_an_option_that_changes_labels_reads_row_by_row(put):
     path = put(PLAIN + "Water,earth,clay\n")
     assert outcome(path, case="fold") == outcome_by_rows(path, case="fold")

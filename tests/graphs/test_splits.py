@@ -35,8 +35,7 @@ from wordcraft_kg.graphs import (
     open_graph,
     write_graph_folder,
 )
-from wordcraft_kg.graphs.published_splits import read_published_split
-from wordcraft_kg.graphs.splits import Draw, SplitKind, groups_of, read_split
+from wordcraft_kg.graphs.splits import Draw, SplitKind, groups_of, read_published_split, read_split
 
 HELD_OUT_KINDS = [
     kind for kind in SPLITS if kind not in ("none", "by-kind")

@@ -24,8 +24,8 @@ from wordcraft_kg.graphs import (
     make_folds,
     recipe_triples,
 )
-from wordcraft_kg.graphs.folds import SEVERAL
 from wordcraft_kg.graphs.splits import groups_of
+from wordcraft_kg.graphs.train_samples import SEVERAL
 
 KINDS = ("by-recipe", "by-goal", "by-slot")
 

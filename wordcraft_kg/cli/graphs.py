@@ -95,10 +95,9 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.graphs.book_files import book_name
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.graphs.library import open_book, published_fold
-    from wordcraft_kg.graphs.published_splits import read_published_split
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
     from wordcraft_kg.graphs.recipes import check_label
-    from wordcraft_kg.graphs.splits import default_config, make_split
+    from wordcraft_kg.graphs.splits import default_config, make_split, read_published_split
 
     recipes = open_book(book, keep_self_results=keep_self_results, **file.for_reading())
     folder = out or Path("graphs") / (name or recipes.name)

@@ -25,7 +25,7 @@ from wordcraft_kg.graphs.book_files import ReadOptions
 from wordcraft_kg.graphs.book_files.rows import Place
 from wordcraft_kg.graphs.book_files.writing import write_rows
 from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, cache_folder, data_folder, locate_book
-from wordcraft_kg.graphs.reading import Reading
+from wordcraft_kg.graphs.recipes import Reading
 
 MAX_COUNTED = 8 * 2**20
 """Bytes. A larger book's size is not listed, because counting takes seconds."""

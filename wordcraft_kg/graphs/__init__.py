@@ -41,12 +41,6 @@ from wordcraft_kg.graphs.folder import (
     open_graph as open_graph,
     write_graph_folder as write_graph_folder,
 )
-from wordcraft_kg.graphs.folds import (
-    OUTSIDE as OUTSIDE,
-    Folds as Folds,
-    fold_of_tasks as fold_of_tasks,
-    make_folds as make_folds,
-)
 from wordcraft_kg.graphs.library import (
     fetch_book as fetch_book,
     known_books as known_books,
@@ -77,10 +71,14 @@ from wordcraft_kg.graphs.splits import (
 from wordcraft_kg.graphs.task_search import MAX_DEPTH as MAX_DEPTH, make_tasks as make_tasks
 from wordcraft_kg.graphs.tasks import TaskPart as TaskPart, TaskSet as TaskSet
 from wordcraft_kg.graphs.train_samples import (
+    OUTSIDE as OUTSIDE,
+    Folds as Folds,
     TrainSample as TrainSample,
     describe_train_sample as describe_train_sample,
     draw_train_sample as draw_train_sample,
+    fold_of_tasks as fold_of_tasks,
     is_subsample as is_subsample,
+    make_folds as make_folds,
 )
 from wordcraft_kg.graphs.triples import (
     COMBINES_WITH as COMBINES_WITH,

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from wordcraft_kg.base import Count, GraphError, Hash, Record, stage
 from wordcraft_kg.graphs.arrays import Ids, distinct
 from wordcraft_kg.graphs.planner import Planner, layers, rounds
-from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
+from wordcraft_kg.graphs.recipes import Reading, Recipe, RecipeBook, alike_labels
 from wordcraft_kg.graphs.splits import Published, Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, Relation, is_in
 

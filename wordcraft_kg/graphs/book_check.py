@@ -31,11 +31,11 @@ from wordcraft_kg.graphs.book_files.reader import (
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Fault, Place
 from wordcraft_kg.graphs.book_files.writing import csv_line
 from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import (
     HTML_ENTITY,
     NOTHING,
+    Reading,
     Recipe,
     RecipeBook,
     alike_labels,

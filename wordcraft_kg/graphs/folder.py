@@ -35,9 +35,8 @@ from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.book_files import ReadOptions, book_json, read_book, recipe_table
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook, RecipeRows, label_fault
+from wordcraft_kg.graphs.recipes import Reading, RecipeBook, RecipeRows, label_fault
 from wordcraft_kg.graphs.splits import Split, SplitConfig, default_config, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines

@@ -29,9 +29,9 @@ from wordcraft_kg.graphs.arrays import (
     sorted_unique,
     without_empty_columns,
 )
-from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import (
     MOST_INGREDIENTS,
+    Reading,
     Recipe,
     RecipeBook,
     RecipeRows,

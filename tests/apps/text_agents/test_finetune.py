@@ -11,7 +11,7 @@ import torch
 from wordcraft_kg import SplitConfig, make_split, open_graph
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.cli import main
-from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.train_samples import make_folds
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCRIPT = runpy.run_path(str(EXAMPLES / "finetune_language_model.py"), run_name="script")

@@ -12,8 +12,8 @@ from short_fits import short_fits
 
 from wordcraft_kg import RecipeGraph, WordCraftConfig, World, load_scorer, open_graph
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
+from wordcraft_kg.graphs.train_samples import Folds, make_folds
 from wordcraft_kg.models.knowledge.books import open_other_book
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class

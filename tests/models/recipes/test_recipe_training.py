@@ -22,8 +22,8 @@ from wordcraft_kg import (
     train_recipes,
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
-from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
+from wordcraft_kg.graphs.train_samples import OUTSIDE, Folds, make_folds
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import training

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from wordcraft_kg import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.train_samples import make_folds
 from wordcraft_kg.models.recipes import encoder_fitting
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoder
 from wordcraft_kg.models.scorers.neighbours import results

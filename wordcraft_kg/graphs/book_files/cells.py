@@ -19,8 +19,7 @@ from msgspec.structs import replace
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.rows import WITHOUT, Entry, LeftOut, Raw, Row, fault_at
 from wordcraft_kg.graphs.book_files.words import is_documented, name_rank, names_thing
-from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import count_in, is_missing, label_fault, shown
+from wordcraft_kg.graphs.recipes import Reading, count_in, is_missing, label_fault, shown
 
 UNSEEN = "".join(
     (

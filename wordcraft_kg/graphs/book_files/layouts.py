@@ -25,8 +25,7 @@ from wordcraft_kg.graphs.book_files.rows import (
     without_nothing,
 )
 from wordcraft_kg.graphs.book_files.words import QUANTITIES
-from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import NOTHING, check_label, label_fault, shown
+from wordcraft_kg.graphs.recipes import NOTHING, Reading, check_label, label_fault, shown
 
 
 def known_layout(path: Path, document: Any) -> FileRows | None:

@@ -47,9 +47,9 @@ from wordcraft_kg.graphs.book_files.texts import (
     read_lines,
     read_table,
 )
-from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import (
     MOST_INGREDIENTS,
+    Reading,
     Recipe,
     RecipeBook,
     RecipeRows,

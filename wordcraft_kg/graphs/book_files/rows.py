@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import NOTHING, RecipeRows
+from wordcraft_kg.graphs.recipes import NOTHING, Reading, RecipeRows
 
 Place = int | str
 """Line number from 1, or a path in a JSON file or archive, such as ``recipes[3]``."""

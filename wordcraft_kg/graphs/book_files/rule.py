@@ -62,7 +62,7 @@ class ReadingCandidate:
         entries: recipes, faults and rows left out.
         labels: the labels of its texts.
         ignored, counts_dropped, several_outputs: see
-            :class:`~wordcraft_kg.graphs.reading.Reading`.
+            :class:`~wordcraft_kg.graphs.recipes.Reading`.
         num_unmade: number of rows with ingredients and without a result.
         needs_reuse: whether a book of any size must hang together, as numbers beside labels may be
             properties.

@@ -44,12 +44,10 @@ from wordcraft_kg.graphs.book_files.words import (
     QUANTITIES,
     is_documented,
     is_name,
-    is_plain,
     own_header,
     ways_by_words,
 )
-from wordcraft_kg.graphs.reading import Reading
-from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, label_fault
+from wordcraft_kg.graphs.recipes import MOST_INGREDIENTS, Reading, label_fault
 
 ENDINGS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
 """Usual column delimiters by file ending."""
@@ -232,13 +230,6 @@ def _are_names(cells: Sequence[str]) -> bool:
     return any(way.is_named or is_name(way.results[0][-1][1:]) for way in documented_ways)
 
 
-def _are_mostly_names(cells: Sequence[str]) -> bool:
-    """Return whether most cells are words of columns: labels such as item may be, too."""
-    filled = list(filter(None, cells))
-    num_words = sum(is_documented(cell) or not is_plain(cell) for cell in filled)
-    return _are_names(cells) and 2 * num_words > len(filled)
-
-
 def _are_unknown_names(body: Sequence[Line]) -> bool:
     """Return whether the first row is rather a header of other words: no cell stands below."""
     first, *below = [row.cells for row in body]
@@ -389,7 +380,7 @@ def _odd_row(
         return (
             LeftOut(number, "headers") if is_framed else Fault(number, "header", message, message)
         )
-    if not header_words.isdisjoint(map(str.casefold, cells)) and _are_mostly_names(cells):
+    if not header_words.isdisjoint(map(str.casefold, cells)) and _are_names(cells):
         message = f"{', '.join(cells)!r:.80} names the columns again; keep one table."
         return Fault(number, "header", message, "header")
     if names and len(cells) > len(names):

@@ -2,8 +2,8 @@
 
 A scorer answers queries about its training recipes from memory, so agents that learn from these
 scores trust the scorer more than it deserves on test recipes. The train recipes are cut into folds
-(:mod:`wordcraft_kg.graphs.folds`); for each fold there is a model trained on the remaining folds. A
-fold's model is to the fold's recipes what the main model is to the test recipes.
+(:mod:`wordcraft_kg.graphs.train_samples`); for each fold there is a model trained on the remaining
+folds. A fold's model is to the fold's recipes what the main model is to the test recipes.
 
 :func:`models_of_tasks` is the only place that assigns models to tasks, and refuses leaks.
 
@@ -37,7 +37,7 @@ from wordcraft_kg.graphs import (
     recipe_triples,
     triples_hash,
 )
-from wordcraft_kg.graphs.folds import SEVERAL
+from wordcraft_kg.graphs.train_samples import SEVERAL
 from wordcraft_kg.models.scorers.probabilities import Probabilities
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, RecipeScores, TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
@@ -70,7 +70,7 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
     Attributes:
         format: name and version of the file format.
         seed: seed of the draw.
-        hash: hash of split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
+        hash: hash of split and folds, see :attr:`wordcraft_kg.graphs.train_samples.Folds.hash`.
         folds: a record for each fold, in the folds' order.
     """
 
@@ -127,7 +127,7 @@ class CrossFitted(Scorer):
         whole: the scorer trained on all folds.
         record: fold seed, hash and metrics.
         of_recipe: each recipe's fold, shape (num_recipes,), int64, read-only;
-            :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes outside train.
+            :data:`~wordcraft_kg.graphs.train_samples.OUTSIDE` for recipes outside train.
         probabilities: maps scores to probabilities; None before a model folder is written, or if
             the folder has none.
         train_results: training results if some recipes were left out or made wrong, see
@@ -420,8 +420,8 @@ def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
     Returns:
         shape (N,), int64: rows of :func:`seen_by_models`. 0, the main model, if each plan has a
         recipe outside train; otherwise 1 + the fold from
-        :func:`~wordcraft_kg.graphs.folds.fold_of_tasks`; or K + 1, the empty model, if no single
-        fold has a recipe of each plan.
+        :func:`~wordcraft_kg.graphs.train_samples.fold_of_tasks`; or K + 1, the empty model, if no
+        single fold has a recipe of each plan.
 
     Raises:
         LeakError: if a model has seen all recipes of a plan.

@@ -26,7 +26,7 @@ from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.task_search import make_tasks
+from wordcraft_kg.graphs.tasks import make_tasks
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "envs"))
 from reference_env import ReferenceEnv

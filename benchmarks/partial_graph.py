@@ -69,11 +69,11 @@ def build(book: str, home: Path, kind: str, seed: int, scorers: Container[str | 
     """Make the graph and these scorers of a split, as far as they are not there."""
     from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, open_graph
     from wordcraft_kg.graphs.folder import write_graph_folder
+    from wordcraft_kg.models.folder import save_scorer
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
     from wordcraft_kg.models.recipes.config import RecipesConfig
     from wordcraft_kg.models.recipes.training import train_recipes
-    from wordcraft_kg.models.saving import save_scorer
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 
     graph = home / "graph"

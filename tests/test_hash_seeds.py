@@ -28,7 +28,7 @@ def graph_folders_and_exports():
 
 
 def tasks():
-    from wordcraft_kg.graphs.task_search import make_tasks
+    from wordcraft_kg.graphs.tasks import make_tasks
 
     opened = open_graph("kitchen")
     for depth, part, weighting in product((1, 2, 3, 4), ("all", "train", "test"), ("task", "goal")):

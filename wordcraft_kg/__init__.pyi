@@ -16,7 +16,7 @@ from .graphs.folder import open_graph as open_graph, write_graph_folder as write
 from .graphs.library import open_book as open_book
 from .graphs.recipe_graph import RecipeGraph as RecipeGraph
 from .graphs.splits import SplitConfig as SplitConfig, make_split as make_split
-from .models.folder import open_model as open_model
+from .models.folder import open_model as open_model, save_scorer as save_scorer
 from .models.links.config import (
     ComplExConfig as ComplExConfig,
     LinkModelConfig as LinkModelConfig,
@@ -32,7 +32,6 @@ from .models.recipes.config import (
     RecipeScorerConfig as RecipeScorerConfig,
 )
 from .models.recipes.training import train_recipes as train_recipes
-from .models.saving import save_scorer as save_scorer
 from .models.scorers.cross_fitting import cross_fit as cross_fit
 from .models.scorers.folder import load_scorer as load_scorer
 from .runs.trackers import Tracker as Tracker

@@ -10,15 +10,16 @@ from hypothesis import given, strategies as st
 from scipy.stats import chisquare
 
 from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
-from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, task_search
+from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, tasks
 from wordcraft_kg.graphs.splits import PARTS, Draw
-from wordcraft_kg.graphs.task_search import (
+from wordcraft_kg.graphs.tasks import (
     MAX_DEPTH,
     TWICE_SHARE,
+    CraftingTask,
     SolutionSearch,
     make_tasks,
+    replay,
 )
-from wordcraft_kg.graphs.tasks import CraftingTask, replay
 
 
 def outcomes(graph):
@@ -109,7 +110,7 @@ def test_ways_are_the_same_if_too_much_is_within_reach_to_look_up(kitchen, monke
     expected = [search.ways(goal, start, 4) for goal in goals]
     assert any(len(way) == 4 for ways in expected for way in ways)
     for most in (0, len(start)):
-        monkeypatch.setattr(task_search, "_MOST_NEAR", most)
+        monkeypatch.setattr(tasks, "_MOST_NEAR", most)
         assert [search.ways(goal, start, 4) for goal in goals] == expected
 
 
@@ -509,9 +510,9 @@ def test_tasks_of_depth_two_are_drawn_where_too_many_plans_lead_to_them(kitchen,
         for a, b, _ in kitchen.recipes
         for part in (a, b)
     )
-    monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans)
+    monkeypatch.setattr(tasks, "MAX_ENUMERATED", plans)
     assert make_tasks(kitchen, 2) == by_share
-    monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans - 1)
+    monkeypatch.setattr(tasks, "MAX_ENUMERATED", plans - 1)
     drawn = make_tasks(kitchen, 2, limit=30)
     assert (len(drawn), drawn.is_complete) == (30, False)
     assert set(drawn) < set(every_task)

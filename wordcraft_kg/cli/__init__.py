@@ -58,7 +58,7 @@ CORE = {
         "train-links": "train",
         "evaluate-links": "links",
         "score": "links",
-        "suggest": "suggest",
+        "suggest": "links",
     },
     "Agents": {"train-agent": "train", "evaluate-agent": "agents", "explain": "agents"},
     "Comparisons and studies": {"compare": "compare", "reproduce": "reproduce"},

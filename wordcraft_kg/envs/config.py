@@ -15,8 +15,7 @@ from wordcraft_kg.base.settings import (
     require,
     whole,
 )
-from wordcraft_kg.graphs.task_search import DRAWN_TASKS, MAX_DEPTH
-from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
+from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart, TaskWeighting
 
 MAX_ATTEMPTS = 1_000
 """Most attempts in an episode; each attempt adds free slots to every table."""
@@ -109,7 +108,7 @@ class WordCraftConfig:
             error.
         num_tasks: number of tasks to sample at depth 3 and above, and at depth 2 in large graphs.
         task_seed: random seed for this sample; at depth 2 for the sample of tasks that use no
-            entity twice, see :data:`~wordcraft_kg.graphs.task_search.TWICE_SHARE`.
+            entity twice, see :data:`~wordcraft_kg.graphs.tasks.TWICE_SHARE`.
         rewards: the shaped rewards that ``reward`` stands for; derived, not a setting.
         attempts: attempts in an episode; derived, not a setting.
 

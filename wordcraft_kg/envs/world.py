@@ -25,7 +25,7 @@ from wordcraft_kg.graphs import (
 )
 from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.graphs.recipe_graph import outcomes_of
-from wordcraft_kg.graphs.task_search import SolutionSearch
+from wordcraft_kg.graphs.tasks import SolutionSearch
 
 SHORTCUT_TRIES = 1_000
 """Samples of distractors after which a table without shortcut is taken to be impossible."""

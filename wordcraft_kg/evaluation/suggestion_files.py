@@ -20,7 +20,7 @@ from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, write_book
 from wordcraft_kg.graphs.book_check import BookCheck, check_book
 from wordcraft_kg.graphs.book_files.reader import SELF_RESULT
 from wordcraft_kg.graphs.book_files.rows import Place
-from wordcraft_kg.graphs.book_files.texts import own_header
+from wordcraft_kg.graphs.book_files.words import own_header
 from wordcraft_kg.graphs.book_files.writing import csv_line
 
 ACCEPT = "accept"

@@ -10,12 +10,11 @@ Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
 - ``recipes``, ``book_files``, ``book_check``, ``library``: recipe books, as values,
   as files of any shape, under construction, by name, and with invented words;
-- ``reading``: how a file was read;
 - ``recipe_graph``, ``arrays``, ``triples``, ``planner``: the graph, its id arrays, its
   triples, and the cheapest derivations;
-- ``splits``, ``published_splits``, ``folds``, ``train_samples``: recipes held out for tests, drawn
-  or from a file, for cross-fitting, or left out and changed to train on less;
-- ``tasks``, ``task_search``: crafting tasks and the search for all their shortest plans;
+- ``splits``, ``train_samples``: recipes held out for tests, drawn or from a file; for
+  cross-fitting; or left out and changed to train on less;
+- ``tasks``: crafting tasks and the search for all their shortest plans;
 - ``folder``, ``audit``, ``export``: graph folders, views of graphs and entities, other formats.
 
 Entries of ``SPLITS``, ``EXPORTERS`` and ``FETCHABLE`` and new statistics may be added freely. The
@@ -68,8 +67,12 @@ from wordcraft_kg.graphs.splits import (
     SplitConfig as SplitConfig,
     make_split as make_split,
 )
-from wordcraft_kg.graphs.task_search import MAX_DEPTH as MAX_DEPTH, make_tasks as make_tasks
-from wordcraft_kg.graphs.tasks import TaskPart as TaskPart, TaskSet as TaskSet
+from wordcraft_kg.graphs.tasks import (
+    MAX_DEPTH as MAX_DEPTH,
+    TaskPart as TaskPart,
+    TaskSet as TaskSet,
+    make_tasks as make_tasks,
+)
 from wordcraft_kg.graphs.train_samples import (
     OUTSIDE as OUTSIDE,
     Folds as Folds,

@@ -748,7 +748,9 @@ def read_published_split(path: Path, graph: RecipeGraph, *, fold: bool = False) 
             raise SplitError(f"{path}: the {PARTS[part]} part has no recipe of this graph.")
     train, valid = (float(np.mean(parts == part)) for part in (TRAIN, VALID))
     kind = "by-goal" if _is_whole(groups_of(graph, "by-goal"), parts) else "by-recipe-plain"
-    published = Published(file=path.name, sha256=hashlib.sha256(packed).hexdigest(), unknown=unknown)
+    published = Published(
+        file=path.name, sha256=hashlib.sha256(packed).hexdigest(), unknown=unknown
+    )
     return Split(graph, SplitConfig(kind, train, valid), Draw(parts, published=published))
 
 

@@ -276,7 +276,7 @@ def _scorer(task: Task, root: Path) -> bool:
 
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:
     from wordcraft_kg.graphs.triples import recipe_triples
-    from wordcraft_kg.models.saving import save_scorer
+    from wordcraft_kg.models.folder import save_scorer
     from wordcraft_kg.models.scorers.baselines import KernelScorer, NeighbourScorer, SymbolicScorer
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
     from wordcraft_kg.models.scorers.features import glove_features

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from wordcraft_kg.base import MAX_SIZE, check_output_file, counted, number_in, whole
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.cli.options import Book, Force, Words
-from wordcraft_kg.graphs.task_search import MAX_DEPTH
+from wordcraft_kg.graphs.tasks import MAX_DEPTH
 
 GROUP = "Text agents"
 EXAMPLES = (

@@ -14,7 +14,7 @@ from wordcraft_kg.base import ConfigError, number_in, one_of, whole
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.cli.console import Output, split_labels, whole_numbers
 from wordcraft_kg.cli.options import Book, Words
-from wordcraft_kg.graphs.task_search import MAX_DEPTH
+from wordcraft_kg.graphs.tasks import MAX_DEPTH
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.conversation import Play

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base import MAX_SIZE, ConfigError, counted, quoted, whole
+from wordcraft_kg.base import MAX_SIZE, ConfigError, as_values, counted, quoted, whole
 from wordcraft_kg.cli.console import (
     Flag,
     Output,
@@ -26,7 +26,7 @@ from wordcraft_kg.graphs.export import ExportPart, Format
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import TaskListing
-    from wordcraft_kg.graphs.audit import Audit, BuiltGraph, EntityView, SplitSummary
+    from wordcraft_kg.graphs.audit import Audit, EntityView, SplitSummary
 
 EXAMPLES = {
     "describe": (
@@ -90,8 +90,6 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         out: folder to write. Default: graphs/<name>, or graphs/<book's name>.
     """
     from wordcraft_kg.base.artefacts import check_output, with_a_name
-    from wordcraft_kg.base.errors import ConfigError
-    from wordcraft_kg.graphs.audit import view_build
     from wordcraft_kg.graphs.book_files import book_name
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.graphs.library import open_book, published_fold
@@ -124,18 +122,17 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     warn_of_base(audited)
     warn_of_cases(graph.entities)
     warn_of_missing(graph.entities)
-    view = view_build(audited, folder)
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)
     end = f"wrote {folder}/   next: {following}"
-    output.result(view, [*lines_of_build(view), *note_of_shares(audited.split), end])
+    lines = [*lines_of_build(audited), *note_of_shares(audited.split), end]
+    output.result({"out": str(folder), **as_values(audited)}, lines)
 
 
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
     if base is None and base_file is None:
         return None
     from wordcraft_kg.base.artefacts import read_small_file
-    from wordcraft_kg.base.errors import ConfigError
 
     labels = split_labels(base or [])
     if base_file is not None:
@@ -228,14 +225,15 @@ def _describe_tasks(graph: str, options: ListedTaskOptions, output: Output) -> N
     output.result(view, _text_of_tasks(view))
 
 
-def lines_of_build(view: "BuiltGraph") -> Iterator[str]:
+def lines_of_build(view: "Audit") -> Iterator[str]:
     """Yield the figures to check after a build as text; ``describe`` prints all others."""
     split = view.split
     sources = "pairs" if view.sets is None else "ingredient sets"
     base = names([*map(quoted, view.base)], len(view.base), most=5)
+    reachable = view.reachability.reachable
     origin = f"seed {split.seed}" if split.published is None else split.published.file
     rows = [
-        ("entities", f"{view.entities:,}; {view.reachable:,} in reach of the base: {base}"),
+        ("entities", f"{view.entities:,}; {reachable:,} in reach of the base: {base}"),
         ("recipes", f"{view.recipes:,}, from {view.pairs:,} different {sources}"),
         (
             "links",

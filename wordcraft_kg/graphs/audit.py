@@ -7,7 +7,6 @@ Lists of labels are cut at :data:`SHOWN`; the counts beside them are complete.
 
 from dataclasses import asdict
 from itertools import combinations, pairwise
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base import Count, GraphError, Hash, Record, stage
 from wordcraft_kg.graphs.arrays import Ids, distinct
-from wordcraft_kg.graphs.planner import Planner, layers, rounds
+from wordcraft_kg.graphs.planner import Derivation, Planner, layers, rounds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Reading, Recipe, RecipeBook, alike_labels
 from wordcraft_kg.graphs.splits import Published, Split
@@ -259,8 +258,8 @@ class Leakage(Record):
     mirror_in_train: Count
 
 
-class GraphCounts(Record, omit_defaults=True, kw_only=True):
-    """The main counts of a recipe graph.
+class Audit(Record, omit_defaults=True, kw_only=True):
+    """Statistics for a recipe graph and a split.
 
     Attributes:
         dropped_self_results: rows of the source book that were left out, because their result is
@@ -276,6 +275,12 @@ class GraphCounts(Record, omit_defaults=True, kw_only=True):
         hash: SHA-256 of entities, base and recipes.
         triples: triples of all recipes.
         sets: statistics of ingredient sets; missing for a graph of pairs.
+        ambiguity: pairs with several results.
+        reachability: entities that can be made from the base.
+        degrees: recipes and uses of entities.
+        labels: labels that are probably typos.
+        split: settings and sizes of the split.
+        leakage: test triples that training triples contain or mirror, by relation.
     """
 
     dropped_self_results: Count | None = None
@@ -289,54 +294,12 @@ class GraphCounts(Record, omit_defaults=True, kw_only=True):
     hash: Hash
     triples: TripleCounts
     sets: SetStatistics | None = None
-
-
-class Audit(GraphCounts, omit_defaults=True, kw_only=True):
-    """Statistics for a recipe graph and a split.
-
-    Attributes:
-        ambiguity: pairs with several results.
-        reachability: entities that can be made from the base.
-        degrees: recipes and uses of entities.
-        labels: labels that are probably typos.
-        split: settings and sizes of the split.
-        leakage: test triples that training triples contain or mirror, by relation.
-    """
-
     ambiguity: Ambiguity
     reachability: Reachability
     degrees: Degrees
     labels: AlikeLabels
     split: SplitSummary
     leakage: dict[Relation, Leakage]
-
-
-class BuiltGraph(GraphCounts, omit_defaults=True, kw_only=True):
-    """The main counts of a new recipe graph, its triples and its split.
-
-    Attributes:
-        reachable: number of entities that can be made from the base, the base included.
-        rounds: crafting rounds until no further entity can be made.
-        split: size of the split's parts.
-        out: the graph folder.
-    """
-
-    reachable: Count
-    rounds: Count
-    split: SplitSummary
-    out: str
-
-
-class CheapestDerivation(Record):
-    """Recipes that make an entity from the base entities.
-
-    Attributes:
-        cost: number of combinations; an intermediate counts once for every use.
-        steps: the recipes, in an order in which they can be crafted.
-    """
-
-    cost: Count
-    steps: tuple[Recipe, ...]
 
 
 class EntityView(Record, omit_defaults=True, kw_only=True):
@@ -356,7 +319,7 @@ class EntityView(Record, omit_defaults=True, kw_only=True):
     layer: Count | None
     recipes: tuple[Recipe, ...]
     uses: tuple[Recipe, ...]
-    derivation: CheapestDerivation | None
+    derivation: Derivation | None
 
 
 @stage("auditing the graph")
@@ -587,18 +550,6 @@ def degrees(graph: RecipeGraph) -> Degrees:
     )
 
 
-def view_build(audit: Audit, folder: Path) -> BuiltGraph:
-    """Return a new graph's main counts from its audit."""
-    # Most fields stand in the audit under the same names.
-    shared_fields = {
-        name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)
-    }
-    reached = audit.reachability
-    return BuiltGraph(
-        **shared_fields, reachable=reached.reachable, rounds=reached.rounds, out=str(folder)
-    )
-
-
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:
     """Return an entity's recipes and the cheapest way to make it.
 
@@ -608,8 +559,7 @@ def view_entity(graph: RecipeGraph, label: str) -> EntityView:
     entity = graph.id_of(label)
     layer = int(layers(graph)[entity])
     try:
-        cheapest = Planner(graph).derivation(entity)
-        derivation = CheapestDerivation(cheapest.cost, tuple(cheapest.steps))
+        derivation = Planner(graph).derivation(entity)
     except GraphError:
         # The base does not reach the entity, which is no error for a reader of its recipes.
         derivation = None

@@ -3,9 +3,8 @@
 Add a format as an :class:`Exporter` in :data:`EXPORTERS`.
 """
 
-import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -13,7 +12,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from wordcraft_kg.base import ConfigError, one_of, stage, staged_file, write_atomically
+from wordcraft_kg.base import ConfigError, json_text, one_of, stage, staged_file, write_atomically
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.book_files import write_book
 from wordcraft_kg.graphs.book_files.words import own_header
@@ -40,6 +39,7 @@ ExportPart = Literal["full", "partial", "unseen"]
 MOST_BYTES = 4 * 2**30
 """Most memory that an export may take."""
 _GRAPHML_BYTES = 6_000  # per recipe while networkx writes, measured with 250,000 recipes
+_HIF_BYTES = 2_000  # per recipe of a pair
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def export_graph(
         raise ConfigError(
             f"`format` {format!r}: {graph.num_recipes:,} recipes would take about "
             f"{needed_bytes / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
-            "Take nt, tsv, parquet, csv, json, hif or sentences, which need little."
+            "Take nt, tsv, parquet, csv, json or sentences, which need little."
         )
     # Unseen triples are those that train recipes do not give; an unseen recipe may give others.
     triples = opened.split.unseen if part == "unseen" else opened.triples(part)
@@ -129,8 +129,8 @@ def _sentences(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
         yield f"Combining {first}{with_others if partners else ''} makes {recipe.result}.\n"
 
 
-def hif_lines(graph: RecipeGraph) -> Iterator[str]:
-    """Yield a graph in the Hypergraph Interchange Format, a node or an incidence in each line.
+def _hif(graph: RecipeGraph) -> dict[str, Any]:
+    """Return a graph as a document of the Hypergraph Interchange Format.
 
     A recipe is an edge of a directed hypergraph: its ingredients are the edge's tail, its result is
     the head. Nodes are entities by label, with ``base`` in their attributes; edges have the
@@ -138,64 +138,27 @@ def hif_lines(graph: RecipeGraph) -> Iterator[str]:
 
     Source: Coll et al., "HIF: The hypergraph interchange format for higher-order networks".
     """
-    # NaN is no JSON, and other readers of HIF would refuse the file.
-    dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
-    metadata = {"name": graph.name, "hash": graph.hash}
-    yield "{\n"
-    yield '"network-type": "directed",\n'
-    yield f'"metadata": {dump(metadata)},\n'
-    # Generators: a large graph has millions of lines.
-    yield '"nodes": [\n'
-    yield from _lines(map(dump, _described_nodes(graph)))
-    yield '],\n"edges": [\n'
-    yield from _lines(map(dump, _described_edges(graph)))
-    yield '],\n"incidences": [\n'
-    yield from _lines(map(dump, _incidences(graph)))
-    yield "]\n}\n"
-
-
-def _described_nodes(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
-    """Yield a node for each entity, which says whether it is in the base."""
-    base = set(graph.base_ids.tolist())
-    for entity, label in enumerate(graph.entities):
-        yield {"node": label, "attrs": {"base": entity in base}}
-
-
-def _described_edges(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
-    """Yield an edge for each recipe, with its kind and quantities if the graph has them."""
+    base = set(graph.base)
     nothing = [""] * graph.num_recipes
     facts_of_edges = zip(graph.kinds or nothing, graph.quantities or nothing, strict=True)
-    for edge, facts in enumerate(facts_of_edges):
-        described: dict[str, Any] = {"edge": edge}
-        attributes = {
-            name: fact for name, fact in zip(("kind", "quantities"), facts, strict=True) if fact
-        }
-        if attributes:
-            described["attrs"] = attributes
-        yield described
-
-
-def _incidences(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
-    for edge, recipe in enumerate(graph.recipe_labels()):
+    edges: list[dict[str, Any]] = []
+    incidences = []
+    for edge, (recipe, facts) in enumerate(zip(graph.recipe_labels(), facts_of_edges, strict=True)):
+        attributes = dict(zip(("kind", "quantities"), facts, strict=True))
+        known = {name: fact for name, fact in attributes.items() if fact}
+        edges.append({"edge": edge} | ({"attrs": known} if known else {}))
         # A node is once in an edge; an entity with itself has the weight 2.
         for label, count in Counter(recipe.ingredients).items():
-            tail: dict[str, Any] = {"edge": edge, "node": label, "direction": "tail"}
-            if count > 1:
-                tail["weight"] = count
-            yield tail
-        yield {"edge": edge, "node": recipe.result, "direction": "head"}
-
-
-def _lines(values: Iterable[str]) -> Iterator[str]:
-    """Yield values as the lines of a JSON list, with commas between them."""
-    # A value is held back until the next one shows that a comma follows.
-    before = None
-    for value in values:
-        if before is not None:
-            yield f"{before},\n"
-        before = value
-    if before is not None:
-        yield f"{before}\n"
+            weight = {"weight": count} if count > 1 else {}
+            incidences.append({"edge": edge, "node": label, "direction": "tail"} | weight)
+        incidences.append({"edge": edge, "node": recipe.result, "direction": "head"})
+    return {
+        "network-type": "directed",
+        "metadata": {"name": graph.name, "hash": graph.hash},
+        "nodes": [{"node": label, "attrs": {"base": label in base}} for label in graph.entities],
+        "edges": edges,
+        "incidences": incidences,
+    }
 
 
 def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
@@ -306,7 +269,8 @@ EXPORTERS = {
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),
     "hif": Exporter(
         "directed hypergraph in the Hypergraph Interchange Format, with an edge for each recipe",
-        lambda graph, triples, path: write_atomically(path, hif_lines(graph)),
+        lambda graph, triples, path: write_atomically(path, json_text(_hif(graph)) + "\n"),
+        _HIF_BYTES,
     ),
     "sentences": Exporter(
         "a sentence for each recipe, for the pretraining of language models",

@@ -7,8 +7,7 @@ readers of its shape, which yield the same rows (``rows``):
   a + b = c;
 - ``documents``: JSON, by documented keys (``words``) or by paths that the user names; the rows of a
   table are a document, too;
-- ``layouts``: formats of their own, such as ours, the paper's, dumps of Infinite Craft and packs
-  of Minecraft.
+- ``layouts``: formats of their own: ours, the paper's, dumps of Infinite Craft, packs of Minecraft.
 
 ``cells`` finds the labels in cells, for all shapes. ``rule`` takes one way to read a document, or
 refuses the file with the commands that read it. ``writing`` writes books. Labels are matched

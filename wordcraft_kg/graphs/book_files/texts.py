@@ -473,22 +473,25 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     Raises:
         RecipeFileError: if sums are on both sides, or an arrow points at a sum.
     """
-    source = FileRows(Reading(shape="lines a + b = c"))
     lines = list(enumerate(io.StringIO(text, newline=""), start=1))
-    left_sums = right_sums = 0
-    for number, line in lines:
-        sides = None if _is_heading(line) else _sides(line)
-        if sides is not None:
-            left_sums += "+" in sides[0]
-            right_sums += "+" in sides[1]
-            if sides[2] and "+" in sides[0]:
-                problem = f"line {number}, whose arrow points at a sum of ingredients"
-                raise refusal(path, problem, "lines")
-    if left_sums and right_sums:
+    parted = {number: _sides(line) for number, line in lines if not _is_heading(line)}
+    sides = {number: pair for number, pair in parted.items() if pair is not None}
+    for number, (left, _, is_backward) in sides.items():
+        if is_backward and "+" in left:
+            problem = f"line {number}, whose arrow points at a sum of ingredients"
+            raise refusal(path, problem, "lines")
+    sum_is_left = any("+" in left for left, _, _ in sides.values())
+    if sum_is_left and any("+" in right for _, right, _ in sides.values()):
         raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
-    columns = ("sum", "result") if left_sums >= right_sums else ("sum", "result before it")
-    source.reading = replace(source.reading, columns=columns)
-    entries: list[Entry] = list(_entries(source, lines, sum_is_left=left_sums >= right_sums))
+    columns = ("sum", "result" if sum_is_left else "result before it")
+    source = FileRows(Reading(shape="lines a + b = c", columns=columns))
+    entries: list[Entry] = []
+    for number, line in lines:
+        if number in sides and len(line) <= MAX_LINE_LENGTH:
+            entries += _recipes(source, number, sides[number], sum_is_left=sum_is_left)
+        elif line.strip():
+            fault = read_directive(source, number, line)
+            entries.append(fault or _odd_line(number, line, is_heading=number not in parted))
     rows = [entry for entry in entries if isinstance(entry, Row)]
     labels = read_labels(rows, label_fault, fold=fold)
     source.entries = [labels.row(entry) if isinstance(entry, Row) else entry for entry in entries]
@@ -497,10 +500,19 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
     # Each label of Infinite Craft's base as a word of its own.
     if all(re.search(rf"\b{word}\b", text) for word in INFINITE_CRAFT_BASE):
         source.entries = without_nothing(source.entries, fold=fold)
-    # In a line the sum may stand on either side.
+    _check_marks(path, rows, sum_is_left=sum_is_left)
+    return source
+
+
+def _check_marks(path: Path, rows: Sequence[Row], *, sum_is_left: bool) -> None:
+    """Refuse lines of which many begin or end alike, as with a mark that is no part of a label.
+
+    Raises:
+        RecipeFileError: naming what they share.
+    """
     first, last = ([row.ingredients[0] for row in rows], [row.result for row in rows])
     inner = [label for row in rows for label in row.ingredients[1:]]
-    if left_sums < right_sums:
+    if not sum_is_left:
         first, last = last, [row.ingredients[-1] for row in rows]
     for verb, pattern, ends in (("begin", _PREFIX, first), ("end", _SUFFIX, last)):
         other_labels = [*inner, *(last if ends is first else first)]
@@ -510,7 +522,6 @@ def read_lines(path: Path, text: str, *, fold: bool = False) -> FileRows:
                 f"many lines {verb} as with {mark[:40]!r}, which may be a mark or part of a label"
             )
             raise refusal(path, problem, "lines", "Remove it from the lines.")
-    return source
 
 
 def _common_mark(pattern: re.Pattern[str], ends: list[str], other_labels: list[str]) -> str | None:
@@ -524,39 +535,26 @@ def _common_mark(pattern: re.Pattern[str], ends: list[str], other_labels: list[s
     return marks[0] if is_mark else None
 
 
-def _entries(
-    source: FileRows, lines: list[tuple[int, str]], *, sum_is_left: bool
-) -> Iterator[Entry]:
-    for number, line in lines:
-        if not line.strip():
-            continue
-        fault = read_directive(source, number, line)
-        if fault is not None:
-            yield fault
-        elif _is_heading(line):
-            yield LeftOut(number, "headings or comments")
-        elif len(line) > MAX_LINE_LENGTH:
-            yield Fault(number, "row", too_long(line), "long")
-        else:
-            yield from _recipes(source, number, line, sum_is_left=sum_is_left)
+def _odd_line(number: int, line: str, *, is_heading: bool) -> LeftOut | Fault:
+    """Return a line without a recipe."""
+    if is_heading:
+        return LeftOut(number, "headings or comments")
+    if len(line) > MAX_LINE_LENGTH:
+        return Fault(number, "row", too_long(line), "long")
+    sample = repr(line.strip()[:80])
+    message = f"{sample} has no sign such as = or ->, or several; expected a + b = c."
+    return Fault(number, "row", message, "no sign")
 
 
-def _recipes(source: FileRows, number: int, line: str, *, sum_is_left: bool) -> Iterator[Entry]:
-    sides = _sides(line)
-    if sides is None:
-        message = (
-            f"{line.strip()[:80]!r} has no sign such as = or ->, or several; expected a + b = c."
-        )
-        yield Fault(number, "row", message, "no sign")
-        return
-    total, result_side = sides[:2] if sum_is_left else (sides[1], sides[0])
+def _recipes(source: FileRows, number: int, sides: _Sides, *, sum_is_left: bool) -> Iterator[Entry]:
+    left, right, _ = sides
     # Several results, or several sums of the same result, between commas.
     if sum_is_left:
-        pairs = [(_summands(total), _unwrapped(result)) for result in result_side.split(",")]
+        pairs = [(_summands(left), _unwrapped(result)) for result in right.split(",")]
         several_outputs = source.reading.several_outputs + (len(pairs) > 1)
         source.reading = replace(source.reading, several_outputs=several_outputs)
     else:
-        pairs = [(_summands(part), _unwrapped(result_side)) for part in total.split(",")]
+        pairs = [(_summands(part), _unwrapped(left)) for part in right.split(",")]
     for ingredients, result in pairs:
         # Each fault once, in the order of the labels.
         faults = dict.fromkeys(filter(None, map(_label_fault, (*ingredients, result))))

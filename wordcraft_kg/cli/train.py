@@ -206,7 +206,7 @@ def run_training(
     if out is not None and (force or command.is_finished(out) or not (out / RUN_FILE).is_file()):
         # Before torch takes seconds to import. An unfinished run is no error: it is continued.
         check_run_output(out, force=force)
-    from wordcraft_kg.runs.training import train
+    from wordcraft_kg.runs.training import begun_run
 
     trainer = command.trainer()
     kg = getattr(getattr(config, "settings", None), "kg", None)
@@ -216,9 +216,11 @@ def run_training(
     def lacks_product(folder: Path) -> bool:
         return not command.is_finished(folder)
 
-    trained = train(
+    run = begun_run(
         trainer, config, out, force=force, keep=lacks_product, trackers=trackers, progress=progress
     )
+    with run as fit:
+        trained = fit()
     # The training of a recipe scorer raises by itself, and its outcome has no such attribute.
     if getattr(trained, "interrupted", False):
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -165,6 +166,43 @@ def train(
         KeyboardInterrupt: after Ctrl-C; the message names the checkpoint from which the same
             command goes on, if one is saved.
     """
+    run = begun_run(
+        trainer, config, out, force=force, keep=keep, trackers=trackers, progress=progress
+    )
+    with run as fit:
+        return fit()
+
+
+@contextmanager
+def begun_run(
+    trainer: type[Training[C, P, T]],
+    config: C,
+    out: str | Path | None = None,
+    *,
+    force: bool = False,
+    keep: bool | Callable[[Path], bool] = False,
+    trackers: Iterable[Tracker | str] = (),
+    progress: Progress | bool | None = None,
+) -> Iterator[Callable[[], T]]:
+    """Begin or resume a run, and yield the function that trains it to its end.
+
+    The command line calls this function itself: from a command to the loss there are few frames.
+
+    Args:
+        trainer: trainer class.
+        config: all settings.
+        out: run folder.
+        force: train anew and replace the folder.
+        keep: whether a finished run counts, see :func:`train`.
+        trackers: metric trackers, by name or as objects.
+        progress: progress callback.
+
+    Yields:
+        A function that trains, or that reads the outcome of a finished run.
+
+    Raises:
+        WordCraftKGError: as :func:`train` does.
+    """
     # What can be wrong is checked before the first file is written: the graph, the trackers, then
     # an earlier run in the folder.
     opened = open_graph(config.graph)
@@ -179,9 +217,12 @@ def train(
             files = RunFiles(folder, record)
             recorded = _checked_settings(files, config, opened, trainer)
             if is_done:
-                return trainer.outcome(files)
+                yield partial(trainer.outcome, files)
+                return
             if trainer.kind.has_checkpoints(folder):
-                return _resume(trainer.of(recorded, opened), folder, trackers, progress)
+                with _resumed(trainer.of(recorded, opened), folder, trackers, progress) as fit:
+                    yield fit
+                return
             # Killed before the first checkpoint: nothing is lost.
             force = True
     check_new_run(folder, force=force)
@@ -195,7 +236,7 @@ def train(
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
         run.begin(training.config, inputs=inputs, trackers=names_of(trackers), **begun)
         with tracking(run, trackers, training.config.values()) as log:
-            return training.fit(run, report, log, None)
+            yield partial(training.fit, run, report, log, None)
 
 
 def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
@@ -210,12 +251,13 @@ def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
     return None
 
 
-def _resume(
+@contextmanager
+def _resumed(
     training: Training[C, P, T],
     folder: Path,
     trackers: Iterable[Tracker | str],
     progress: Progress | bool | None,
-) -> T:
+) -> Iterator[Callable[[], T]]:
     kind = training.kind
     with shown(progress, kind.name, kind.unit) as report, resumed_run(folder, kind) as run:
         checkpoint = training.restored(run)
@@ -223,7 +265,7 @@ def _resume(
         everywhere = checked_trackers([*run.record.trackers, *trackers])
         start = 0 if checkpoint is None else checkpoint.number
         with tracking(run, everywhere, training.config.values(), start) as log:
-            return training.fit(run, report, log, checkpoint)
+            yield partial(training.fit, run, report, log, checkpoint)
 
 
 def _checked_settings(

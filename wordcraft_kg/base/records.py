@@ -2,8 +2,7 @@
 
 A record type is a subclass of :class:`Record`. Reading is strict: an unknown key, a missing key or
 a value with the wrong type is an error that names the file and the field. The JSON Schema is
-derived from the type, and the descriptions of its properties from the ``Attributes`` section of
-the class docstring; no schema is written by hand, and no fact stands twice.
+derived from the type and its docstring; no schema is written by hand, and no fact stands twice.
 
 msgspec has no dependencies, imports in milliseconds, and also handles the package's frozen
 dataclasses of settings.
@@ -11,13 +10,11 @@ dataclasses of settings.
 
 import inspect
 import json
-import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import msgspec
-from msgspec.inspect import DataclassType, Field, StructType, Type, type_info
 
 from wordcraft_kg.base.artefacts import json_text, read_small_file
 from wordcraft_kg.base.errors import ArtefactError
@@ -37,18 +34,13 @@ Slope = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
 Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$", max_length=64)]
 """A SHA-256 hash in hexadecimal."""
 
-_SECTION = re.compile(r"^Attributes:\n((?:(?: .*)?\n)*)", re.MULTILINE)
-"""The ``Attributes`` section of a docstring; group 1 has the indented lines below the heading."""
-_ENTRY = re.compile(r"^ {4}(\w+(?:, \w+)*): ((?:.*)(?:\n {5,}.*)*)", re.MULTILINE)
-"""An entry of the section; groups: the name, or several names with commas, and the text."""
-
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base class for all records (typed JSON objects): immutable, and unknown keys are errors.
 
-    Describe each field in the ``Attributes`` section of the subclass's docstring; :func:`schema_of`
-    copies these descriptions into the JSON Schema.
+    Describe each field in the ``Attributes`` section of the subclass's docstring, which is also the
+    description in the JSON Schema.
     """
 
 
@@ -208,31 +200,17 @@ def schema_of(
     identifier: str,
     title: str,
 ) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) for a record type, with a description of each field.
+    """Return the JSON Schema (draft 2020-12) for a record type, described by its docstrings.
 
     Args:
         kind: record type.
         identifier: the schema's ``$id``, a URN or URL.
         title: the schema's title.
     """
-    records = _records_in(kind)
-    (head, *references), definitions = msgspec.json.schema_components(
-        (kind, *records), schema_hook=_schema_of_array
-    )
-    # References tell under which name msgspec has put each class: a name that two modules use is
-    # qualified by both modules.
-    for reference, (record, fields) in zip(references, records.items(), strict=True):
-        definition = definitions[reference["$ref"].removeprefix("#/$defs/")]
-        if record.__doc__:
-            definition["description"] = _SECTION.sub("", _docstring(record)).strip()
-        texts = attributes_of(record)
-        for number, field in enumerate(fields):
-            if field.name not in texts:
-                continue
-            if "prefixItems" in definition:  # a record that is written as an array
-                definition["prefixItems"][number]["description"] = texts[field.name]
-            else:
-                definition["properties"][field.encode_name]["description"] = texts[field.name]
+    (head,), definitions = msgspec.json.schema_components((kind,), schema_hook=_schema_of_array)
+    for definition in definitions.values():
+        if "description" in definition:
+            definition["description"] = inspect.cleandoc(definition["description"])
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": identifier,
@@ -240,40 +218,3 @@ def schema_of(
         **head,
         "$defs": definitions,
     }
-
-
-def attributes_of(kind: type[Any]) -> dict[str, str]:
-    """Return the descriptions in the ``Attributes`` sections of a class and its bases, by name.
-
-    An entry ``low, high: the interval`` describes both names. A class's description takes
-    precedence over the description in a base class.
-    """
-    texts: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
-        section = _SECTION.search(_docstring(base))
-        for entry in _ENTRY.finditer(section[1] if section else ""):
-            text = " ".join(entry[2].split())
-            texts |= dict.fromkeys(entry[1].split(", "), text)
-    return texts
-
-
-def _docstring(kind: type[Any]) -> str:
-    return inspect.cleandoc(kind.__doc__ or "") + "\n"
-
-
-def _records_in(kind: type[Any]) -> dict[type[Any], tuple[Field, ...]]:
-    """Return the fields of all records and dataclasses that a type holds, by class."""
-    records: dict[type[Any], tuple[Field, ...]] = {}
-    waiting: list[Any] = [type_info(kind)]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, StructType | DataclassType):
-            if node.cls in records:  # a record may hold itself
-                continue
-            records[node.cls] = node.fields
-        if isinstance(node, Type | Field):
-            # Descriptions of types are records themselves: an item type, a key type, fields.
-            waiting += msgspec.structs.astuple(node)
-        elif isinstance(node, tuple):
-            waiting += node
-    return records

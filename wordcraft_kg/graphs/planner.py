@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base import GraphError, approximate, counted, quoted
+from wordcraft_kg.base import GraphError, quoted
 from wordcraft_kg.graphs.arrays import Ids, different_ingredients, distinct
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
@@ -93,10 +93,6 @@ class Derivation:
     goal: str
     steps: tuple[Recipe, ...]
     cost: int
-
-    def __repr__(self) -> str:
-        steps = counted(len(self.steps), "step")
-        return f"Derivation({self.goal!r}, {steps}, cost {approximate(self.cost)})"
 
     def __str__(self) -> str:
         return "\n".join(derivation_tree(self.goal, self.steps))

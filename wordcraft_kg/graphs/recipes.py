@@ -290,41 +290,27 @@ class Reading(Record, omit_defaults=True, kw_only=True):
 
     def _facts(self) -> Iterator[str]:
         """Yield what the line says about the file, without what goes without saying."""
-        shape = f"read as {self.shape}"
-        if self.delimiter:
-            shape = f"{shape} with delimiter {self.delimiter!r}"
-        yield shape
-        if self.columns:
-            ingredients = self.columns[: -self.num_results]
-            results = self.columns[-self.num_results :]
-            yield f"{' + '.join(ingredients)} = {', '.join(results)}"
-        if not self.header:
-            yield "no header"
-        if self.ignored:
-            names = ", ".join(self.ignored[:_SHOWN])
-            num_hidden = len(self.ignored) - _SHOWN
-            if num_hidden > 0:
-                names += f" and {num_hidden} more"
-            yield f"other columns ignored: {names}"
-        if self.container:
-            yield f"from {self.container}"
-        if self.encoding not in ("", "utf-8"):
-            yield f"encoding {self.encoding}"
-        yield from self._changes()
-
-    def _changes(self) -> Iterator[str]:
-        """Yield what is another than in the file."""
-        if self.case:
-            yield "labels in lower case"
-        if self.counts_dropped:
-            yield f"{counted(self.counts_dropped, 'number')} of pieces not kept"
-        if self.trimmed:
-            yield f"{counted(self.trimmed, 'cell')} without blanks that cannot be seen"
-        if self.several_outputs:
-            yield f"{counted(self.several_outputs, 'row')} with several results"
-        if self.arities.keys() - {"2"}:
-            arities = [f"{number:,} of {arity}" for arity, number in self.arities.items()]
-            yield f"rows by number of ingredients: {', '.join(arities)}"
+        delimiter = f" with delimiter {self.delimiter!r}" if self.delimiter else ""
+        yield f"read as {self.shape}{delimiter}"
+        ingredients = " + ".join(self.columns[: -self.num_results])
+        results = ", ".join(self.columns[-self.num_results :])
+        ignored = ", ".join(self.ignored[:_SHOWN])
+        num_hidden = len(self.ignored) - _SHOWN
+        hidden = f" and {num_hidden} more" if num_hidden > 0 else ""
+        arities = ", ".join(f"{number:,} of {arity}" for arity, number in self.arities.items())
+        facts: tuple[tuple[object, str], ...] = (
+            (self.columns, f"{ingredients} = {results}"),
+            (not self.header, "no header"),
+            (self.ignored, f"other columns ignored: {ignored}{hidden}"),
+            (self.container, f"from {self.container}"),
+            (self.encoding not in ("", "utf-8"), f"encoding {self.encoding}"),
+            (self.case, "labels in lower case"),
+            (self.counts_dropped, f"{counted(self.counts_dropped, 'number')} of pieces not kept"),
+            (self.trimmed, f"{counted(self.trimmed, 'cell')} without blanks that cannot be seen"),
+            (self.several_outputs, f"{counted(self.several_outputs, 'row')} with several results"),
+            (self.arities.keys() - {"2"}, f"rows by number of ingredients: {arities}"),
+        )
+        yield from (text for is_said, text in facts if is_said)
         yield from self.notes
 
 

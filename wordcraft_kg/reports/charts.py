@@ -11,7 +11,6 @@ import math
 import re
 import textwrap
 import warnings
-from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -155,8 +154,8 @@ class Labels:
 
     def __init__(self, line: float):
         self._line = line
-        # Texts as (left, right, y) by row of one line height: only three rows can overlap a text.
-        self._taken = defaultdict[int, list[tuple[float, float, float]]](list)
+        # Texts as (left, right, y).
+        self._taken: list[tuple[float, float, float]] = []
 
     def take(self, left: float, right: float, y: float) -> bool:
         """Reserve space for a text, in pixels.
@@ -169,14 +168,12 @@ class Labels:
         Returns:
             False if the space is taken; then nothing is reserved.
         """
-        row = int(y // self._line)
-        for near in (row - 1, row, row + 1):
-            for start, end, at in self._taken[near]:
-                is_beside = left > end or right < start
-                is_apart = abs(y - at) >= self._line
-                if not (is_beside or is_apart):
-                    return False
-        self._taken[row].append((left, right, y))
+        for start, end, at in self._taken:
+            is_beside = left > end or right < start
+            is_apart = abs(y - at) >= self._line
+            if not (is_beside or is_apart):
+                return False
+        self._taken.append((left, right, y))
         return True
 
 

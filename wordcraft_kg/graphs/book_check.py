@@ -17,7 +17,7 @@ import numpy as np
 from wordcraft_kg.base import RecipeFileError, Record, counted, for_terminal, nearest, quoted, stage
 from wordcraft_kg.graphs.audit import BookFigures, book_figures, sets_inside_others
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
-from wordcraft_kg.graphs.book_files.files import Decoded, read_bytes
+from wordcraft_kg.graphs.book_files.files import Content, read_bytes
 from wordcraft_kg.graphs.book_files.reader import (
     REPEATED,
     SELF_RESULT,
@@ -139,7 +139,7 @@ def check_book(
         if path.is_dir():
             raise
         return BookCheck((_problem("unreadable", str(error)),), None, None)
-    findings = _byte_findings(rows.decoded)
+    findings = _byte_findings(rows.content)
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
     findings += _left_out_findings(rows)
@@ -182,7 +182,7 @@ def check_book(
     )
 
 
-def _byte_findings(file: Decoded) -> list[Finding]:
+def _byte_findings(file: Content) -> list[Finding]:
     """Return findings about the bytes of a text: mark, line ends, encoding."""
     findings = []
     if file.encoding not in ("", "utf-8"):

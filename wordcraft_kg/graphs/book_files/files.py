@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import Any
 
 from wordcraft_kg.base import ConfigError, RecipeFileError, for_terminal, what_is
 from wordcraft_kg.base.artefacts import ZipArchive, gunzip, is_gzip, is_zip
@@ -50,21 +50,25 @@ _SIGNATURES = {
 
 @dataclass(frozen=True)
 class Content:
-    """A file's bytes.
+    """A file's text, or the files of a data pack.
 
     Attributes:
         name: file name that stands for the content, such as ``book.csv`` for ``book.csv.gz``.
-        data: the bytes, decompressed; empty for a data pack.
         sha256: hash of the file, or of the names and bytes of a folder's files.
         container: compression or archive around it, for people; empty without one.
         pack: names and bytes of the JSON files of a data pack; None for any other file.
+        text: the text, without a byte order mark; empty for a data pack.
+        encoding: name of its encoding; empty for a data pack.
+        has_mark: whether the bytes began with a byte order mark.
     """
 
     name: str
-    data: bytes
     sha256: str
     container: str = ""
     pack: tuple[tuple[str, bytes], ...] | None = None
+    text: str = ""
+    encoding: str = ""
+    has_mark: bool = False
 
 
 def read_bytes(path: Path) -> bytes:
@@ -99,23 +103,25 @@ def read_bytes(path: Path) -> bytes:
         raise RecipeFileError(f"{path} cannot be read: {error.strerror}.") from None
 
 
-def read_content(path: Path) -> Content:
+def read_content(path: Path, encoding: str | None = None) -> Content:
     """Read a file or folder, out of gzip or an archive with one book if it is in one.
 
     Args:
         path: a file, or a folder of a data pack.
+        encoding: the encoding, one that :func:`check_encoding` accepts; None for that of a byte
+            order mark, or UTF-8.
 
     Raises:
-        RecipeFileError: if it cannot be read, for other compressed or binary files, which it names,
-            for a damaged or encrypted archive, for an archive without one book, and for data that
-            expand too much.
+        RecipeFileError: if it cannot be read or decoded, for other compressed or binary files,
+            which it names, for a damaged or encrypted archive, for an archive without one book, and
+            for data that expand too much.
     """
     if path.is_dir():
         files = tuple(_folder_files(path))
         if any(map(_is_recipe_file, dict(files))):
             sums = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in files]
             sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
-            return Content(path.name, b"", sha256, pack=files)
+            return Content(path.name, sha256, pack=files)
     data = read_bytes(path)
     name, container, sha256 = path.name, "", hashlib.sha256(data).hexdigest()
     if is_zip(data):
@@ -124,7 +130,7 @@ def read_content(path: Path) -> Content:
         if _is_pack(names):
             members = [name for name in sorted(names) if _is_pack_file(name)]
             pack = tuple((name, archive.read(name, MAX_FILE)) for name in members)
-            return Content(name, b"", sha256, "zip", pack)
+            return Content(name, sha256, "zip", pack)
         books = list(filter(_may_be_book, names))
         if len(books) != 1:
             shown = ", ".join(repr(name[:80]) for name in books[:5]) or "none"
@@ -142,7 +148,8 @@ def read_content(path: Path) -> Content:
     for signature, kind in _SIGNATURES.items():
         if data.startswith(signature):
             raise refusal(path, f"it is {kind}", "table")
-    return Content(name, data, sha256, container)
+    text, used_encoding, has_mark = _decode(path, data, encoding)
+    return Content(name, sha256, container, None, text, used_encoding, has_mark)
 
 
 def _error(message: str) -> RecipeFileError:
@@ -247,20 +254,6 @@ _FORMATS = {
 """Signs of formats, the more certain ones first."""
 
 
-class Decoded(NamedTuple):
-    """A file's text.
-
-    Attributes:
-        text: the text, without a byte order mark.
-        encoding: name of the encoding.
-        has_mark: whether the bytes began with a byte order mark.
-    """
-
-    text: str
-    encoding: str
-    has_mark: bool
-
-
 def check_encoding(encoding: str | None) -> None:
     """Check that Python knows a text encoding.
 
@@ -283,14 +276,13 @@ def check_encoding(encoding: str | None) -> None:
         )
 
 
-def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
-    """Decode a file's bytes.
+def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str, bool]:
+    """Return a file's text, its encoding, and whether the bytes begin with a byte order mark.
 
     Args:
         path: the file, for errors.
         data: the bytes.
-        encoding: the encoding, one that :func:`check_encoding` accepts; None for that of a byte
-            order mark, or UTF-8.
+        encoding: the encoding; None for that of a byte order mark, or UTF-8.
 
     Raises:
         RecipeFileError: for an empty or binary file, and for bytes that do not fit the encoding.
@@ -323,7 +315,7 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
         raise refusal(path, "two byte order marks", "encodings", "Remove them.")
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
-    return Decoded(text, name, bool(mark))
+    return text, name, bool(mark)
 
 
 def foreign_format(text: str) -> str | None:

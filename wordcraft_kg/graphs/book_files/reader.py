@@ -20,9 +20,7 @@ from wordcraft_kg.graphs.book_files.cells import is_number, odd_label
 from wordcraft_kg.graphs.book_files.documents import Document, as_records, read_document
 from wordcraft_kg.graphs.book_files.files import (
     Content,
-    Decoded,
     check_encoding,
-    decode,
     foreign_format,
     is_json,
     load_json,
@@ -212,17 +210,16 @@ def open_rows(path: Path, options: BookOptions) -> "BookRows":
         ConfigError: if the option `columns` names no column.
     """
     try:
-        content = read_content(path)
+        content = read_content(path, options.encoding)
         if content.pack is not None:
             return BookRows(content, read_pack(content.pack), options)
-        decoded = decode(path, content.data, options.encoding)
-        source = _source_of(path, Path(content.name).suffix.lower(), decoded.text, options)
+        source = _source_of(path, Path(content.name).suffix.lower(), content.text, options)
     except RecipeFileError as error:
         # A damaged graph folder is no file of a user, and no readable shape helps it.
         if GUIDE in str(error) or path.name == "graph.json":
             raise
         raise RecipeFileError(f"{str(error).rstrip('.')}. See {GUIDE}.") from None
-    rows = BookRows(content, source, options, decoded)
+    rows = BookRows(content, source, options)
     odd = "" if source.is_exact else odd_label(rows.whole)
     if odd:
         remedy = "Write one label in each cell, the same in all."
@@ -277,10 +274,9 @@ class BookRows:
     """The recipes of a file's rows; iterate once.
 
     Attributes:
-        content: the file's bytes and container.
+        content: the file's text and container.
         source: its rows.
         options: what the user says about the file.
-        decoded: its text; empty for a data pack.
         kinds, quantities: kind of reasoning, and quantities, by recipe; complete after the
             iteration.
         rows: rows that were recipes.
@@ -293,20 +289,17 @@ class BookRows:
         content: Content,
         source: FileRows,
         options: BookOptions,
-        decoded: Decoded = Decoded("", "", False),  # noqa: B008, a frozen value
     ):
         """Take a file's rows; they are read while iterating.
 
         Args:
-            content: the file's bytes.
+            content: the file's text.
             source: its rows, which were not iterated yet.
             options: what the user says about the file.
-            decoded: its text.
         """
         self.content = content
         self.source = source
         self.options = options
-        self.decoded = decoded
         self.kinds: dict[Recipe, str] = {}
         self.quantities: dict[Recipe, str] = {}
         self.rows = 0
@@ -468,7 +461,7 @@ class BookRows:
         return replace(
             reading,
             container=self.content.container,
-            encoding=self.decoded.encoding,
+            encoding=self.content.encoding,
             case="fold" if self.options.case == "fold" else "",
             rows=self.rows,
             kept=self.rows - left_out.total(),

@@ -22,6 +22,8 @@ from wordcraft_kg.cli.console import (
 from wordcraft_kg.cli.options import Book, Graph, MovedGraph, OptionalBook, Part, Table, Words
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.draws import MOST_TASKS
+from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.models.policies.sources import label_of
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
@@ -292,7 +294,6 @@ def explain(
 
 def _legend(step: "ExplainedStep", lines: Sequence[str]) -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import BECAUSE
-    from wordcraft_kg.models.policies.sources import label_of
 
     labels = [label_of(name) for name in step.slots[0].sources]
     rows = [(label.symbol, label.meaning or label.words) for label in labels]
@@ -325,7 +326,6 @@ def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
 
 def _step(step: "ExplainedStep") -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import because
-    from wordcraft_kg.models.policies.sources import label_of
 
     lambdas = []
     for name, value in step.lambdas.items():
@@ -388,7 +388,6 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
     """
     from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
     from wordcraft_kg.evaluation.discovery import open_guide, view_discovery
-    from wordcraft_kg.graphs.folder import open_graph
 
     played = open_graph(graph).graph
     guide = None if scorer is None else open_guide(scorer, played)

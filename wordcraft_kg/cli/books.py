@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.base import as_values, check_output_file, whole
 from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.cli.console import Output, aligned, lines_of, split_labels
 from wordcraft_kg.cli.failures import with_options
@@ -106,8 +107,6 @@ def check_book(
             without results among their ingredients, in UTF-8 and the file's order, tables with
             further columns; what is left out is printed.
     """
-    from wordcraft_kg.base.artefacts import check_output_file
-    from wordcraft_kg.base.settings import whole
     from wordcraft_kg.evaluation.books import view_check
 
     whole("limit", limit, 0)
@@ -154,7 +153,6 @@ def _text_of_check(view: "CheckedBook", limit: int) -> Iterator[str]:
     for kind, number in counts.items():
         if number > limit:
             yield f"{kind} and {number - limit:,} more; a larger --limit shows them"
-    from wordcraft_kg.base.records import as_values
 
     figures = as_values(view.figures)
     # The base is what a user has to see as a whole: a slip in a label makes a base entity.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from msgspec.structs import replace
 
-from wordcraft_kg.base import MAX_SIZE, ConfigError, counted, whole
+from wordcraft_kg.base import MAX_SIZE, ConfigError, check_output, counted, whole
 from wordcraft_kg.cli.console import (
     Output,
     aligned,
@@ -22,6 +22,7 @@ from wordcraft_kg.cli.console import (
     write_table,
 )
 from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Table, Words
+from wordcraft_kg.runs.record import read_run, run_folders, run_name
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
@@ -93,8 +94,6 @@ def compare(
         out: report folder for agents (default: reports/<agents' names>), or HTML page for link
             predictors (.html is added to another ending).
     """
-    from wordcraft_kg.runs.record import read_run, run_folders
-
     check_table(table, force=force)
     if not runs:
         raise ConfigError("compare needs run folders (agents) or model folders (link predictors).")
@@ -127,7 +126,6 @@ def _compare_agents(
     output: Output,
 ) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.evaluation.agents import group_agents, summarise_agents, view_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
@@ -220,7 +218,6 @@ def _compare_links(
     check_file(out, force=force)
     from wordcraft_kg.evaluation.ranked_links import Contender, by_mrr, compare
     from wordcraft_kg.models.folder import open_model
-    from wordcraft_kg.runs.record import run_name
 
     if len(runs) < 2:
         raise ConfigError(f"only '{runs[0][0]}' to compare; give two link predictors or more.")

@@ -11,13 +11,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from wordcraft_kg.base import (
     ConfigError,
     OutputExistsError,
+    Record,
+    as_values,
     check_output_file,
     for_terminal,
     json_text,
@@ -29,9 +31,6 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.errors import StdoutError
 from wordcraft_kg.base.wording import code_point, for_json
 from wordcraft_kg.runs.progress import ProgressBar, Stages
-
-if TYPE_CHECKING:
-    from wordcraft_kg.base.records import Record
 
 OUTPUT_GROUP = "Output and configuration"
 """Title in the help of the options that every command has."""
@@ -340,8 +339,6 @@ def lines_of(values: Any, *, of_sets: bool = False) -> list[str]:
         of_sets: whether it is about recipes of other sizes than two, whose ingredients are no
             pairs.
     """
-    from wordcraft_kg.base.records import as_values
-
     return aligned(_rows(as_values(values), "", _OF_SETS if of_sets else {}))
 
 

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base import MAX_SIZE, ConfigError, as_values, counted, quoted, whole
+from wordcraft_kg.base import (
+    MAX_SIZE,
+    ConfigError,
+    as_values,
+    check_output,
+    counted,
+    quoted,
+    read_small_file,
+    whole,
+    with_a_name,
+)
 from wordcraft_kg.cli.console import (
     Flag,
     Output,
@@ -21,12 +31,28 @@ from wordcraft_kg.cli.console import (
 )
 from wordcraft_kg.cli.options import Base, Book, FileOptions, Force, Graph
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.graphs import SPLITS, SplitConfig, TaskPart
-from wordcraft_kg.graphs.export import ExportPart, Format
+from wordcraft_kg.graphs import (
+    SPLITS,
+    RecipeGraph,
+    SplitConfig,
+    SplitSummary,
+    TaskPart,
+    audit,
+    check_label,
+    make_split,
+    open_book,
+    open_graph,
+    write_graph_folder,
+)
+from wordcraft_kg.graphs.audit import Audit, EntityView, view_entity
+from wordcraft_kg.graphs.book_files import book_name
+from wordcraft_kg.graphs.export import EXPORTERS, ExportPart, Format, export_graph
+from wordcraft_kg.graphs.library import published_fold
+from wordcraft_kg.graphs.recipes import case_variants, note_of_missing
+from wordcraft_kg.graphs.splits import default_config, read_published_split
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import TaskListing
-    from wordcraft_kg.graphs.audit import Audit, EntityView, SplitSummary
 
 EXAMPLES = {
     "describe": (
@@ -89,14 +115,6 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
         name: graph name in reports and model folders. Default: the folder's name.
         out: folder to write. Default: graphs/<name>, or graphs/<book's name>.
     """
-    from wordcraft_kg.base.artefacts import check_output, with_a_name
-    from wordcraft_kg.graphs.book_files import book_name
-    from wordcraft_kg.graphs.folder import write_graph_folder
-    from wordcraft_kg.graphs.library import open_book, published_fold
-    from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-    from wordcraft_kg.graphs.recipes import check_label
-    from wordcraft_kg.graphs.splits import default_config, make_split, read_published_split
-
     recipes = open_book(book, keep_self_results=keep_self_results, **file.for_reading())
     folder = out or Path("graphs") / (name or recipes.name)
     check_output(folder, force=force)
@@ -132,7 +150,6 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
     if base is None and base_file is None:
         return None
-    from wordcraft_kg.base.artefacts import read_small_file
 
     labels = split_labels(base or [])
     if base_file is not None:
@@ -194,8 +211,6 @@ def describe(
         _describe_tasks(graph, options, output)
         return
     refuse_given(options, "tasks: add --tasks, or")
-    from wordcraft_kg.graphs.audit import audit, view_entity
-    from wordcraft_kg.graphs.folder import open_graph
 
     opened = open_graph(graph)
     if entity is not None:
@@ -294,8 +309,6 @@ def warn_of_cases(labels: Sequence[str]) -> None:
     A chat bot lists results as Lava and ingredients as lava: then half of the recipes are out of
     reach, and nothing else names the cause.
     """
-    from wordcraft_kg.graphs.recipes import case_variants
-
     variants = case_variants(labels)
     if not variants:
         return
@@ -309,8 +322,6 @@ def warn_of_cases(labels: Sequence[str]) -> None:
 
 def warn_of_missing(labels: Sequence[str]) -> None:
     """Log a warning about labels that often stand for nothing, such as NA, and are entities."""
-    from wordcraft_kg.graphs.recipes import note_of_missing
-
     for note in note_of_missing(labels):
         logging.getLogger(__name__).warning(
             "%s; leave such rows out where they mean a missing value or no result.", note
@@ -388,9 +399,6 @@ def export(
         part: full (all recipes), partial (train recipes), or unseen (held-out recipes, and triples
             that no train recipe gives). Entities and base are always complete.
     """
-    from wordcraft_kg.graphs.export import EXPORTERS, export_graph
-    from wordcraft_kg.graphs.folder import open_graph
-
     opened = open_graph(graph)
     export_graph(opened, format, out, part=part, force=force)
     values = {

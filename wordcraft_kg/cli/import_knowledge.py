@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from wordcraft_kg.base import ConfigError, check_output, counted
+from wordcraft_kg.base import ConfigError, check_output, counted, sha256_of
 from wordcraft_kg.cli.console import Output, aligned, command_line
 from wordcraft_kg.cli.options import Force, Graph
+from wordcraft_kg.graphs import open_graph
 
 EXAMPLES = (
     "wordcraft-kg import-knowledge graphs/everyday --wordnet /usr/share/wordnet --out knowledge/wn",
@@ -47,7 +48,6 @@ def import_knowledge(  # noqa: PLR0913 - parameters are the command's options
         out: knowledge folder to write. Default: knowledge/<graph name>-<wordnet, conceptnet or
             triples>, or models/<graph name>-scores.
     """
-    from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.knowledge.importing import (
         Kind,
         describe,
@@ -86,8 +86,6 @@ def import_knowledge(  # noqa: PLR0913 - parameters are the command's options
 
 
 def _import_scores(graph: str, scores: Path, out: Path | None, force: bool, output: Output) -> None:
-    from wordcraft_kg.base.artefacts import sha256_of
-    from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.folder import save_scorer
     from wordcraft_kg.models.knowledge.score_files import read_scores
 

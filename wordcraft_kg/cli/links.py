@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base import ConfigError, counted, whole
+from wordcraft_kg.base import (
+    ConfigError,
+    Record,
+    as_values,
+    check_output,
+    counted,
+    dump_json,
+    staged_folder,
+    whole,
+    write_atomically,
+)
 from wordcraft_kg.cli.console import (
     Flag,
     Output,
@@ -21,12 +31,12 @@ from wordcraft_kg.cli.console import (
     write_file,
     write_table,
 )
+from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Force, MovedGraph, Paths, Table, Words
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:
-    from wordcraft_kg.base.records import Record
     from wordcraft_kg.evaluation.links import LinkView
     from wordcraft_kg.evaluation.suggestions import SetSupport, Suggestion, Suggestions, Wish
     from wordcraft_kg.graphs import RecipeGraph
@@ -87,7 +97,6 @@ def evaluate_links(  # noqa: PLR0913 - parameters are the command's options
             tuple of ingredients and the goal, and returns True or False.
         out: folder to write. Default: report/ in the model folder.
     """
-    from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.evaluation.links import summarise_links, view_links
     from wordcraft_kg.evaluation.ranked_links import rank_links
     from wordcraft_kg.evaluation.suggestions import is_set_model
@@ -148,8 +157,6 @@ def _evaluate_sets(
     output: Output,
 ) -> None:
     """Write the evaluation of a model of sets into a folder, and print it."""
-    from wordcraft_kg.base.artefacts import dump_json, staged_folder, write_atomically
-    from wordcraft_kg.base.records import as_values
     from wordcraft_kg.evaluation.ranked_sets import rank_sets
     from wordcraft_kg.models.scorers.sets.rules import read_rule
 
@@ -283,7 +290,6 @@ def score(  # noqa: PLR0913 - parameters are the command's options
             ingredient_a,ingredient_b,result; an empty cell or _ is an open slot.
         out: CSV or TSV file for the scores of --in. Default: print the scores.
     """
-    from wordcraft_kg.cli.failures import with_options
     from wordcraft_kg.evaluation.queries import parse_query, read_queries
     from wordcraft_kg.evaluation.scores import (
         ScoringModel,

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base import ConfigError, TrainingError, counted
+from wordcraft_kg.base import (
+    ConfigError,
+    TrainingError,
+    check_output,
+    counted,
+    read_record,
+    write_atomically,
+)
 from wordcraft_kg.cli.console import (
     Flag,
     Output,
@@ -22,6 +29,7 @@ from wordcraft_kg.cli.console import (
     write_table,
 )
 from wordcraft_kg.cli.options import Force, Table, Words
+from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
 
 if TYPE_CHECKING:
     from wordcraft_kg.studies.engine import StudyProgress, Watch
@@ -196,7 +204,6 @@ def _list(changes: Changes, output: Output) -> int:
 def _show(
     study: str | None, root: Path, options: ShowOptions, table: Path | None, output: Output
 ) -> int:
-    from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.studies.report import lines_of, write_study_report
     from wordcraft_kg.studies.view import view_study
 
@@ -236,7 +243,6 @@ def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults"
         file: the results file, if ``study`` is one.
         root: the results folder.
     """
-    from wordcraft_kg.base.records import read_record
     from wordcraft_kg.studies.results import StudyResults, collect_study, studies_of
 
     suffix = Path(study).suffix if study is not None else ""
@@ -312,7 +318,6 @@ def _searched(study: "Study", name: str, options: EngineOptions, output: Output)
 
 def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyProgress":
     """Run a study's tasks in processes on this machine or on a Ray cluster."""
-    from wordcraft_kg.runs.run_folder import sigterm_as_interrupt
     from wordcraft_kg.studies.engine import Pool, run_plan
     from wordcraft_kg.studies.perform import perform
 
@@ -364,7 +369,6 @@ def _reported(
         options: where and how the study ran.
         table: file for a table of the results; None for none.
     """
-    from wordcraft_kg.base.artefacts import write_atomically
     from wordcraft_kg.studies.report import lines_of, write_study_report
     from wordcraft_kg.studies.results import collect_study, results_text
     from wordcraft_kg.studies.view import view_study

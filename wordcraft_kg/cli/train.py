@@ -14,7 +14,7 @@ from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.base import ArtefactError, ConfigError, as_values, counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, command_line, read_seeds, split_labels
 from wordcraft_kg.cli.options import Force, Graph, OptionalBook, Seeds, Trackers
-from wordcraft_kg.graphs import TaskPart, describe_train_sample
+from wordcraft_kg.graphs import TaskPart, describe_train_sample, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
@@ -255,7 +255,6 @@ def _train_seeds(
     configs = {}
     for seed in read_seeds(seeds):
         configs[seed] = replace(config, **{part: replace(settings, seed=seed)})
-    from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.runs.training import train_seeds
 
     trainer = command.trainer()

@@ -10,7 +10,7 @@ from helpers import write_graph
 from quick import SMALL, TINY, contents, same, succeed
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.console import read_seeds
+from wordcraft_kg.cli.console import whole_numbers
 from wordcraft_kg.studies.results import results_text
 from wordcraft_kg.studies.study import built_in
 
@@ -167,7 +167,7 @@ AGENT = (*SMALL, "--distractors", 2)
     ],
 )
 def test_seeds_are_numbers_and_ranges_each_once(text, expected):
-    assert read_seeds(text) == expected
+    assert whole_numbers("seeds", [text]) == expected
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_seeds_are_numbers_and_ranges_each_once(text, expected):
 )
 def test_what_is_no_list_of_seeds_is_refused(text):
     with pytest.raises(ConfigError) as error:
-        read_seeds(text)
+        whole_numbers("seeds", [text])
     assert error.value.setting == "seeds"
 
 

@@ -90,5 +90,6 @@ from wordcraft_kg.base.wording import (
     counted as counted,
     for_html as for_html,
     for_terminal as for_terminal,
+    listed as listed,
     quoted as quoted,
 )

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.wording import SIGNS, quoted, signs_of, without_variation_selectors
+from wordcraft_kg.base.wording import SIGNS, listed, quoted, signs_of, without_variation_selectors
 
 ANSWER_GRAMMAR = 3
 """Version of the rules by which texts are read as items, as recorded with games."""
@@ -93,11 +93,8 @@ def read_label(
             numbered = zip(choices, from_one, strict=True)
             choices = [f"{choice} ({number})" for choice, number in numbered]
             remedy += ", or the number"
-        shown = ", ".join(choices)
-        num_hidden = len(meant) - _MOST_CHOICES
-        ending = f" and {num_hidden} more" if num_hidden > 0 else ""
-        spelling = _shown(text)
-        raise ActionError(f"'{spelling}' is ambiguous: {shown}{ending}. {remedy}.")
+        shown = listed(choices, _MOST_CHOICES, len(meant))
+        raise ActionError(f"'{_shown(text)}' is ambiguous: {shown}. {remedy}.")
     numbers = f"1 to {len(labels)}, " if by_number else ""
     expected = f"expected {numbers}an item name, or the start of a name"
     if not text:

@@ -15,7 +15,7 @@ vectors. Answers in texts are read more leniently, see :mod:`wordcraft_kg.base.l
 import math
 import re
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
@@ -50,6 +50,23 @@ def quoted(label: str) -> str:
     """
     is_clear = "," not in label and label == label.strip()
     return label if is_clear else f"'{label}'"
+
+
+def listed(names: Sequence[str], most: int = 10, total: int | None = None) -> str:
+    """Return the first names with commas between them, and the number of those left out.
+
+    Args:
+        names: names in order, perhaps only some of them.
+        most: number of names to show.
+        total: number of all names; None if these are all.
+
+    Example:
+        >>> listed(["a", "b", "c"], most=2)
+        'a, b and 1 more'
+    """
+    num_hidden = (len(names) if total is None else total) - most
+    ending = f" and {num_hidden:,} more" if num_hidden > 0 else ""
+    return ", ".join(names[:most]) + ending
 
 
 def approximate(number: int) -> str:

@@ -23,6 +23,7 @@ from wordcraft_kg.base import (
     check_output_file,
     for_terminal,
     json_text,
+    listed,
     listening,
     quoted,
     staged_file,
@@ -169,21 +170,36 @@ def split_labels(values: Sequence[str]) -> list[str]:
     return [label for label in labels if label]
 
 
+MOST_NUMBERS = 1_000
+"""Most numbers in a list: a slip such as ``--seeds 0-40000`` would train for weeks."""
+
+
 def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
-    """Parse comma-separated integers; each is returned once, in the order given.
+    """Parse numbers and ranges: ``0-2,7`` gives 0, 1, 2 and 7; each once, in the order given.
+
+    Args:
+        option: name of the option, for the error.
+        values: texts, each with numbers between commas.
 
     Raises:
-        ConfigError: for other text; the message names the option.
+        ConfigError: for other text, or more than :data:`MOST_NUMBERS` numbers.
     """
-    try:
-        numbers = list(dict.fromkeys(int(value) for value in split_labels(values)))
-    except ValueError:
-        numbers = []
-    if not numbers:
-        raise ConfigError(
-            f"`{option}` '{','.join(values)}': expected whole numbers, such as 1,2,8."
-        )
-    return numbers
+    text = ",".join(values)
+    numbers: dict[int, None] = {}  # an ordered set
+    for part in text.split(","):
+        # 19 digits hold every seed; more would make integers of any size.
+        match = re.fullmatch(r"\s*(\d{1,19})(?:-(\d{1,19}))?\s*", part)
+        first = int(match[1]) if match else 0
+        last = int(match[2] or match[1]) if match else -1
+        # Checked before the range is walked through: it may have a quintillion members.
+        is_short = first <= last < first + MOST_NUMBERS
+        numbers |= dict.fromkeys(range(first, last + 1) if is_short else ())
+        if not is_short or len(numbers) > MOST_NUMBERS:
+            raise ConfigError(
+                f"`{option}` '{text}': expected whole numbers, such as 1,2,8 or 0-4, at most "
+                f"{MOST_NUMBERS:,}."
+            )
+    return list(numbers)
 
 
 def refuse_given(options: Any, about: str) -> None:
@@ -286,35 +302,6 @@ def command_line(*words: str | Path) -> str:
     return shlex.join(["wordcraft-kg", *map(str, words)])
 
 
-# A slip such as 0-40000 would train for weeks.
-MOST_SEEDS = 1_000
-
-
-def read_seeds(text: str) -> list[int]:
-    """Parse a list of different seeds from numbers and ranges: 0-2,7 gives 0, 1, 2 and 7.
-
-    Raises:
-        ConfigError: for other text, or more than :data:`MOST_SEEDS` seeds.
-    """
-    seeds: dict[int, None] = {}  # an ordered set
-    for part in text.split(","):
-        # 19 digits hold every seed; more would make integers of any size.
-        match = re.fullmatch(r"\s*(\d{1,19})(?:-(\d{1,19}))?\s*", part)
-        part_seeds = range(0)
-        if match:
-            first = int(match[1])
-            last = int(match[2] or match[1])
-            # Checked before the range is walked through: it may have a quintillion members.
-            if last < first + MOST_SEEDS:
-                part_seeds = range(first, last + 1)
-        seeds |= dict.fromkeys(part_seeds)
-        if not part_seeds or len(seeds) > MOST_SEEDS:
-            raise ConfigError(
-                f"`seeds` '{text}': expected at most {MOST_SEEDS:,} seeds, such as 0-4 or 0,3,7."
-            )
-    return list(seeds)
-
-
 def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str]:
     """Return the lines of a text table with aligned columns; empty columns are left out.
 
@@ -369,7 +356,7 @@ def _rows(
                 # `unreachable_entities`.
                 count = _COUNTS.get(name) or name.rpartition("_")[0]
                 total = values.get(count)
-                yield label, names(cells, total if isinstance(total, int) else len(value))
+                yield label, listed(cells, total=total if isinstance(total, int) else len(value))
         elif value is not None:
             yield label, _cell(value)
 
@@ -387,15 +374,3 @@ def _cell(value: Any, *, in_list: bool = False) -> str:
     if isinstance(value, int):
         return f"{value:,}"
     return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def names(labels: Sequence[str], total: int, most: int = 10) -> str:
-    """Return labels as text, joined by commas, with the number of those left out.
-
-    Args:
-        labels: labels in order, perhaps only some of them.
-        total: number of all labels.
-        most: number of labels to name.
-    """
-    listed = ", ".join(labels[:most])
-    return f"{listed} and {total - most:,} more" if total > most else listed

@@ -14,6 +14,7 @@ from wordcraft_kg.base import (
     as_values,
     check_output,
     counted,
+    listed,
     quoted,
     read_small_file,
     whole,
@@ -25,7 +26,6 @@ from wordcraft_kg.cli.console import (
     aligned,
     command_line,
     lines_of,
-    names,
     refuse_given,
     split_labels,
 )
@@ -244,7 +244,7 @@ def lines_of_build(view: "Audit") -> Iterator[str]:
     """Yield the figures to check after a build as text; ``describe`` prints all others."""
     split = view.split
     sources = "pairs" if view.sets is None else "ingredient sets"
-    base = names([*map(quoted, view.base)], len(view.base), most=5)
+    base = listed([*map(quoted, view.base)], most=5)
     reachable = view.reachability.reachable
     origin = f"seed {split.seed}" if split.published is None else split.published.file
     rows = [
@@ -276,7 +276,7 @@ def lines_of_build(view: "Audit") -> Iterator[str]:
 def warn_of_base(audited: "Audit") -> None:
     """Log warnings about an inferred base, and about entities that cannot be made from the base."""
     logger = logging.getLogger(__name__)
-    base = names([*map(quoted, audited.base)], len(audited.base))
+    base = listed([*map(quoted, audited.base)])
     # Everything else is counted from the base, so a wrong guess spoils all numbers.
     if not audited.base:
         logger.warning(
@@ -296,7 +296,7 @@ def warn_of_base(audited: "Audit") -> None:
     unreachable = audited.reachability.unreachable
     if unreachable:
         labels = [*map(quoted, audited.reachability.unreachable_entities)]
-        unreachable_names = names(labels, unreachable)
+        unreachable_names = listed(labels, total=unreachable)
         number = f"{unreachable:,} of {audited.entities:,}"
         logger.warning(
             "%s entities cannot be made from the base (%s): %s", number, base, unreachable_names
@@ -312,7 +312,7 @@ def warn_of_cases(labels: Sequence[str]) -> None:
     variants = case_variants(labels)
     if not variants:
         return
-    shown = names([" and ".join(map(quoted, group)) for group in variants], len(variants))
+    shown = listed([" and ".join(map(quoted, group)) for group in variants])
     logging.getLogger(__name__).warning(
         "%s only in case: %s. If they are the same thing, read the book with --case fold.",
         "2 labels differ" if len(variants) == 1 else f"{len(variants):,} groups of labels differ",

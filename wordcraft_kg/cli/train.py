@@ -12,7 +12,14 @@ from cyclopts import Parameter
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.base import ArtefactError, ConfigError, as_values, counted
-from wordcraft_kg.cli.console import Flag, Output, aligned, command_line, read_seeds, split_labels
+from wordcraft_kg.cli.console import (
+    Flag,
+    Output,
+    aligned,
+    command_line,
+    split_labels,
+    whole_numbers,
+)
 from wordcraft_kg.cli.options import Force, Graph, OptionalBook, Seeds, Trackers
 from wordcraft_kg.graphs import TaskPart, describe_train_sample, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
@@ -253,7 +260,7 @@ def _train_seeds(
             f"--seed {settings.seed} and --seeds {seeds} cannot be combined; use only one."
         )
     configs = {}
-    for seed in read_seeds(seeds):
+    for seed in whole_numbers("seeds", [seeds]):
         configs[seed] = replace(config, **{part: replace(settings, seed=seed)})
     from wordcraft_kg.runs.training import train_seeds
 

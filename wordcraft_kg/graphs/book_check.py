@@ -14,7 +14,16 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from wordcraft_kg.base import RecipeFileError, Record, counted, for_terminal, nearest, quoted, stage
+from wordcraft_kg.base import (
+    RecipeFileError,
+    Record,
+    counted,
+    for_terminal,
+    listed,
+    nearest,
+    quoted,
+    stage,
+)
 from wordcraft_kg.graphs.audit import BookFigures, book_figures, sets_inside_others
 from wordcraft_kg.graphs.book_files.cells import OWN_COLUMNS
 from wordcraft_kg.graphs.book_files.files import Content, read_bytes
@@ -157,7 +166,7 @@ def check_book(
         unknown = sorted(set(base_labels).difference(known_base))
         if unknown:
             hint = nearest(unknown[0], book.entities)
-            message = f"base entities that are not in {book.name}: {listed(unknown)}{hint}"
+            message = f"base entities that are not in {book.name}: {_listed(unknown)}{hint}"
             findings.append(_problem("base", message))
     graph = RecipeGraph.from_book(book, known_base)
     line_of = _first_lines(lines_of)
@@ -383,10 +392,10 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
         is_unused = graph.use_counts[graph.base_ids] == 0
         unused = graph.labels(graph.base_ids[is_unused])
     if unused:
-        yield _problem("base", f"base entities that no recipe uses: {listed(unused)}")
+        yield _problem("base", f"base entities that no recipe uses: {_listed(unused)}")
     idle_labels = [label for label in idle if label not in unused]
     if idle_labels:
-        yield _note("idle", f"listed, but in no recipe: {listed(idle_labels)}")
+        yield _note("idle", f"listed, but in no recipe: {_listed(idle_labels)}")
 
 
 def _inside(graph: RecipeGraph) -> Iterator[Finding]:
@@ -441,7 +450,9 @@ def _unreachable(
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         labels = graph.labels(sorted(island))
         subject = counted(len(labels), "entity", "entities")
-        message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
+        message = (
+            f"{subject} cannot be made from the base ({_listed(graph.base)}): {_listed(labels)}"
+        )
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
     places_of: dict[str, list[Place]] = {}
     for recipe, places in lines_of.items():
@@ -451,7 +462,7 @@ def _unreachable(
             labels = graph.labels(sorted(circle))
             message = (
                 "every recipe of these needs another of them, so none can be made first: "
-                f"{listed(labels)}"
+                f"{_listed(labels)}"
             )
             yield _problem("cycle", message, _lines_of(places_of, labels))
 
@@ -481,21 +492,13 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
     lonely = graph.labels(np.flatnonzero(num_recipes == 1))
     if lonely:
         subject = counted(len(lonely), "entity", "entities")
-        message = f"{subject} in one recipe only: {listed(lonely)}"
+        message = f"{subject} in one recipe only: {_listed(lonely)}"
         yield _note("lonely", message, _at(lonely[:LISTED], line_of))
 
 
-def listed(labels: Iterable[str]) -> str:
-    """Join the first 15 labels with commas, and count the remaining labels.
-
-    Labels that hold a comma are in quotes.
-    """
-    labels = list(labels)
-    shown = ", ".join(map(quoted, labels[:LISTED]))
-    num_hidden = len(labels) - LISTED
-    if num_hidden > 0:
-        shown = f"{shown} and {num_hidden:,} more"
-    return shown
+def _listed(labels: Iterable[str]) -> str:
+    """Return the first 15 labels, in quotes if they hold a comma, and the number of all others."""
+    return listed([*map(quoted, labels)], most=LISTED)
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -17,7 +17,7 @@ from typing import Any, overload
 import msgspec
 import numpy as np
 
-from wordcraft_kg.base import Count, RecipeFileError, Record, counted, for_terminal
+from wordcraft_kg.base import Count, RecipeFileError, Record, counted, for_terminal, listed
 from wordcraft_kg.base.wording import case_key, grouped, spelling_key
 from wordcraft_kg.graphs.arrays import (
     Ids,
@@ -294,14 +294,11 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         yield f"read as {self.shape}{delimiter}"
         ingredients = " + ".join(self.columns[: -self.num_results])
         results = ", ".join(self.columns[-self.num_results :])
-        ignored = ", ".join(self.ignored[:_SHOWN])
-        num_hidden = len(self.ignored) - _SHOWN
-        hidden = f" and {num_hidden} more" if num_hidden > 0 else ""
         arities = ", ".join(f"{number:,} of {arity}" for arity, number in self.arities.items())
         facts: tuple[tuple[object, str], ...] = (
             (self.columns, f"{ingredients} = {results}"),
             (not self.header, "no header"),
-            (self.ignored, f"other columns ignored: {ignored}{hidden}"),
+            (self.ignored, f"other columns ignored: {listed(self.ignored, _SHOWN)}"),
             (self.container, f"from {self.container}"),
             (self.encoding not in ("", "utf-8"), f"encoding {self.encoding}"),
             (self.case, "labels in lower case"),

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from wordcraft_kg.base import ConfigError, nearest
+from wordcraft_kg.base import ConfigError, listed, nearest
 from wordcraft_kg.graphs.book_files.cells import (
     JOINERS,
     Names,
@@ -633,9 +633,8 @@ def _shown_paths(texts: _Texts) -> str:
     names = [path_text(path)[:40].removeprefix("[].") for path in texts][:_MOST_PATHS]
     if all(map(str.isdecimal, names)):
         names = [str(texts[path][0])[:40] for path in texts][:_MOST_PATHS]  # no header
-    shown = list(map(repr, names))
-    remainder = f" and {len(texts) - _MOST_PATHS:,} more" if len(texts) > _MOST_PATHS else ""
-    return f"the file has {', '.join(shown) or 'no labels'}{remainder}"
+    shown = listed(list(map(repr, names)), _MOST_PATHS, len(texts))
+    return f"the file has {shown or 'no labels'}"
 
 
 # --- ways to read a document ---------------------------------------------------------------------

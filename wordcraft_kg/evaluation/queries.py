@@ -32,11 +32,13 @@ class Query:
 
     Attributes:
         columns: names of the slots, the header of a file of such queries.
+        entity_slots: places of the slots that hold an entity.
         slots: a label for each column; None for the open slot.
         line: line of the file that the query was read from, from 1; None for arguments.
     """
 
     columns: ClassVar[tuple[str, str, str]] = ("head", "relation", "tail")
+    entity_slots: ClassVar[tuple[int, ...]] = (0, 2)
 
     slots: tuple[str | None, str | None, str | None]
     line: int | None = None
@@ -86,13 +88,15 @@ class Query:
     @property
     def labels(self) -> list[str]:
         """The named entities."""
-        return [label for label in (self.slots[0], self.slots[2]) if label is not None]
+        labels = (self.slots[place] for place in self.entity_slots)
+        return [label for label in labels if label is not None]
 
 
 class RecipeQuery(Query):
     """A query for a recipe, see :class:`Query`."""
 
     columns = ("ingredient_a", "ingredient_b", "result")
+    entity_slots = (0, 1, 2)
 
     @classmethod
     def _check_relation(cls, word: str) -> None:
@@ -105,11 +109,6 @@ class RecipeQuery(Query):
             f"{first} + {second} = {result} has several open slots: leave a single slot open, an "
             "ingredient or the result."
         )
-
-    @property
-    def labels(self) -> list[str]:
-        """The named entities."""
-        return [label for label in self.slots if label is not None]
 
 
 def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:

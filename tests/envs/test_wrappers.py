@@ -61,29 +61,41 @@ def test_the_vector_environment_stays_within_its_spaces():
         np.testing.assert_array_equal(value, kept[key])
 
 
-def test_an_end_shows_the_last_observation_and_the_infos_of_its_episode():
-    same, other = vector(), vector(autoreset_mode="NextStep")
+def test_without_autoreset_the_same_episodes_begin():
+    """Without autoreset the caller sees the same ends and begins the same episodes."""
+    same, other = vector(), vector(autoreset_mode="Disabled")
     assert (same.reset(seed=3)[0]["table"] == other.reset(seed=3)[0]["table"]).all()
     rng = np.random.default_rng(0)
-    for _ in range(4):
+    ends = 0
+    for _ in range(60):
         actions = rng.integers(same.single_action_space.n, size=5)
-        _, rewards, over, _, infos = same.step(actions)
+        seen, rewards, over, _, infos = same.step(actions)
         shown, paid, ended, _, told = other.step(actions)
         np.testing.assert_array_equal(over, ended)
         np.testing.assert_array_equal(rewards, paid)
+        assert (shown["attempts_left"][ended] == 0).all()
         if ended.any():
-            break
-        assert "final_obs" not in infos
-    np.testing.assert_array_equal(infos["_final_obs"], ended)
-    np.testing.assert_array_equal(infos["_final_info"], ended)
-    for env in np.flatnonzero(ended):
-        for name, values in shown.items():
-            np.testing.assert_array_equal(infos["final_obs"][env][name], values[env])
-        assert same.single_observation_space.contains(infos["final_obs"][env])
+            with pytest.raises(EpisodeError, match="has ended"):
+                other.step(actions)
+            np.testing.assert_array_equal(infos["_final_obs"], ended)
+            np.testing.assert_array_equal(infos["_final_info"], ended)
+            for env in np.flatnonzero(ended):
+                for name, values in shown.items():
+                    np.testing.assert_array_equal(infos["final_obs"][env][name], values[env])
+                assert same.single_observation_space.contains(infos["final_obs"][env])
+                for name, values in told.items():
+                    assert infos["final_info"][name][env] == values[env]
+            assert all(infos["final_obs"][env] is None for env in np.flatnonzero(~ended))
+            shown, began = other.reset(options={"reset_mask": ended})
+            told = {name: np.where(ended, values, told[name]) for name, values in began.items()}
+            ends += int(ended.sum())
+        else:
+            assert "final_obs" not in infos
         for name, values in told.items():
-            assert infos["final_info"][name][env] == values[env]
-    assert all(infos["final_obs"][env] is None for env in np.flatnonzero(~ended))
-    assert ended.any()
+            np.testing.assert_array_equal(infos[name], values)
+        for name, values in seen.items():
+            np.testing.assert_array_equal(values, shown[name])
+    assert ends > 50
 
 
 def first_end(envs):
@@ -134,7 +146,8 @@ def test_a_list_of_seeds_gives_each_environment_the_episodes_of_its_seed():
         single_shown = {seed: envs.step(actions[seed][None])[0] for seed, envs in alone.items()}
 
 
-def test_a_seed_of_none_in_a_list_continues():
+def test_a_seed_of_none_continues_and_a_mask_takes_its_seeds():
+    """A seed of none in a list continues and a mask takes the seeds it marks."""
     one, other = vector(3), vector(3)
     for envs in (one, other):
         envs.reset(seed=2)
@@ -143,6 +156,13 @@ def test_a_seed_of_none_in_a_list_continues():
     first = vector(1).reset(seed=5)[0]
     for name, values in seeded.items():
         np.testing.assert_array_equal(values[[0, 2]], continued[name][[0, 2]])
+        np.testing.assert_array_equal(values[1], first[name][0])
+    envs = vector(3, autoreset_mode="Disabled")
+    before, _ = envs.reset(seed=2)
+    mask = np.array([False, True, False])
+    after, _ = envs.reset(seed=np.array([9, 5, 9]), options={"reset_mask": mask})
+    for name, values in after.items():
+        np.testing.assert_array_equal(values[[0, 2]], before[name][[0, 2]])
         np.testing.assert_array_equal(values[1], first[name][0])
 
 

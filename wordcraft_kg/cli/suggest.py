@@ -59,11 +59,12 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             accept. With --accept, file for the longer book. An existing file is never replaced.
         accept: such a file: write a copy of the book with its ticked recipes to --out.
     """
-    from wordcraft_kg.evaluation import suggestion_files
     from wordcraft_kg.evaluation.suggestions import (
+        check_new_table,
         open_suggesting,
         suggest as suggest_for,
         suggest_recipes,
+        write_suggestions,
     )
     from wordcraft_kg.models.recipes.records import SetMetrics
     from wordcraft_kg.models.scorers.sets.rules import read_rule
@@ -84,7 +85,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             "it out."
         )
     if out is not None:
-        suggestion_files.check_new_table(out)
+        check_new_table(out)
     wish = _read_wish(book, pair, goal, with_item, start)
     if goal is not None:
         view = suggest_recipes(recipe_model, goal, top, has_coverage=not any_parts, rule=user_rule)
@@ -101,7 +102,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
         lines.append("In training no unseen goal got a right set: these suggestions are guesses.")
     if out is not None:
-        suggestion_files.write_suggestions(view.suggestions, out)
+        write_suggestions(view.suggestions, out)
         count = counted(len(view.suggestions), "suggestion")
         lines.append(f"wrote {out}: {count}; put x into the column accept, then --accept {out}")
     output.result(view, lines)
@@ -134,7 +135,7 @@ def _read_wish(
 
 
 def _write_longer_book(book: "RecipeGraph", table: Path, out: Path, output: Output) -> None:
-    from wordcraft_kg.evaluation.suggestion_files import ticked, write_accepted
+    from wordcraft_kg.evaluation.suggestions import ticked, write_accepted
 
     recipes = ticked(table, book)
     write_accepted(book, recipes, out)

@@ -361,7 +361,12 @@ class BatchEngine:
         """
         return self._begin(state.keys, state.episode)
 
-    def reseed(self, state: State, seeds: Sequence[int | None]) -> State:
+    def reseed(
+        self,
+        state: State,
+        seeds: Sequence[int | None],
+        where: Array | None = None,
+    ) -> State:
         """Give environments seeds of their own, for the episodes that begin next.
 
         An environment then has the episodes of environment 0 of its seed, so equal seeds give equal
@@ -370,6 +375,7 @@ class BatchEngine:
         Args:
             state: state of this engine, which stays unchanged.
             seeds: N seeds, 0 or more; None keeps an environment's episodes.
+            where: shape (N,), bool: environments whose seeds are taken; all by default.
 
         Raises:
             ConfigError: for a negative seed.
@@ -377,7 +383,7 @@ class BatchEngine:
         keys = self.arrays.copy(state.keys)
         episode = self.arrays.copy(state.episode)
         for env, seed in enumerate(seeds):
-            if seed is not None:
+            if seed is not None and (where is None or where[env]):
                 keys[env] = self._draws.env_keys(seed, 0, 1)[0]
                 episode[env] = 0
         ahead = Ahead(self._draws, keys, episode)

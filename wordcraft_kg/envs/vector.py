@@ -16,7 +16,6 @@ from wordcraft_kg.graphs.folder import GraphLike
 
 Arrays = dict[str, NDArray[Any]]
 _NAMES = np.array(OUTCOMES, dtype=object)
-_MODES = (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP)
 
 
 class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
@@ -25,10 +24,11 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     Made by ``gym.make_vec("WordCraft-v0", vectorization_mode="vector_entry_point", ...)``.
 
     Observations are as in :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of
-    length N, fresh arrays each time. ``autoreset_mode`` is one of two of Gymnasium's modes.
-    SAME_STEP, the default: where ``terminated`` is True, observation and infos are the first of the next
-    episode; reward and flags belong to the step that ended, and so do ``final_obs`` and
-    ``final_info``. NEXT_STEP: the next step begins the new episode without acting.
+    length N, fresh arrays each time. ``autoreset_mode`` is one of Gymnasium's modes. SAME_STEP, the
+    default: where ``terminated`` is True, observation and infos are the first of the next episode;
+    reward and flags belong to the step that ended, and so do ``final_obs`` and ``final_info``.
+    NEXT_STEP: the next step begins the new episode without acting. DISABLED:
+    ``reset(options={"reset_mask": mask})`` begins it.
 
     Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. As
     in Gymnasium, a step in the mode SAME_STEP that ends episodes adds ``final_obs``, an array of
@@ -66,10 +66,13 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             raise ConfigError(
                 f"`render_mode` {render_mode!r}: expected None; many environments are not rendered."
             )
-        if autoreset_mode not in _MODES and autoreset_mode not in [mode.value for mode in _MODES]:
-            modes = " or ".join(mode.value for mode in _MODES)
-            raise ConfigError(f"`autoreset_mode` {autoreset_mode!r}: expected {modes}.")
-        self._mode = AutoresetMode(autoreset_mode)
+        try:
+            self._mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            modes = ", ".join(mode.value for mode in AutoresetMode)
+            raise ConfigError(
+                f"`autoreset_mode` {autoreset_mode!r}: expected one of {modes}."
+            ) from None
         self.render_mode = None
         self.world = world = World.of(graph, settings)
         self.config = world.config
@@ -96,36 +99,54 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
                 environment with a seed of its own has the episodes of a single environment
                 (``num_envs=1``) with this seed. None continues all streams, or at first draws a
                 seed from the system.
-            options: none; set tasks with the engine's ``pose``.
+            options: ``reset_mask``, booleans of shape (N,), restarts only the environments where it
+                is True, and takes no seed but a list.
 
         Returns:
             Observations and infos of all environments.
 
         Raises:
-            ConfigError: for a wrong number of seeds, or an option.
+            ConfigError: for a wrong number of seeds, another option, or a mask of another shape or
+                type.
         """
-        if options:
+        unknown = {*(options or {})} - {"reset_mask"}
+        if unknown:
             raise ConfigError(
-                f"unknown reset option '{min(options)}': expected none; set tasks with the "
-                "engine's pose()."
+                f"unknown reset option '{min(unknown)}': expected reset_mask; "
+                "set tasks with the engine's pose()."
             )
-        is_list = isinstance(seed, list | tuple | np.ndarray)
-        state = self._state
-        if seed is not None and not is_list:
-            state = self.engine.reset(seed)  # type: ignore[arg-type]
-        elif state is None:
-            # Without a seed, the first reset draws one, and all later resets go on from there.
-            state = self.engine.reset(int(np.random.SeedSequence().generate_state(1)[0]))
-        elif seed is None:
-            state = self.engine.restart(state)
-        if is_list:
-            seeds = list(seed)  # type: ignore[arg-type]
+        seeds: list[int | None] | None = None
+        if isinstance(seed, list | tuple | np.ndarray):
+            seeds = list(seed)
+            seed = None
             if len(seeds) != self.num_envs:
                 raise ConfigError(
                     f"`seed`: {len(seeds)} seeds for {self.num_envs} environments; expected one "
                     "for each, or one integer for all."
                 )
-            state = self.engine.restart(self.engine.reseed(state, seeds))
+        mask = None if not options else np.asarray(options["reset_mask"])
+        if mask is not None and (
+            seed is not None or mask.dtype != bool or mask.shape != (self.num_envs,)
+        ):
+            raise ConfigError(
+                f"`reset_mask`: expected booleans of shape ({self.num_envs},), and no seed or "
+                f"{self.num_envs} seeds."
+            )
+        # Without a seed, the first reset draws one, and all later resets go on from there.
+        if self._state is None and seed is None:
+            seed = int(np.random.SeedSequence().generate_state(1)[0])
+        # A mask resets finished episodes in place, in the mode DISABLED.
+        if mask is not None or seeds is not None:
+            state = self.engine.reset(seed or 0) if self._state is None else self._state
+            if seeds is not None:
+                state = self.engine.reseed(state, seeds, mask)
+            everywhere = np.ones(self.num_envs, dtype=bool)
+            state = self.engine.begin_where(state, everywhere if mask is None else mask)
+        elif seed is None and self._state is not None:
+            state = self.engine.restart(self._state)
+        else:
+            assert seed is not None  # drawn above
+            state = self.engine.reset(seed)
         self._state = state
         return self._observations(), self._infos(self._no_step(), state.task)
 
@@ -146,10 +167,14 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         Raises:
             ActionError: for a number that is not a slot, or for an empty slot if
                 ``illegal_action`` is ``raise``.
-            EpisodeError: before :meth:`reset`.
+            EpisodeError: before :meth:`reset`, or in the mode DISABLED after an episode's end.
         """
         before = self.state
         ended = before.attempts_left == 0  # never in the mode SAME_STEP
+        if self._mode is AutoresetMode.DISABLED and ended.any():
+            raise EpisodeError(
+                f"environment {int(ended.argmax())} has ended; call reset() with a `reset_mask`."
+            )
         if ended.all():
             result = self._no_step()  # the engine refuses a step without a running episode
         else:
@@ -165,7 +190,8 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
                 "_final_obs": ended.copy(),
                 "_final_info": ended.copy(),
             }
-        self._state = self.engine.begin_where(self.state, ended)
+        if self._mode is not AutoresetMode.DISABLED:
+            self._state = self.engine.begin_where(self.state, ended)
         # Where a new episode began, infos name its task.
         task = self.state.task if ended.any() else result.task
         never = np.zeros(self.num_envs, dtype=bool)

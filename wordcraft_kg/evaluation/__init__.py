@@ -8,7 +8,7 @@ Schema of ``report.json`` is derived from the view's type and checked when the f
     view = view_links(rank_links(scorer, opened), name="mine")
     view.metrics["all"].mrr
 
-- Links: ``ranked_links`` ranks and compares models, ``links`` and ``link_sections`` make the view,
+- Links: ``ranked_links`` ranks and compares models, ``links`` makes the view,
   which has the slices and the calibration.
 - Single scores: ``queries`` parses, ``scores`` answers for triples and recipes.
 - Play: ``agents`` and ``agent_metrics`` for trained agents, ``players`` for one agent or scripted

@@ -33,16 +33,17 @@ from wordcraft_kg.models.knowledge.folder import KnowledgeRecord, KnowledgeTable
 from wordcraft_kg.models.links import regularisation, training as link_training
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, LinkSettings
-from wordcraft_kg.models.links.fitting import Epochs, fit
-from wordcraft_kg.models.links.outside import read_outside
-from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
-from wordcraft_kg.models.links.regularisation import (
+from wordcraft_kg.models.links.fitting import (
     HELD_OUT,
     N3,
     POPULARITY,
+    Epochs,
     choose,
+    fit,
     split_of_train,
 )
+from wordcraft_kg.models.links.outside import read_outside
+from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, ranking_metrics

@@ -223,17 +223,6 @@ def test_the_page_of_a_comparison_has_an_ending_that_a_browser_shows(
     refused(*command, says=f"{page}' exists", kind="OutputExistsError")
 
 
-def test_the_models_that_can_be_trained_are_listed_with_their_commands(printed, run):
-    listed = {
-        model["name"]: model["command"]
-        for model in printed("train-links", "--list-models")["models"]
-    }
-    assert listed["ComplEx"] == "train-complex"
-    assert listed["RotatE"] == "train-links --model RotatE"
-    assert not {"CompGCN", "DistMultLiteral", "NodePiece", "FixedModel"} & set(listed)
-    assert "wordcraft-kg train-links --model TuckER" in run("train-links", "--list-models").out
-
-
 @pytest.mark.slow
 def test_complex_with_its_defaults_beats_frequency(printed, run, tmp_path):
     """Complex with its defaults predicts unseen links better than frequency."""

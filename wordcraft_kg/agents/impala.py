@@ -489,12 +489,7 @@ class Impala:
                 unroll.external_scores[t] = scores
                 scores = unroll.external_scores[t]
             # Compiled code expects the same tensors in each update: the unroll's, not the engine's.
-            buffers = unroll.states
-            assert buffers.attempts is not None
-            attempts_left = Attempts(buffers.attempts.left[t])
-            observed = States(
-                buffers.goal[t], buffers.selection[t], buffers.table[t], attempts=attempts_left
-            )
+            observed = unroll.states.of(t)
             dropped = None if unroll.noise is None else unroll.noise[t]
             actions, log_probs = self._act(weights, observed, scores, noise[t], dropped)
             unroll.actions[t] = actions

@@ -16,7 +16,7 @@ from wordcraft_kg.agents.records import TerminationReason
 from wordcraft_kg.base import ConfigError, Count, GraphMismatchError, Hash, Record, Share, steps
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import agent_metrics
-from wordcraft_kg.evaluation.agent_metrics import SourceGain, source_gains
+from wordcraft_kg.evaluation.agent_metrics import EvaluatedGraph, SourceGain, source_gains
 from wordcraft_kg.graphs import TaskPart, TrainedOn
 from wordcraft_kg.models.policies.sources import shown_setting
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
@@ -28,22 +28,6 @@ _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 # The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
-
-
-class SharedGraph(Record):
-    """The recipe graph that all compared agents were trained on.
-
-    Attributes:
-        name: the graph's name.
-        hash: the graph's content hash.
-        entities: number of entities.
-        recipes: number of recipes.
-    """
-
-    name: str
-    hash: Hash
-    entities: Count
-    recipes: Count
 
 
 class SharedSplit(Record):
@@ -164,7 +148,7 @@ class AgentsView(Record):
     """
 
     format: Literal["wordcraft-kg agent report 1"]
-    graph: SharedGraph
+    graph: EvaluatedGraph
     split: SharedSplit
     part: TaskPart
     depth: Annotated[int, msgspec.Meta(ge=1)]
@@ -295,12 +279,7 @@ def view_agents(
     tasks = len(evaluators[headline].tasks)
     return AgentsView(
         format="wordcraft-kg agent report 1",
-        graph=SharedGraph(
-            name=graph.name,
-            hash=graph.hash,
-            entities=graph.num_entities,
-            recipes=graph.num_recipes,
-        ),
+        graph=EvaluatedGraph.of(graph),
         split=SharedSplit(
             kind=split.config.kind,
             seed=split.config.seed,

@@ -11,11 +11,17 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents import players
 from wordcraft_kg.agents.evaluation import PlayerSuccess, play_all
-from wordcraft_kg.base import Count, Hash, Record, Share, WordCraftKGError, quoted
+from wordcraft_kg.base import Count, Record, Share, WordCraftKGError, quoted
 from wordcraft_kg.base.statistics import bootstrap, cluster_interval, wilson_interval
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agent_metrics import OPEN_END, Bounds, binned, goal_groups
+from wordcraft_kg.evaluation.agent_metrics import (
+    OPEN_END,
+    Bounds,
+    EvaluatedGraph,
+    binned,
+    goal_groups,
+)
 from wordcraft_kg.evaluation.ranked_links import RankedLinks, labelled
 from wordcraft_kg.graphs import (
     COMBINES_WITH,
@@ -494,24 +500,6 @@ class EvaluatedModel(Record):
     has_seen_the_test_recipes: bool
 
 
-class EvaluatedGraph(Record):
-    """The evaluated graph.
-
-    Attributes:
-        name: the graph's name.
-        hash: content hash.
-        entities: number of entities.
-        recipes: number of recipes.
-        triples: number of triples.
-    """
-
-    name: str
-    hash: Hash
-    entities: Count
-    recipes: Count
-    triples: Count
-
-
 class Check(Record):
     """A condition that must hold for the report's main metrics to be valid.
 
@@ -658,9 +646,7 @@ def view_links(
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
-        graph=EvaluatedGraph(
-            graph.name, graph.hash, graph.num_entities, graph.num_recipes, len(graph.triples)
-        ),
+        graph=EvaluatedGraph.of(graph),
         split=split,
         queries=len(ranks),
         triples=len(links.queries),

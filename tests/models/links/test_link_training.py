@@ -30,7 +30,7 @@ from wordcraft_kg import (
 from wordcraft_kg.base import ArtefactError, ConfigError, TrainingError, WordCraftKGError, as_values
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_folds, make_split, recipe_triples
 from wordcraft_kg.models.knowledge.folder import KnowledgeRecord, KnowledgeTables, write_knowledge
-from wordcraft_kg.models.links import regularisation, training as link_training
+from wordcraft_kg.models.links import fitting, training as link_training
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, LinkSettings
 from wordcraft_kg.models.links.fitting import (
@@ -722,7 +722,7 @@ def test_a_split_by_goal_holds_out_goals_of_train(kitchen):
 
 
 def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen, monkeypatch):
-    monkeypatch.setattr(regularisation, "FOLDS", 1)
+    monkeypatch.setattr(fitting, "FOLDS", 1)
     found = choose(opened_kitchen, OPEN, silent_of_regularisation)
     fold = split_of_train(opened_kitchen.split, HELD_OUT, OPEN.seed)
 
@@ -758,8 +758,8 @@ def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen, settings)
 def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
     opened_kitchen, monkeypatch
 ):
-    monkeypatch.setattr(regularisation, "SMALL", 0)
-    monkeypatch.setattr(regularisation, "RANKED", 40)
+    monkeypatch.setattr(fitting, "SMALL", 0)
+    monkeypatch.setattr(fitting, "RANKED", 40)
     found = choose(opened_kitchen, replace(OPEN, negatives=16), silent_of_regularisation)
     assert {(one.n3, one.popularity) for one in found.candidates} == {
         (N3_PARTIAL, p) for p in POPULARITY

@@ -8,7 +8,7 @@ import torch
 from helpers import write_graph
 from quick import QUICK
 
-from wordcraft_kg.evaluation.queries import RecipeQuery, parse_query
+from wordcraft_kg.evaluation.scores import RecipeQuery, parse_query
 from wordcraft_kg.graphs import RELATIONS, open_book, open_graph
 from wordcraft_kg.models.scorers.folder import load_scorer
 

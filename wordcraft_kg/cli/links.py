@@ -274,11 +274,12 @@ def score(  # noqa: PLR0913 - parameters are the command's options
         out: CSV or TSV file for the scores of --in. Default: print the scores.
     """
     from wordcraft_kg.cli.failures import with_options
-    from wordcraft_kg.evaluation.queries import parse_query, read_queries
     from wordcraft_kg.evaluation.scores import (
         Scores,
         ScoringModel,
         note_of_words,
+        parse_query,
+        read_queries,
         scoring_of,
         with_new_words,
     )

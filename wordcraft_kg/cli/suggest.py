@@ -120,7 +120,7 @@ def _read_wish(
     Raises:
         ConfigError: for several wishes, a list without entities, or words that are no pair.
     """
-    from wordcraft_kg.evaluation.queries import pieces_of_recipe
+    from wordcraft_kg.evaluation.scores import pieces_of_recipe
     from wordcraft_kg.evaluation.suggestions import Wish
 
     labels: tuple[str, ...] = ()

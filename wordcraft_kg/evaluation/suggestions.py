@@ -31,8 +31,7 @@ from wordcraft_kg.base import (
     write_atomically,
 )
 from wordcraft_kg.evaluation.likely_recipes import LikelyRecipes, RecipeFinder
-from wordcraft_kg.evaluation.queries import OPEN, Query, RecipeQuery, pieces_of_recipe
-from wordcraft_kg.evaluation.scores import Known
+from wordcraft_kg.evaluation.scores import OPEN, Known, Query, RecipeQuery, pieces_of_recipe
 from wordcraft_kg.graphs import (
     MOST_INGREDIENTS,
     Ids,

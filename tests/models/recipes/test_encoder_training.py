@@ -310,8 +310,7 @@ def test_evidence_names_recipes(trained):
 
 
 def test_results_of_a_pair_have_probabilities(trained, book):
-    from wordcraft_kg.evaluation.queries import RecipeQuery
-    from wordcraft_kg.evaluation.scores import RecipeScoring, ScoringModel
+    from wordcraft_kg.evaluation.scores import RecipeQuery, RecipeScoring, ScoringModel
 
     scorer = load_scorer(trained)
     calibration = json.loads((trained / "calibration.json").read_text())

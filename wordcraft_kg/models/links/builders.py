@@ -20,17 +20,17 @@ from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.base import ConfigError, nearest, refuse
 from wordcraft_kg.graphs import RELATIONS, Ids
-from wordcraft_kg.models.links.complex import ComplExN3
+from wordcraft_kg.models.links.complex import (
+    ComplExN3,
+    IndexedSymmetricLCWATrainingLoop,
+    SampledSymmetricLCWATrainingLoop,
+)
 from wordcraft_kg.models.links.config import (
     ComplExConfig,
     LinkModelConfig,
     LinkSettings,
 )
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
-from wordcraft_kg.models.links.symmetric_lcwa import (
-    IndexedSymmetricLCWATrainingLoop,
-    SampledSymmetricLCWATrainingLoop,
-)
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 

@@ -13,8 +13,7 @@ from wordcraft_kg.apps.explorer.predictor import (
     recipes_giving,
 )
 from wordcraft_kg.base import ConfigError, Record
-from wordcraft_kg.evaluation.queries import RecipeQuery
-from wordcraft_kg.evaluation.scores import RecipeScoring, ScoredAnswer
+from wordcraft_kg.evaluation.scores import RecipeQuery, RecipeScoring, ScoredAnswer
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 
 RESULTS = 10

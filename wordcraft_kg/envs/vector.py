@@ -215,7 +215,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         return self._state
 
     def _observations(self) -> Arrays:
-        return _observed(self.state, slice(None))
+        return self.state.observed(slice(None))
 
     def _no_step(self) -> Step:
         """Return the outcome of no action in any environment."""
@@ -259,22 +259,10 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         }
 
 
-def _observed(state: State, rows: Any) -> Arrays:
-    """Return the observations of some environments: their numbers, or a slice."""
-    # Copies, because callers may keep observations, and the engine's arrays are shared.
-    return {
-        "action_mask": state.action_masks()[rows].astype(np.int8),
-        "attempts_left": np.array(state.attempts_left[rows]),
-        "goal": np.array(state.goal[rows]),
-        "selection": np.array(state.selection[rows]),
-        "table": np.array(state.table[rows]),
-    }
-
-
 def _final_obs(last: State, over: NDArray[np.bool_]) -> NDArray[Any]:
     """Return an array of objects: an observation where an episode is over, None elsewhere."""
     rows = np.flatnonzero(over)
-    columns = _observed(last, rows)
+    columns = last.observed(rows)
     final_obs = np.full(len(over), None, dtype=object)
     # Rows of arrays are iterated faster than indexed.
     for env, *values in zip(rows.tolist(), *columns.values(), strict=True):

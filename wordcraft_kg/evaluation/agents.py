@@ -6,7 +6,7 @@ episodes.
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, product
 from pathlib import Path
@@ -28,16 +28,6 @@ from wordcraft_kg.agents.evaluation import (
     success_rows,
 )
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
-from wordcraft_kg.agents.players import (
-    BEST_PAIR,
-    PLANNER,
-    advice_on_words,
-    is_words_player,
-    knowledge_of,
-    knowledge_players,
-    scorer_alone,
-    scorer_players,
-)
 from wordcraft_kg.agents.records import Success, TerminationReason
 from wordcraft_kg.base import (
     ConfigError,
@@ -53,16 +43,26 @@ from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.draws import MOST_TASKS, default_seeds, sampled_tasks
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation import agent_metrics
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
+    AgentSuccess,
+    CurvePoint,
     EvaluatedGraph,
+    LambdaCurve,
+    SeedCurve,
+    Slice,
     SliceSuccess,
     SourceGain,
+    TrainingMetric,
     compare_with_scorer,
     goal_groups,
-    slice_successes,
+    lambda_curves,
+    outcomes_of,
+    slices_of,
     source_gains,
+    success_curves,
+    success_of,
+    training_metrics,
 )
 from wordcraft_kg.graphs import OpenedGraph, TaskPart, TrainedOn
 from wordcraft_kg.models.policies.sources import shown_setting, with_letters
@@ -135,13 +135,13 @@ class AgentEntry(Record):
     steps: tuple[int, ...]
     seconds: tuple[float | None, ...]
     steps_per_second: tuple[float | None, ...]
-    success: dict[str, agent_metrics.AgentSuccess]
+    success: dict[str, AgentSuccess]
     outcomes: dict[str, dict[TerminationReason, Share]]
     sources: dict[str, SourceGain]
-    slices: dict[agent_metrics.Slice, tuple[agent_metrics.SliceSuccess, ...]]
-    curves: dict[str, tuple[agent_metrics.CurvePoint, ...]]
-    lambdas: tuple[agent_metrics.LambdaCurve, ...]
-    training: dict[agent_metrics.TrainingMetric, tuple[agent_metrics.SeedCurve, ...]]
+    slices: dict[Slice, tuple[SliceSuccess, ...]]
+    curves: dict[str, tuple[CurvePoint, ...]]
+    lambdas: tuple[LambdaCurve, ...]
+    training: dict[TrainingMetric, tuple[SeedCurve, ...]]
     provenance: dict[str, dict[str, str]]
 
 
@@ -300,10 +300,7 @@ def view_agents(
     first = everyone[0]
     world, played = _conditions(everyone, part, distractors)
     headline = world.config.num_distractors
-    evaluators = {
-        amount: Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)
-        for amount in played
-    }
+    evaluators = _evaluators(world, played, distractor_seeds)
     results: dict[str, _Results] = {name: {} for name in groups}
     # Listed before playing, so that the progress has a total.
     pairs = product(groups, played)
@@ -403,6 +400,18 @@ def _scores_of(agent: OpenedAgent) -> tuple[object, ...]:
     policy = agent.config.policy
     scorer = agent.run.inputs.get("scorer")
     return scorer, policy.use, policy.scale, policy.self_edges, policy.plan_width, policy.in_sample
+
+
+def _evaluators(
+    world: World, distractors: Iterable[int], tables: int | None, limit: int = MOST_TASKS
+) -> dict[int, Evaluator]:
+    """Return evaluators by number of distractors, on the same tasks in the same order."""
+    return {
+        amount: Evaluator(
+            world.variant(num_distractors=amount), distractor_seeds=tables, limit=limit
+        )
+        for amount in distractors
+    }
 
 
 def _play(player: players.Player, evaluators: dict[int, Evaluator]) -> dict[int, Evaluation]:
@@ -508,13 +517,13 @@ def _entry(
 ) -> AgentEntry:
     headline = results.get(world.config.num_distractors, [])
     config = members[0].config
-    against_scorer: dict[int, agent_metrics.AgainstScorer] = {}
+    against_scorer: dict[int, AgainstScorer] = {}
     if members[0].policy.sources:
         _, scorer_results = scorers[_scores_of(members[0])]
         # The last one is p alone if the agent has it, else w alone, else all sources.
         sources, played = list(scorer_results.items())[-1]
         against_scorer = {
-            amount: agent_metrics.compare_with_scorer(runs, sources, played[amount])
+            amount: compare_with_scorer(runs, sources, played[amount])
             for amount, runs in results.items()
         }
     return AgentEntry(
@@ -536,17 +545,15 @@ def _entry(
             agent.evaluation.steps_per_second if agent.evaluation else None for agent in members
         ),
         success={
-            str(amount): agent_metrics.success_of(
-                runs, reference.get(amount), against_scorer.get(amount)
-            )
+            str(amount): success_of(runs, reference.get(amount), against_scorer.get(amount))
             for amount, runs in results.items()
         },
-        outcomes={str(amount): agent_metrics.outcomes_of(runs) for amount, runs in results.items()},
+        outcomes={str(amount): outcomes_of(runs) for amount, runs in results.items()},
         sources=gains,
-        slices=agent_metrics.slices_of(members[0], world.tasks, headline, made_by_other_books),
-        curves=agent_metrics.success_curves(members),
-        lambdas=tuple(agent_metrics.lambda_curves(members)),
-        training=agent_metrics.training_metrics(members),
+        slices=slices_of(members[0], world.tasks, headline, made_by_other_books),
+        curves=success_curves(members),
+        lambdas=tuple(lambda_curves(members)),
+        training=training_metrics(members),
         provenance={agent.name: agent.provenance for agent in members},
     )
 
@@ -685,37 +692,28 @@ def view_evaluation(
     if distractor_policy is not None:
         config = config.variant(distractor_policy=distractor_policy)
     world = World(trained.opened, config)
-    # Variants share the world's tasks, so each count has the same tasks in the same order.
-    evaluators = {}
-    for amount in distractors:
-        variant = world.variant(num_distractors=amount)
-        evaluators[str(amount)] = Evaluator(
-            variant,
-            distractor_seeds=distractor_seeds,
-            limit=limit,
-        )
-    results = {amount: evaluator(player) for amount, evaluator in evaluators.items()}
+    evaluators = _evaluators(world, distractors, distractor_seeds, limit)
+    results = _play(player, evaluators)
     against_scorer = None
     sources = None
     if agent == "trained" and trained.policy.sources:
         # The last one is p alone if the agent has it, else w alone, else all sources.
-        name, scorer_player = list(scorer_alone(trained.policy.sources).items())[-1]
+        name, scorer_player = list(players.scorer_alone(trained.policy.sources).items())[-1]
         against_scorer = {
-            amount: compare_with_scorer([results[amount]], name, evaluator(scorer_player))
-            for amount, evaluator in evaluators.items()
+            str(amount): compare_with_scorer([results[amount]], name, alone)
+            for amount, alone in _play(scorer_player, evaluators).items()
         }
         sources = {
-            amount: source_gains([trained.policy], evaluator, [results[amount]])
+            str(amount): source_gains([trained.policy], evaluator, [results[amount]])
             for amount, evaluator in evaluators.items()
         }
     by_goal = None
-    if trained.made_by_other_books is not None:
+    labels = trained.made_by_other_books
+    if labels is not None:
         by_goal = {}
-        for count, result in results.items():
-            # The evaluator may have played a sample of the tasks.
-            goals = world.tasks.goals[result.tasks]
-            groups = goal_groups(trained.opened.graph, goals, trained.made_by_other_books)
-            by_goal[count] = slice_successes(groups, [result])
+        for amount, result in results.items():
+            slices = slices_of(trained, world.tasks, [result], labels)
+            by_goal[str(amount)] = slices.get("other_book", ())
     scores = None
     if agent == "kg-only":
         scores = (
@@ -729,8 +727,8 @@ def view_evaluation(
         part=part,
         depth=tasks.depth,
         distractor_policy=world.config.distractor_policy,
-        success={amount: result.metrics() for amount, result in results.items()},
-        outcomes={amount: result.shares() for amount, result in results.items()},
+        success={str(amount): result.metrics() for amount, result in results.items()},
+        outcomes={str(amount): result.shares() for amount, result in results.items()},
         against_scorer=against_scorer,
         sources=sources,
         by_goal=by_goal,
@@ -807,7 +805,7 @@ class Baselines(Record):
 
     def notes(self) -> list[str]:
         """Return advice on the words of the players, if there is any."""
-        return advice_on_words(row.player for row in self.rows)
+        return players.advice_on_words(row.player for row in self.rows)
 
 
 def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
@@ -846,23 +844,27 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         GraphMismatchError: if the model belongs to another graph.
         LeakError: if a cross-fitted model has seen all recipes of a task's plan.
     """
-    players = knowledge_players(opened.split, knowledge_of(model[1].scorer if model else None))
+    scripted = players.knowledge_players(
+        opened.split, players.knowledge_of(model[1].scorer if model else None)
+    )
     world = World(opened, config)
     # Only players that may have learned from another book, or know none, tell its goals apart.
     groups: dict[str, NDArray[np.bool_]] = {}
-    grouped = {name for name in players if is_words_player(name)}
+    grouped = {name for name in scripted if players.is_words_player(name)}
     if model is not None:
         name, trained = model
         # A cross-fitted scorer needs the tasks that it may have been trained on, to answer by the
         # model of the fold that has not seen them.
         tasks = world.tasks if config.part in ("train", "all") else None
         groups = goal_groups(opened.graph, world.tasks.goals, trained.made_by_other_books)
-        guided = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
-        grouped |= {f"{name}, {kind}" for kind in (BEST_PAIR, PLANNER)}
+        guided = players.scorer_players(
+            opened.graph, trained.scorer, trained.triples, tasks, plans=True
+        )
+        grouped |= {f"{name}, {kind}" for kind in (players.BEST_PAIR, players.PLANNER)}
         # The oracle stays last, as the upper bound.
-        oracle = players.pop("recipe oracle")
-        players |= {f"{name}, {kind}": player for kind, player in guided.items()}
-        players["recipe oracle"] = oracle
+        oracle = scripted.pop("recipe oracle")
+        scripted |= {f"{name}, {kind}": player for kind, player in guided.items()}
+        scripted["recipe oracle"] = oracle
     tables = default_seeds(len(world.tasks)) if distractor_seeds is None else distractor_seeds
     # The external player first: it may fail, and its games are kept.
     external_rows: tuple[PlayerSuccess, ...] = ()
@@ -870,7 +872,7 @@ def view_baselines(  # noqa: PLR0913 - each argument is an option of a command
         worlds = [world.variant(num_distractors=amount) for amount in distractors]
         external_rows = _external_rows(external, worlds, tables, limit)
     rows = play_all(
-        world, players, distractors, distractor_seeds=tables, seed=seed, groups=groups, limit=limit
+        world, scripted, distractors, distractor_seeds=tables, seed=seed, groups=groups, limit=limit
     )
     played = sampled_tasks(world, limit)
     return Baselines(

@@ -24,7 +24,7 @@ from split_intervals import split_interval
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.evaluation.players import view_evaluation
+from wordcraft_kg.evaluation.agents import view_evaluation
 
 
 def measured(run: Path) -> dict[str, Any]:

@@ -30,9 +30,8 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig
-from wordcraft_kg.models.links.fitting import fit
+from wordcraft_kg.models.links.fitting import choose, fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
-from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer

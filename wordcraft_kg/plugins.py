@@ -23,7 +23,7 @@ def policy(name: str) -> Callable[[T], T]:
 
     A class ``Network(dim)`` of :class:`torch.nn.Module`, for entity vectors of length ``dim``, with
     ``forward(states, vectors) -> (logits, value)``; shapes are those of
-    :class:`~wordcraft_kg.models.policies.network.NetworkPolicy`, which takes no dropout.
+    :class:`~wordcraft_kg.models.policies.networks.NetworkPolicy`, which takes no dropout.
     """
     from wordcraft_kg.models.policies.config import POLICIES
 
@@ -38,7 +38,7 @@ def source(name: str) -> Callable[[T], T]:
     :class:`~wordcraft_kg.models.policies.sources.source.Source` for all else.
     """
     from wordcraft_kg.models.policies.sources import SOURCES, Label
-    from wordcraft_kg.models.policies.sources.tables import GoalTable
+    from wordcraft_kg.models.policies.sources.pairs import GoalTable
 
     def made(thing: Any) -> Any:
         label = Label(name, name, name, meaning=_first_line(thing))

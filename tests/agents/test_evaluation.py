@@ -21,7 +21,7 @@ from wordcraft_kg.envs import draws
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.evaluation.players import view_baselines
+from wordcraft_kg.evaluation.agents import view_baselines
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer

@@ -316,7 +316,7 @@ COMMANDS = (
 MEASURE = """
 import resource, sys
 import pandas, torch
-import wordcraft_kg.agents.discovery, wordcraft_kg.envs.wordcraft, wordcraft_kg.evaluation.players
+import wordcraft_kg.agents.discovery, wordcraft_kg.envs.wordcraft, wordcraft_kg.evaluation.agents
 from wordcraft_kg.cli import main
 
 def peak():

@@ -8,13 +8,29 @@ import torch
 from helpers import write_graph
 from quick import QUICK
 
-from wordcraft_kg.evaluation.queries import RecipeQuery, parse_query
+from wordcraft_kg.evaluation.scores import RecipeQuery, parse_query
 from wordcraft_kg.graphs import RELATIONS, open_book, open_graph
 from wordcraft_kg.models.scorers.folder import load_scorer
 
 QUERIES = (
     "head,relation,tail\nflour,combinesWith,water\n\n_,componentOf,bread\nflour,componentOf,\n"
 )
+
+
+def answer_to(values):
+    """The only answer of a printed object."""
+    (answer,) = values["answers"]
+    return answer
+
+
+def unranked(answers):
+    """Answers without their rank in a list, which others may have moved."""
+    return [{**answer, "rank": None} for answer in answers]
+
+
+def recipe_of(answer):
+    """The labels of an answer, in the order of the slots."""
+    return tuple(answer["slots"].values())
 
 
 @functools.cache
@@ -32,16 +48,12 @@ def parts_of(graph):
 
 
 def test_score_prints_one_object_with_the_score_of_a_triple(printed, trained):
-    values = printed("score", trained / "one", "flour", "combinesWith", "water")
+    values = answer_to(printed("score", trained / "one", "flour", "combinesWith", "water"))
     scorer = load_scorer(trained / "one")
-    assert (values["head"], values["relation"], values["tail"]) == (
-        "flour",
-        "combinesWith",
-        "water",
-    )
+    assert values["slots"] == {"head": "flour", "relation": "combinesWith", "tail": "water"}
     assert values["score"] == pytest.approx(float(scorer.score("flour", "combinesWith", "water")))
     better = (scorer.score("flour", "combinesWith", torch.arange(80)) > values["score"]).sum()
-    assert values["rank_as_tail"] == 1 + int(better)
+    assert values["ranks"]["tail"] == 1 + int(better)
 
 
 @pytest.mark.parametrize(
@@ -63,8 +75,11 @@ def test_score_lists_the_best_entities_of_an_open_slot(printed, run, trained, qu
     # Reading drops recipes that make their ingredient, so no entity is a component of itself.
     ranked = load_scorer(trained / "one").top(head or None, relation, tail or None, limit=4)
     expected = [(name, score) for name, score in ranked if name != (head or tail)][:3]
-    assert (values["head"], values["tail"]) == (head or None, tail or None)
-    assert [(row["entity"], row["score"]) for row in values["top"]] == expected
+    slot = "tail" if head else "head"
+    answers = values["answers"]
+    assert [(row["slots"][slot], row["score"]) for row in answers] == expected
+    assert {row["slots"]["head" if head else "tail"] for row in answers} == {head or tail}
+    assert [row["rank"] for row in answers] == [1, 2, 3]
     for line, (name, _) in zip(run(*command).out.splitlines()[1:], expected, strict=True):
         assert f"{head or name} componentOf {tail or name}" in line
 
@@ -77,53 +92,55 @@ def test_score_proposes_nothing_that_reading_drops(printed, trained, tmp_path):
     file = ("--in", tmp_path / "in.csv")
     for query in (("_", "componentOf", "bread"), ("bread", "componentOf", "_"), file):
         values = printed("score", trained / "one", *query, "--top", 1_000)
-        rows = values.get("top") or values["rows"]
+        rows = values["answers"]
         assert len(rows) > 50
-        assert ("bread", "bread") not in {(row.get("head"), row.get("tail")) for row in rows}
-        assert "bread" not in {row.get("entity") for row in rows}
-    pairs = printed("score", trained / "one", "bread", "combinesWith", "_", "--top", 1_000)["top"]
-    assert "bread" in {row["entity"] for row in pairs}
+        assert ("bread", "componentOf", "bread") not in set(map(recipe_of, rows))
+    pairs = printed("score", trained / "one", "bread", "combinesWith", "_", "--top", 1_000)
+    assert "bread" in {row["slots"]["tail"] for row in pairs["answers"]}
 
 
 def test_score_says_which_recipes_give_each_triple(printed, run, trained):
     known = parts_of(trained / "graph")
     query = ("score", trained / "one", "_", "componentOf", "bread", "--top", "80")
     values = printed(*query)
-    assert printed(*query[:-2])["top"] == values["top"][:10]
-    assert printed(*query[:-1], "500")["top"] == values["top"]
-    new = printed(*query[:-1], "7", "--new-only")["top"]
-    assert new == [row for row in values["top"] if row["known"] == "new"][:7]
-    parts = [row["known"] for row in values["top"]]
+    assert printed(*query[:-2])["answers"] == values["answers"][:10]
+    assert printed(*query[:-1], "500")["answers"] == values["answers"]
+    new = printed(*query[:-1], "7", "--new-only")["answers"]
+    is_new = [row for row in values["answers"] if row["known"] == "new"]
+    assert unranked(new) == unranked(is_new[:7])
+    parts = [row["known"] for row in values["answers"]]
     assert parts == [
-        known.get((row["entity"], "componentOf", "bread"), "new") for row in values["top"]
+        known.get((row["slots"]["head"], "componentOf", "bread"), "new")
+        for row in values["answers"]
     ]
     assert set(parts) == {"train", "test", "new"}
     assert values["trained_on"] == "partial"
     assert [line.split()[1] for line in run(*query).out.splitlines()] == ["part", *parts]
     for triple, part in list(known.items())[::97]:
-        assert printed("score", trained / "one", *triple)["known"] == part
+        assert answer_to(printed("score", trained / "one", *triple))["known"] == part
 
 
 def test_score_says_how_probable_triples_outside_training_are(printed, run, world, tmp_path):
     model, scorer = world / "scorer", load_scorer(world / "scorer")
     query = ("score", model, "_", "componentOf", "bread", "--top", "80")
-    top = printed(*query)["top"]
+    top = printed(*query)["answers"]
     for row in top:
-        expected = float(scorer.probability(row["entity"], "componentOf", "bread"))
-        assert row["probability"] == (None if row["known"] == "train" else pytest.approx(expected))
+        expected = float(scorer.probability(row["slots"]["head"], "componentOf", "bread"))
+        probability = None if row["known"] == "train" else pytest.approx(expected)
+        assert row.get("probability") == probability
     heading, *lines = run(*query).out.splitlines()
     assert heading.split() == ["score", "part", "triple", "probability"]
     assert [line.endswith(" %") for line in lines] == [row["known"] != "train" for row in top]
     new = next(row for row in top if row["known"] == "new")
-    single = run("score", model, new["entity"], "componentOf", "bread").out
+    single = run("score", model, new["slots"]["head"], "componentOf", "bread").out
     assert f"  {100 * new['probability']:.2g} %" in single
     queries = tmp_path / "queries.csv"
     queries.write_text(
-        f"head,relation,tail\n{new['entity']},componentOf,bread\n_,componentOf,bread\n"
+        f"head,relation,tail\n{new['slots']['head']},componentOf,bread\n_,componentOf,bread\n"
     )
-    rows = printed("score", model, "--in", queries, "--top", "80")["rows"]
+    rows = printed("score", model, "--in", queries, "--top", "80")["answers"]
     assert rows[0]["probability"] == pytest.approx(new["probability"])
-    assert [row["probability"] for row in rows[1:]] == [row["probability"] for row in top]
+    assert [row.get("probability") for row in rows[1:]] == [row.get("probability") for row in top]
     run("score", model, "--in", queries, "--out", tmp_path / "scores.csv")
     header, first, *_ = (tmp_path / "scores.csv").read_text().splitlines()
     assert header.endswith(",known,probability")
@@ -148,11 +165,13 @@ def test_without_its_graph_a_model_still_scores_but_not_new_only(
     run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "one")
     (tmp_path / "graph").rename(tmp_path / "moved")
     query = ("score", tmp_path / "one", "_", "componentOf", "bread")
-    with_graph = printed(*query, "--graph", tmp_path / "moved")["top"]
+    with_graph = printed(*query, "--graph", tmp_path / "moved")["answers"]
     assert not caplog.records
     without = printed(*query)
-    assert [row["entity"] for row in without["top"]] == [row["entity"] for row in with_graph]
-    assert {row["known"] for row in without["top"]} == {None}
+    assert [row["slots"]["head"] for row in without["answers"]] == [
+        row["slots"]["head"] for row in with_graph
+    ]
+    assert {row["known"] for row in without["answers"]} == {None}
     assert without["trained_on"] is None
     assert "not shown which triples are known" in caplog.text
     assert "--graph" in caplog.text
@@ -165,33 +184,30 @@ def test_an_entity_called_like_an_open_slot_goes_before_it(printed, run, tmp_pat
     rows = [f"{a},{b},{c}" for a, b, c in open_book("kitchen").recipes]
     book.write_text("ingredient_a,ingredient_b,result\n_,water,bread\n" + "\n".join(rows))
     run("train-complex", book, *QUICK, "--out", tmp_path / "model")
-    values = printed("score", tmp_path / "model", "_", "combinesWith", "water")
-    assert (values["head"], values["known"]) == ("_", "train")
-    assert printed("score", tmp_path / "model", "?", "combinesWith", "water")["head"] is None
-    assert printed("score", tmp_path / "model", "water", "combinesWith")["tail"] is None
+    model = tmp_path / "model"
+    values = answer_to(printed("score", model, "_", "combinesWith", "water"))
+    assert (values["slots"]["head"], values["known"]) == ("_", "train")
+    assert printed("score", model, "?", "combinesWith", "water")["scored"] == 10
+    assert printed("score", model, "water", "combinesWith")["scored"] == 10
 
 
 def test_a_file_of_queries_gives_what_single_ones_give(printed, trained, tmp_path):
     (tmp_path / "pairs.csv").write_text(QUERIES)
     values = printed("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3")
-    assert (values["queries"], values["scored"], len(values["rows"])) == (3, 7, 7)
-    triple, *listed = values["rows"]
-    single = printed("score", trained / "one", "flour", "combinesWith", "water")
-    assert (triple["line"], triple["rank"], triple["known"]) == (2, None, single["known"])
+    assert (values["queries"], values["scored"], len(values["answers"])) == (3, 7, 7)
+    triple, *listed = values["answers"]
+    single = answer_to(printed("score", trained / "one", "flour", "combinesWith", "water"))
+    assert (triple["line"], triple.get("rank"), triple["known"]) == (2, None, single["known"])
     assert triple["score"] == pytest.approx(single["score"])
     cases = (
-        (4, ("_", "componentOf", "bread"), listed[:3], "head"),
-        (5, ("flour", "componentOf"), listed[3:], "tail"),
+        (4, ("_", "componentOf", "bread"), listed[:3]),
+        (5, ("flour", "componentOf"), listed[3:]),
     )
-    for line, query, rows, slot in cases:
-        best = printed("score", trained / "one", *query, "--top", "3")["top"]
+    for line, query, rows in cases:
+        best = printed("score", trained / "one", *query, "--top", "3")["answers"]
         for rank, (row, one) in enumerate(zip(rows, best, strict=True), 1):
             assert (row["line"], row["rank"]) == (line, rank)
-            assert (row[slot], row["score"], row["known"]) == (
-                one["entity"],
-                one["score"],
-                one["known"],
-            )
+            assert {**row, "line": None} == {**one, "line": None}
 
 
 @pytest.mark.parametrize("termination", ["csv", "tsv"])
@@ -200,17 +216,15 @@ def test_the_scores_of_a_file_go_to_a_file(printed, refused, run, trained, tmp_p
     out = tmp_path / "new" / f"scores.{termination}"
     command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3", "--out", out)
     assert printed(*command)["out"] == str(out)
-    rows = printed(*command[:6])["rows"]
+    rows = printed(*command[:6])["answers"]
     header, *lines = [
         line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()
     ]
     assert header == ["line", "head", "relation", "tail", "score", "rank", "known", "probability"]
-    assert [line[1:4] for line in lines] == [
-        [row["head"], row["relation"], row["tail"]] for row in rows
-    ]
+    assert [tuple(line[1:4]) for line in lines] == [recipe_of(row) for row in rows]
     assert [np.float32(line[4]) for line in lines] == [np.float32(row["score"]) for row in rows]
     assert [line[5] for line in lines] == [
-        "" if row["rank"] is None else str(row["rank"]) for row in rows
+        "" if row.get("rank") is None else str(row["rank"]) for row in rows
     ]
     before = out.read_bytes()
     refused(*command, says="--force", kind="OutputExistsError")
@@ -220,11 +234,9 @@ def test_the_scores_of_a_file_go_to_a_file(printed, refused, run, trained, tmp_p
 
 def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained):
     triples, known = trained / "graph" / "triples" / "full.tsv", parts_of(trained / "graph")
-    assert printed("score", trained / "one", "--in", triples, "--new-only").get("rows", []) == []
-    rows = printed("score", trained / "one", "--in", triples)["rows"]
-    assert [row["known"] for row in rows] == [
-        known[row["head"], row["relation"], row["tail"]] for row in rows
-    ]
+    assert printed("score", trained / "one", "--in", triples, "--new-only").get("answers", []) == []
+    rows = printed("score", trained / "one", "--in", triples)["answers"]
+    assert [row["known"] for row in rows] == [known[recipe_of(row)] for row in rows]
 
 
 @pytest.mark.parametrize(
@@ -286,7 +298,7 @@ def test_entities_outside_the_graph_are_scored_by_words(
     printed, run, recipes_folder, query, by_words, notes
 ):
     command = ("score", recipes_folder, *query.split())
-    assert printed(*command)["by_words"] == by_words
+    assert printed(*command).get("by_words", []) == by_words
     text = run(*command).out
     assert all(note in text for note in notes)
     assert ("not in the graph" in text) == bool(by_words)
@@ -401,23 +413,27 @@ def test_an_arrow_that_a_shell_has_read_as_a_redirection_is_explained(refused, r
 def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes_folder, scorer):
     a, b, result = in_part("train")
     values = printed("score", recipes_folder, f"{a} + {b}", "--top", "5")
-    assert (values["ingredient_a"], values["ingredient_b"], values["result"]) == (a, b, None)
     assert values["trained_on"] == "partial"
     scores = scorer.score_recipes(a, b, torch.arange(len(scorer.entities)))
     ranked = scores.sort(descending=True, stable=True).indices.tolist()
     best = [entity for entity in ranked if scorer.entities[entity] not in (a, b)][:5]
-    assert [row["result"] for row in values["top"]] == [scorer.entities[entity] for entity in best]
-    assert [row["score"] for row in values["top"]] == pytest.approx(scores[best].tolist(), rel=1e-4)
+    assert [row["slots"]["result"] for row in values["answers"]] == [
+        scorer.entities[entity] for entity in best
+    ]
+    assert [row["score"] for row in values["answers"]] == pytest.approx(
+        scores[best].tolist(), rel=1e-4
+    )
     opened = open_graph("kitchen")
     parts = {
         opened.graph.labels(one): part
         for part in ("test", "train")
         for one in opened.split.recipes(part)
     }
-    for row in values["top"]:
-        recipe = (row["ingredient_a"], row["ingredient_b"], row["result"])
+    for row in values["answers"]:
+        recipe = recipe_of(row)
+        assert recipe[:2] == (a, b)
         assert row["known"] == parts.get((*sorted(recipe[:2]), recipe[2]), "new")
-        assert row["in_sample"] == (row["known"] == "train")
+        assert row.get("in_sample", False) == (row["known"] == "train")
         evidence = scorer.supporting_recipes(*recipe, limit=3)
         assert [tuple(one.values()) for one in row["because"]] == [
             (*one.recipe, *map(pytest.approx, (one.weight, one.share, one.strength)))
@@ -426,9 +442,11 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
     lines = run("score", recipes_folder, a, "+", b, "--top", "5").out.splitlines()
     assert lines[0].split() == ["score", "part", "recipe", "probability"]
     assert sum(" because " in line for line in lines) == 3
-    (strongest,) = {one["strength"] for one in values["top"][0]["because"] if one["share"] > 0.5}
+    (strongest,) = {
+        one["strength"] for one in values["answers"][0]["because"] if one["share"] > 0.5
+    }
     assert strongest == 1
-    first = values["top"][0]["because"][0]
+    first = values["answers"][0]["because"][0]
     made = f"{first['ingredient_a']} + {first['ingredient_b']} -> {first['result']}"
     assert f"because {made} {first['strength']:.2g}" in lines[2]
     assert "because: similar train recipes, one part of a score: those with the same" in lines[-2]
@@ -444,18 +462,18 @@ def test_a_recipe_has_a_score_and_ranks_and_in_sample_is_only_its_training(
 ):
     a, b, result = in_part(part)
     command = ("score", recipes_folder, b, "+", a, "=", result)
-    values = printed(*command)
-    assert (values["known"], values["in_sample"]) == (part, in_sample)
+    values = answer_to(printed(*command))
+    assert (values["known"], values.get("in_sample", False)) == (part, in_sample)
     score = float(scorer.score_recipes(a, b, result))
     assert values["score"] == pytest.approx(score, abs=1e-4)
     everything = torch.arange(len(scorer.entities))
     for rank, scores in (
-        ("rank_as_result", scorer.score_recipes(a, b, everything)),
-        ("rank_as_ingredient_a", scorer.score_recipes(everything, a, result)),
-        ("rank_as_ingredient_b", scorer.score_recipes(everything, b, result)),
+        ("result", scorer.score_recipes(a, b, everything)),
+        ("ingredient_a", scorer.score_recipes(everything, a, result)),
+        ("ingredient_b", scorer.score_recipes(everything, b, result)),
     ):
         ties = int((scores - score).abs().lt(1e-3).sum()) - 1
-        assert abs(values[rank] - 1 - int((scores > score + 1e-4).sum())) <= ties
+        assert abs(values["ranks"][rank] - 1 - int((scores > score + 1e-4).sum())) <= ties
     assert (NOTE in run(*command).out) == in_sample
     refused(*command, "--new-only", says="leave a slot open", kind="ConfigError")
 
@@ -468,13 +486,13 @@ def test_partners_are_listed_and_new_ones_only_if_asked(
 ):
     a, b, result = in_part("train")
     command = ("score", recipes_folder, *query.format(b=b, result=result).split(), "--top", "80")
-    top = printed(*command)["top"]
+    top = printed(*command)["answers"]
     others = [label for label in scorer.entities if label != result]
     scores = scorer.score_recipes(others, b, result).sort(descending=True).values.tolist()
     assert [row["score"] for row in top] == pytest.approx(scores, abs=1e-3)
-    assert a in [row[slot] for row in top if row["in_sample"]]
-    new = printed(*command, "--new-only")["top"]
-    assert new == [row for row in top if row["known"] == "new"]
+    assert a in [row["slots"][slot] for row in top if row.get("in_sample")]
+    new = printed(*command, "--new-only")["answers"]
+    assert unranked(new) == unranked(row for row in top if row["known"] == "new")
     assert 0 < len(new) < len(top) == 79
 
 
@@ -489,14 +507,14 @@ def test_a_file_of_recipes_gives_what_single_ones_give(
     command = ("score", recipes_folder, "--in", queries, "--top", "3")
     found = printed(*command)
     assert (found["queries"], found["scored"]) == (4, 8)
-    assert [(row["line"], row["rank"]) for row in found["rows"]] == [
+    assert [(row["line"], row.get("rank")) for row in found["answers"]] == [
         (2, None), *((line, rank) for line in (4, 5) for rank in (1, 2, 3)), (6, None),
     ]  # fmt: skip
-    single = printed("score", recipes_folder, a, "+", b, result)
-    top = printed("score", recipes_folder, c, "+", d, "--top", "3")["top"]
-    for row, expected in zip(found["rows"][:4], [single, *top], strict=True):
-        for name in ("ingredient_a", "ingredient_b", "result", "known", "in_sample"):
-            assert row[name] == expected[name]
+    single = answer_to(printed("score", recipes_folder, a, "+", b, result))
+    top = printed("score", recipes_folder, c, "+", d, "--top", "3")["answers"]
+    for row, expected in zip(found["answers"][:4], [single, *top], strict=True):
+        for name in ("slots", "known", "in_sample"):
+            assert row.get(name) == expected.get(name)
         assert row["score"] == pytest.approx(expected["score"], abs=1e-4)
     out = tmp_path / f"out.{termination}"
     assert printed(*command, "--out", out)["out"] == str(out)
@@ -513,11 +531,11 @@ def test_a_file_of_recipes_gives_what_single_ones_give(
         "known",
         "in_sample",
     ]
-    assert [line[1:4] for line in lines] == [
-        [row[name] for name in header[1:4]] for row in found["rows"]
-    ]
-    assert [line[7] for line in lines] == [str(row["in_sample"]).lower() for row in found["rows"]]
-    rows = printed(*command, "--new-only")["rows"]
+    answers = found["answers"]
+    assert [tuple(line[1:4]) for line in lines] == [recipe_of(row) for row in answers]
+    learned = [str(row.get("in_sample", False)).lower() for row in answers]
+    assert [line[7] for line in lines] == learned
+    rows = printed(*command, "--new-only")["answers"]
     assert {row["known"] for row in rows} == {"new"}
     queries.write_text("ingredient_a,ingredient_b,result\nflour,waater,\n")
     assert "in.csv, line 2: no entity 'waater'" in refused(*command, kind="QueryFileError")
@@ -528,6 +546,6 @@ def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
 
     a, b, result = in_part("train")
     model = ScoringModel(scorer, None, None, "no graph")
-    view = RecipeScoring(model).view_open(RecipeQuery((a, b, None)), 80)
-    assert {row.known for row in view.top} == {None}
-    assert result in [row.result for row in view.top if row.in_sample]
+    answers = list(RecipeScoring(model).answers([RecipeQuery((a, b, None))], 80))
+    assert {answer.known for answer in answers} == {None}
+    assert result in [answer.slots["result"] for answer in answers if answer.in_sample]

@@ -331,7 +331,7 @@ def test_steps_before_a_reset_and_after_the_end_raise(opened_kitchen):
         ({"task": 10**6}, ConfigError, "`task` 1000000: expected a whole number, 0 to"),
         ({"task": "a"}, ConfigError, "`task` 'a': expected a whole number, 0 to"),
         ({"table": []}, ConfigError, "`table` of 0 entities: expected 1 to"),
-        ({"table": ["flour", "flour"]}, ConfigError, "holds an entity twice"),
+        ({"table": ["flour", "flour"]}, ConfigError, "holds 'flour' twice"),
         ({"table": ["flour", "wat"]}, UnknownEntityError, "no entity 'wat'"),
         ({"table": ["flour"] * 50}, ConfigError, "`table` of 50 entities: expected 1 to"),
     ],

@@ -1,7 +1,5 @@
 """The vector environment and the wrappers."""
 
-import copy
-import pickle
 import warnings
 
 import gymnasium as gym
@@ -106,38 +104,6 @@ def first_end(envs):
         infos = envs.step(np.zeros(3, dtype=np.int64))[4]
         if "final_obs" in infos:
             return infos
-
-
-@pytest.mark.parametrize(
-    "read",
-    [
-        dict,
-        copy.copy,
-        copy.deepcopy,
-        lambda infos: {**infos},
-        lambda infos: infos | {},
-        lambda infos: infos.copy(),
-        lambda infos: dict(infos.items()),
-        lambda infos: dict(zip(infos, infos.values(), strict=True)),
-        lambda infos: {"final_obs": infos.get("final_obs")},
-        lambda infos: {"final_obs": infos.pop("final_obs")},
-        lambda infos: pickle.loads(pickle.dumps(infos)),
-    ],
-)
-def test_last_observations_are_there_however_they_are_read(read):
-    one, other = vector(3), vector(3)
-    one.reset(seed=4)
-    other.reset(seed=4)
-    expected = first_end(one)["final_obs"]
-    infos = first_end(other)
-    # Later steps change nothing in them.
-    other.step(np.zeros(3, dtype=np.int64))
-    found = read(infos)["final_obs"]
-    assert found.shape == (3,)
-    for place in range(3):
-        assert (found[place] is None) == (expected[place] is None)
-        for name, value in (expected[place] or {}).items():
-            np.testing.assert_array_equal(found[place][name], value)
 
 
 def test_ends_of_episodes_have_gymnasiums_form():

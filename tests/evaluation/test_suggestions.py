@@ -8,7 +8,6 @@ import pytest
 
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.evaluation.likely_recipes import RecipeFinder
-from wordcraft_kg.evaluation.suggestion_files import ticked
 from wordcraft_kg.evaluation.suggestions import (
     MOST_OF_ITEM,
     PAGE,
@@ -17,6 +16,7 @@ from wordcraft_kg.evaluation.suggestions import (
     finder_of,
     open_suggesting,
     suggest,
+    ticked,
     varied,
 )
 from wordcraft_kg.graphs import Recipe, layers, read_book

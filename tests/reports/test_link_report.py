@@ -76,7 +76,7 @@ def values(kitchen_report):
 def quick(request, monkeypatch):
     """Leave out most resamples, which take most of the time."""
     if "whole" not in request.fixturenames:
-        for place in ("models.scorers.ranking", "evaluation.link_sections"):
+        for place in ("models.scorers.ranking", "evaluation.links"):
             few = lambda *args, seed, **_: bootstrap(*args, resamples=100, seed=seed)  # noqa: E731
             monkeypatch.setattr(f"wordcraft_kg.{place}.bootstrap", few)
 

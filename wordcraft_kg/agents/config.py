@@ -303,12 +303,6 @@ class ImpalaConfig:
         return size if self.batch_size is None else self.batch_size
 
     @property
-    def memory_weight(self) -> float:
-        """The weight of the memory's loss, given or the preset's."""
-        assert self.memory_cost is not None  # set by `__post_init__`
-        return self.memory_cost
-
-    @property
     def steps_per_update(self) -> int:
         """Environment steps per update, in all environments together.
 

@@ -337,15 +337,8 @@ class Explainer:
         """
         graph = self.world.graph
         tasks = self.world.tasks
-        ids = [graph.id_of(entity) for entity in table]
+        ids = self.world.checked_table(table, MOST_ON_TABLE)
         target = graph.id_of(goal)
-        if not 1 <= len(ids) <= MOST_ON_TABLE:
-            raise ConfigError(f"`table` of {len(ids)} entities: expected 1 to {MOST_ON_TABLE}.")
-        if len(set(ids)) < len(ids):
-            twice = next(entity for i, entity in enumerate(ids) if entity in ids[:i])
-            raise ConfigError(
-                f"`table` holds '{graph.entities[twice]}' twice: expected different entities."
-            )
         selected = tuple(map(graph.id_of, selected_entities(selection)))
         for entity in selected:
             if entity not in ids:
@@ -358,9 +351,8 @@ class Explainer:
             raise ConfigError(f"`selection` of {len(selected)} entities: expected {expected}.")
         if like is not None:
             whole("like", like, 0, len(tasks) - 1)
-            # Starting ingredients are padded with empty slots.
-            start = {*tasks.starts[like].tolist()} - {self.world.nothing}
-            if tasks.goals[like] == target and start <= {*ids}:
+            start = self.world.without_nothing(tasks.starts[like].tolist())
+            if tasks.goals[like] == target and {*start} <= {*ids}:
                 return self._explained(self._of_task(like, ids)._replace(selection=selected))
         return self._explained(self._of_table(target, ids)._replace(selection=selected))
 
@@ -374,9 +366,7 @@ class Explainer:
 
     def _of_task(self, task: int, table: list[int]) -> _Query:
         tasks = self.world.tasks
-        # Starting ingredients are padded with empty slots.
-        ids = [entity for entity in tasks.starts[task].tolist() if entity != self.world.nothing]
-        start = tasks.graph.labels(ids)
+        start = tasks.graph.labels(self.world.without_nothing(tasks.starts[task].tolist()))
         # Without train recipes in the tasks, no model has to be chosen by task.
         number = task if has_train_recipes(self.world) else None
         goal = int(tasks.goals[task])

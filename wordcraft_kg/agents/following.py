@@ -5,7 +5,6 @@ comes from, and made again when the stamp changes.
 """
 
 import threading
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -57,7 +56,7 @@ class FollowedRun:
         self.opened = opened
         self._lock = threading.RLock()
         self._kept: dict[str, tuple[Hashable, Any]] = {}
-        self._explainers: OrderedDict[WordCraftConfig, Explainer] = OrderedDict()
+        self._explainers: dict[WordCraftConfig, Explainer] = {}
 
     def records(self) -> AgentRun:
         """Return the run's settings, status, learning curves and checkpoints, as they are now.
@@ -78,18 +77,14 @@ class FollowedRun:
             ArtefactError: if the run does not exist or has no checkpoint yet, or a file is damaged.
             GraphMismatchError: if the graph or split differs from training.
         """
-        with self._lock:
-            # Weights change with a checkpoint, or with the record at the end of training.
-            before = self._kept.get("agent")
-            stamp = (
-                *self._stamp(RUN_FILE),
-                *AGENTS.checkpoints(self.folder).records(),
-            )
-            agent = self._once("agent", stamp, lambda: open_agent(self.folder, self.opened))
-            # Explainers of earlier weights.
-            if before is not None and agent is not before[1]:
-                self._explainers.clear()
-            return agent
+        # Weights change with a checkpoint, or with the record at the end of training.
+        stamp = (*self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records())
+        return self._once("agent", stamp, self._opened)
+
+    def _opened(self) -> OpenedAgent:
+        # Explainers of earlier weights.
+        self._explainers.clear()
+        return open_agent(self.folder, self.opened)
 
     def explainer(self, world: World) -> Explainer:
         """Return an explainer for the latest weights, for :data:`MAX_ACTIONS` of an episode.
@@ -101,20 +96,19 @@ class FollowedRun:
         """
         with self._lock:
             agent = self.agent()
-            if world.config not in self._explainers:
-                self._explainers[world.config] = Explainer(
-                    agent.policy,
-                    world,
-                    max_actions=MAX_ACTIONS,
-                    kg=agent.run.kg or "partial",
-                    trained_on=self._trained_on(agent),
-                    outside=agent.outside,
-                )
-                # The least recently used one goes.
-                if len(self._explainers) > EXPLAINERS:
-                    self._explainers.popitem(last=False)
-            self._explainers.move_to_end(world.config)
-            return self._explainers[world.config]
+            explainer = self._explainers.pop(world.config, None) or Explainer(
+                agent.policy,
+                world,
+                max_actions=MAX_ACTIONS,
+                kg=agent.run.kg or "partial",
+                trained_on=self._trained_on(agent),
+                outside=agent.outside,
+            )
+            # The one that was asked for last comes last, and the first one falls off.
+            self._explainers[world.config] = explainer
+            if len(self._explainers) > EXPLAINERS:
+                del self._explainers[next(iter(self._explainers))]
+            return explainer
 
     def _trained_on(self, agent: AgentRun) -> NDArray[np.bool_] | None:
         """Return a mask of the recipes that the scorer was trained on; None if unknown."""

@@ -169,7 +169,7 @@ class Impala:
         if policy.num_slots is None and not policy.most_picks:
             self._slots -= envs.world.max_results
         # The memory holds pairs.
-        self._remembers = bool(config.memory_weight) and not policy.most_picks
+        self._remembers = bool(config.memory_cost) and not policy.most_picks
         self.successes = Successes(policy.num_entities, self.device)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
@@ -489,12 +489,7 @@ class Impala:
                 unroll.external_scores[t] = scores
                 scores = unroll.external_scores[t]
             # Compiled code expects the same tensors in each update: the unroll's, not the engine's.
-            buffers = unroll.states
-            assert buffers.attempts is not None
-            attempts_left = Attempts(buffers.attempts.left[t])
-            observed = States(
-                buffers.goal[t], buffers.selection[t], buffers.table[t], attempts=attempts_left
-            )
+            observed = unroll.states.of(t)
             dropped = None if unroll.noise is None else unroll.noise[t]
             actions, log_probs = self._act(weights, observed, scores, noise[t], dropped)
             unroll.actions[t] = actions
@@ -628,7 +623,8 @@ class Impala:
 
         if unroll.remembered is not None:
             remembered = unroll.remembered.flatten(0, 1).T
-            loss = loss + config.memory_weight * memory_loss(log_policies, remembered)
+            assert config.memory_cost is not None  # set by the preset
+            loss = loss + config.memory_cost * memory_loss(log_policies, remembered)
 
         if self._scorer_cost:
             # Stay near the policy of the scorer alone, the softmax of w, so that attention learns

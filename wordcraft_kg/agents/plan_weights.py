@@ -25,7 +25,7 @@ from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.policies.states import Attempts, States
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.planning.search import FEATURES, MAX_ATTEMPTS
 from wordcraft_kg.planning.source import BestPlan, log_shares
 
@@ -93,7 +93,7 @@ def fit_plan_weights(
             states = _with_attempts(states, number)
             leads = _pairs_to_goal(states, results, number, world.nothing)
             is_possible = leads.flatten(1).any(1)
-            states = _rows(states, is_possible)
+            states = states.of(is_possible)
             leads = leads[is_possible]
             if not len(leads):
                 break
@@ -110,21 +110,6 @@ def _with_attempts(states: States, number: int) -> States:
     assert states.attempts is not None
     attempts_left = torch.full_like(states.goal, number)
     return states._replace(attempts=states.attempts._replace(left=attempts_left))
-
-
-def _rows(states: States, task_sample: Tensor) -> States:
-    """Return the states where ``task_sample``, shape (B,), is True."""
-    attempts = states.attempts
-    assert attempts is not None
-    assert attempts.tried is not None
-    assert states.task is not None
-    return States(
-        states.goal[task_sample],
-        states.selection[task_sample],
-        states.table[task_sample],
-        states.task[task_sample],
-        Attempts(attempts.left[task_sample], attempts.tried[task_sample]),
-    )
 
 
 def _pairs_to_goal(states: States, results: _Results, number: int, nothing: int) -> Tensor:
@@ -201,7 +186,7 @@ def _after_right_pair(
         num_tried = int((tried[row, :, 0] != nothing).sum())
         tried[row, num_tried] = torch.tensor([first, second])
     after = states._replace(table=table, attempts=attempts._replace(tried=tried))
-    return _rows(after, goes_on)
+    return after.of(goes_on)
 
 
 def _fitted(

@@ -21,10 +21,10 @@ from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import State
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Ids, RecipeGraph, Split, TaskSet
 from wordcraft_kg.models.policies.sources import with_letters
+from wordcraft_kg.models.policies.sources.pairs import SetTable
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
-from wordcraft_kg.models.policies.sources.tables import SetTable
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import SelfEdges, has_table

@@ -11,7 +11,7 @@ Needs the extra ``interop`` and the plain ``WordCraft-v0``; the policy reads ent
 
 import copy
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -343,27 +343,17 @@ class SB3VecEnv(VecEnv):
             assert isinstance(space, spaces.Dict)
             space = spaces.Dict({**space.spaces, "task": self._numbers.space})
         self._actions: NDArray[np.int64] | None = None
-        self._seed: int | None = None
         super().__init__(self.env.num_envs, space, self.env.single_action_space)
 
-    def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Set the seed of the next :meth:`reset`; None lets the system draw one.
+    def reset(self) -> Arrays:
+        """Begin new episodes, after :meth:`seed` the first ones of its seed.
 
         Environments have separate streams of this one seed, as in the vector environment.
-
-        Returns:
-            The seed, once for each environment.
         """
-        self._seed = seed
-        return [seed] * self.num_envs
-
-    def reset(self) -> Arrays:
-        """Begin new episodes, with the seed from :meth:`seed` the first ones of it."""
         if not getattr(self.observation_space, "read_as_ids", False):
             logging.getLogger(__name__).warning(_NOT_READ)
-        observations, infos = self.env.reset(seed=self._seed)
-        self._seed = None
-        self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        observations, infos = self.env.reset(seed=self._seeds[0])
+        self._reset_seeds()
         return self._seen(observations, infos["task"])
 
     def step_async(self, actions: NDArray[np.int64]) -> None:
@@ -416,18 +406,6 @@ class SB3VecEnv(VecEnv):
         """Close the environments, which hold nothing open."""
         self.env.close()
 
-    def action_masks(self) -> NDArray[np.bool_]:
-        """Return which slots hold an entity, shape (N, num_slots).
-
-        Raises:
-            EpisodeError: before the first :meth:`reset`.
-        """
-        return self.env.action_masks()
-
-    def has_attr(self, attr_name: str) -> bool:
-        """Return whether environments have an attribute; MaskablePPO asks for action_masks."""
-        return attr_name == "action_masks" or hasattr(self.env, attr_name)
-
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
         """Return an attribute, which all environments share, once for each chosen environment.
 
@@ -437,9 +415,8 @@ class SB3VecEnv(VecEnv):
 
         Raises:
             AttributeError: if there is no such attribute.
-            IndexError: for a number without an environment.
         """
-        return [getattr(self.env, attr_name)] * len(self._chosen(indices))
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
         """Refuse to change settings, which all environments share.
@@ -480,21 +457,9 @@ class SB3VecEnv(VecEnv):
                 f"environments have no method '{method_name}' with these arguments; expected "
                 "action_masks without any."
             )
-        masks = self.action_masks()
-        return [masks[place] for place in self._chosen(indices)]
+        masks = self.env.action_masks()
+        return [masks[place] for place in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:
-        """Return False for each chosen environment: none is wrapped.
-
-        Raises:
-            IndexError: for a number without an environment.
-        """
-        return [False] * len(self._chosen(indices))
-
-    def _chosen(self, indices: Indices) -> list[int]:
-        places = range(self.num_envs)
-        if indices is None:
-            return list(places)
-        # Through the range, so that a negative place counts from the end, and a wrong one fails.
-        env_numbers = [indices] if isinstance(indices, int) else indices
-        return [places[place] for place in env_numbers]
+        """Return False for each chosen environment: none is wrapped."""
+        return [False for _ in self._get_indices(indices)]

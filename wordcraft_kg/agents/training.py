@@ -62,8 +62,7 @@ from wordcraft_kg.models.policies.sources import need_no_scorer
 from wordcraft_kg.models.policies.sources.registry import tables_are_too_large
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
-from wordcraft_kg.planning.set_plans import P
-from wordcraft_kg.planning.source import BestPlan
+from wordcraft_kg.planning.source import BestPlan, P
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.record import RunFiles, RunRecord, front_matter, read_finished_run
 from wordcraft_kg.runs.run_folder import Progress, RunFolder, RunKind

@@ -27,8 +27,8 @@ from wordcraft_kg.models.policies.sources import label_of
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
+    from wordcraft_kg.evaluation.agents import Baselines
     from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
-    from wordcraft_kg.evaluation.players import Baselines
 
 EXAMPLES = {
     "evaluate-agent": (
@@ -140,7 +140,7 @@ def evaluate_agent(
     if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
         refuse_given(scripted, f"scripted players on a graph, and '{run}' is not a graph")
         from wordcraft_kg.agents.agent_folder import open_agent
-        from wordcraft_kg.evaluation.players import view_evaluation
+        from wordcraft_kg.evaluation.agents import view_evaluation
 
         opened = open_agent(Path(run), trained.graph)
         amounts = whole_numbers(
@@ -172,7 +172,7 @@ def evaluate_agent(
         amounts = whole_numbers("distractors", played.distractors or ["1,2,8"])
         policy = played.distractor_policy or WordCraftConfig.distractor_policy
         config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
-        from wordcraft_kg.evaluation.players import ExternalPlayer, view_baselines
+        from wordcraft_kg.evaluation.agents import ExternalPlayer, view_baselines
         from wordcraft_kg.graphs.folder import open_graph
 
         external = None
@@ -277,7 +277,7 @@ def explain(
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.players import view_explanation
+    from wordcraft_kg.evaluation.agents import view_explanation
 
     if goal is not None and task is not None:
         raise ConfigError("`goal` and `task` both choose tasks; give one of them.")

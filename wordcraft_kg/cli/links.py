@@ -5,13 +5,12 @@ import logging
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.base import (
     ConfigError,
-    Record,
     as_values,
     check_output,
     counted,
@@ -38,6 +37,7 @@ from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
+    from wordcraft_kg.evaluation.scores import ScoredAnswer
     from wordcraft_kg.evaluation.suggestions import SetSupport, Suggestion, Suggestions, Wish
     from wordcraft_kg.graphs import RecipeGraph
     from wordcraft_kg.graphs.folder import TrainedOn
@@ -290,12 +290,13 @@ def score(  # noqa: PLR0913 - parameters are the command's options
             ingredient_a,ingredient_b,result; an empty cell or _ is an open slot.
         out: CSV or TSV file for the scores of --in. Default: print the scores.
     """
-    from wordcraft_kg.evaluation.queries import parse_query, read_queries
     from wordcraft_kg.evaluation.scores import (
+        Scores,
         ScoringModel,
         note_of_words,
+        parse_query,
+        read_queries,
         scoring_of,
-        view_file,
         with_new_words,
     )
     from wordcraft_kg.evaluation.suggestions import check_file_query, is_set_query
@@ -314,36 +315,27 @@ def score(  # noqa: PLR0913 - parameters are the command's options
             "not shown which triples are known: %s", with_options(loaded.missing)
         )
     entities = frozenset(loaded.scorer.entities)
-    if queries is not None:
-        file_queries = read_queries(queries, entities)
-        check_file_query(loaded.scorer, file_queries[0])
-        loaded = with_new_words(loaded, model, file_queries, queries)
-        check_file(out, force=force)
-        scoring = scoring_of(loaded, file_queries[0])
-        rows = list(scoring.score_queries(file_queries, top, new_only=new_only))
-        # Scores that go into a file are not printed as well; what qualifies them always is.
-        lines = [] if out else list(_lines(rows))
-        lines += [*note_of_words(loaded), *_notes(loaded.kg, rows)]
-        if out is not None:
-            table = _table(scoring.row_type.__struct_fields__, rows, out)
-            write_file(out, table, force=force)
-            lines.append(f"wrote {out}: {len(rows):,} scores for {len(file_queries):,} queries")
-        output.result(view_file(loaded, file_queries, rows, out), lines)
-        return
-    query = parse_query(words, entities)
-    if new_only and not query.is_open:
-        raise _no_ranking()
-    loaded = with_new_words(loaded, model, [query])
-    scoring = scoring_of(loaded, query)
-    view: Any
-    if query.is_open:
-        view = scoring.view_open(query, top, new_only=new_only)
-        scored = view.top
+    if queries is None:
+        parsed = [parse_query(words, entities)]
+        if new_only and not parsed[0].is_open:
+            raise _no_ranking()
     else:
-        view = scoring.view(query)
-        scored = [view]
-    text = _text_of_answers(view, len(loaded.scorer.entities))
-    output.result(view, [*text, *note_of_words(loaded), *_notes(loaded.kg, scored)])
+        parsed = read_queries(queries, entities)
+        check_file_query(loaded.scorer, parsed[0])
+    loaded = with_new_words(loaded, model, parsed, queries)
+    check_file(out, force=force)
+    scoring = scoring_of(loaded, parsed[0])
+    answers = tuple(scoring.answers(parsed, top, new_only=new_only, is_explained=queries is None))
+    # Scores that go into a file are not printed as well; what qualifies them always is.
+    lines = [] if out else list(_lines(answers, len(loaded.scorer.entities)))
+    lines += [*note_of_words(loaded), *_notes(loaded.kg, answers)]
+    listed = answers if out is None else ()
+    file = None if out is None else str(out)
+    view = Scores(len(parsed), len(answers), loaded.kg, loaded.by_words, listed, file)
+    if out is not None:
+        write_file(out, _table(parsed[0].columns, answers, out), force=force)
+        lines.append(f"wrote {out}: {len(answers):,} scores for {len(parsed):,} queries")
+    output.result(view, lines)
 
 
 def _scored_set(
@@ -392,49 +384,19 @@ def _check_query(
         )
 
 
-def _text_of_answers(view: Any, num_entities: int) -> Iterator[str]:
-    """Yield the answers to an open query, or a whole one with the ranks of its entities."""
-    if hasattr(view, "top"):
-        triples = None
-        if hasattr(view, "relation"):
-            triples = [
-                f"{view.head or best.entity} {view.relation} {view.tail or best.entity}"
-                for best in view.top
-            ]
-        yield from _lines(view.top, triples)
-        return
-    yield from _lines([view])
-    # A dictionary by what is printed: for a + a, both ingredients are one slot.
-    ranks = {}
-    for name in view.__struct_fields__:
-        slot = name.removeprefix("rank_as_")
-        if slot != name:
-            # Ingredients are told apart by their labels.
-            role = getattr(view, slot) if slot.startswith("ingredient") else slot
-            ranks[role] = f"{role} {getattr(view, name):,}"
-    yield f"rank among all {num_entities:,} entities, unfiltered: {', '.join(ranks.values())}"
-
-
-def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:
+def _lines(answers: Sequence["ScoredAnswer"], num_entities: int) -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import because
 
-    if not scored:
+    if not answers:
         yield "no answer: nothing is left to propose"
         return
     rows = []
-    for row_record, thing in zip(scored, things or map(_thing, scored), strict=True):
-        note = "(learned)" if getattr(row_record, "in_sample", False) else ""
-        rows.append(
-            (f"{row_record.score:9.4f}", row_record.known or "", thing, _chance(row_record), note)
-        )
-    is_recipe = hasattr(scored[0], "in_sample")
-    names = (
-        f"{'score':>9}",
-        "part",
-        "recipe" if is_recipe else "triple",
-        "probability",
-        "",
-    )
+    for answer in answers:
+        note = "(learned)" if answer.in_sample else ""
+        row = (f"{answer.score:9.4f}", answer.known or "", _thing(answer), _chance(answer), note)
+        rows.append(row)
+    kind = "recipe" if "result" in answers[0].slots else "triple"
+    names = (f"{'score':>9}", "part", kind, "probability", "")
     # A column in which no row has anything has no heading either.
     headings = []
     for place, name in enumerate(names):
@@ -442,25 +404,36 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
         headings.append(name if is_filled else "")
     heading, *lines = aligned([headings, *rows])
     yield heading
-    for number, (line, row_record) in enumerate(zip(lines, scored, strict=True)):
+    for number, (line, answer) in enumerate(zip(lines, answers, strict=True)):
         yield line
-        # Only recipes have these fields, and only the best rows are explained.
+        # Only the best rows are explained.
         if number < EXPLAINED:
-            support = getattr(row_record, "because", ())
-            if support:
-                yield f"{'':9}  because {because(support)}"
-            for piece in getattr(row_record, "outside", ()):
+            if answer.because:
+                yield f"{'':9}  because {because(answer.because)}"
+            for piece in answer.outside:
                 yield f"{'':9}  {piece}"
+    ranks = answers[0].ranks
+    if ranks:
+        # Ingredients are told apart by their labels; for a + a, both are one slot.
+        roles = {
+            answers[0].slots[slot] if slot.startswith("ingredient") else slot: rank
+            for slot, rank in ranks.items()
+        }
+        listed = ", ".join(f"{role} {rank:,}" for role, rank in roles.items())
+        yield f"rank among all {num_entities:,} entities, unfiltered: {listed}"
 
 
-def _thing(row: Any) -> str:
-    if hasattr(row, "relation"):
-        return f"{row.head} {row.relation} {row.tail}"
-    return f"{row.ingredient_a} + {row.ingredient_b} -> {row.result}"
+def _thing(answer: "ScoredAnswer") -> str:
+    first, second, third = answer.slots.values()
+    return (
+        f"{first} + {second} -> {third}"
+        if "result" in answer.slots
+        else " ".join((first, second, third))
+    )
 
 
-def _chance(row: Any) -> str:
-    share = getattr(row, "probability", None)
+def _chance(answer: "ScoredAnswer") -> str:
+    share = answer.probability
     if share is None:
         return ""
     if share > 0.99:
@@ -470,32 +443,44 @@ def _chance(row: Any) -> str:
     return f"{100 * share:.2g} %"
 
 
-def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
+def _notes(kg: "TrainedOn | None", answers: Sequence["ScoredAnswer"]) -> Iterator[str]:
     from wordcraft_kg.evaluation.scores import BECAUSE
 
-    if any(getattr(row, "because", ()) for row in scored):
+    if any(answer.because for answer in answers):
         yield f"because: {BECAUSE}."
-    if any(getattr(row, "outside", ()) for row in scored):
+    if any(answer.outside for answer in answers):
         yield (
             "Lines with the name of a source: knowledge from outside the train recipes; in "
             "brackets a table's value."
         )
-    if any(getattr(row, "in_sample", False) for row in scored):
+    if any(answer.in_sample for answer in answers):
         yield (
             "(learned): the scorer was trained on this recipe, so the score is not a prediction."
         )
-    if kg == "full" and {"valid", "test"} & {row.known for row in scored}:
+    if kg == "full" and {"valid", "test"} & {answer.known for answer in answers}:
         yield "The model was trained on the full graph, test triples included."
 
 
-def _table(columns: Sequence[str], rows: Sequence["Record"], out: Path) -> str:
-    """Return records as the text of a table: TSV or CSV, by the ending of the file."""
+def _table(slots: Sequence[str], answers: Sequence["ScoredAnswer"], out: Path) -> str:
+    """Return answers as the text of a table: TSV or CSV, by the ending of the file."""
     import pandas as pd
 
-    frame = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in columns})
-    if "in_sample" in frame:
-        # As in JSON, and as readers in other languages expect.
-        frame["in_sample"] = frame["in_sample"].astype(str).str.lower()
+    rows = [
+        {
+            "line": answer.line,
+            **answer.slots,
+            "score": answer.score,
+            "rank": answer.rank,
+            "known": answer.known,
+            "probability": answer.probability,
+            # As in JSON, and as readers in other languages expect.
+            "in_sample": str(answer.in_sample).lower(),
+        }
+        for answer in answers
+    ]
+    # Each kind of answers has one of the two.
+    last = "in_sample" if "result" in slots else "probability"
+    frame = pd.DataFrame(rows, columns=["line", *slots, "score", "rank", "known", last])
     is_tsv = out.suffix.lower() in (".tsv", ".tab")
     text: str = frame.to_csv(
         sep="\t" if is_tsv else ",",
@@ -547,11 +532,12 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             accept. With --accept, file for the longer book. An existing file is never replaced.
         accept: such a file: write a copy of the book with its ticked recipes to --out.
     """
-    from wordcraft_kg.evaluation import suggestion_files
     from wordcraft_kg.evaluation.suggestions import (
+        check_new_table,
         open_suggesting,
         suggest as suggest_for,
         suggest_recipes,
+        write_suggestions,
     )
     from wordcraft_kg.models.recipes.records import SetMetrics
     from wordcraft_kg.models.scorers.sets.rules import read_rule
@@ -572,7 +558,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
             "it out."
         )
     if out is not None:
-        suggestion_files.check_new_table(out)
+        check_new_table(out)
     wish = _read_wish(book, pair, goal, with_item, start)
     if goal is not None:
         view = suggest_recipes(recipe_model, goal, top, has_coverage=not any_parts, rule=user_rule)
@@ -589,7 +575,7 @@ def suggest(  # noqa: PLR0913 - parameters are the command's options
     if isinstance(metrics, SetMetrics) and not any(metrics.fold_top):
         lines.append("In training no unseen goal got a right set: these suggestions are guesses.")
     if out is not None:
-        suggestion_files.write_suggestions(view.suggestions, out)
+        write_suggestions(view.suggestions, out)
         count = counted(len(view.suggestions), "suggestion")
         lines.append(f"wrote {out}: {count}; put x into the column accept, then --accept {out}")
     output.result(view, lines)
@@ -607,7 +593,7 @@ def _read_wish(
     Raises:
         ConfigError: for several wishes, a list without entities, or words that are no pair.
     """
-    from wordcraft_kg.evaluation.queries import pieces_of_recipe
+    from wordcraft_kg.evaluation.scores import pieces_of_recipe
     from wordcraft_kg.evaluation.suggestions import Wish
 
     labels: tuple[str, ...] = ()
@@ -622,7 +608,7 @@ def _read_wish(
 
 
 def _write_longer_book(book: "RecipeGraph", table: Path, out: Path, output: Output) -> None:
-    from wordcraft_kg.evaluation.suggestion_files import ticked, write_accepted
+    from wordcraft_kg.evaluation.suggestions import ticked, write_accepted
 
     recipes = ticked(table, book)
     write_accepted(book, recipes, out)

@@ -13,14 +13,13 @@ from cyclopts import Parameter
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.base import ArtefactError, ConfigError, as_values, counted
 from wordcraft_kg.cli.console import (
-    Flag,
     Output,
     aligned,
     command_line,
     split_labels,
     whole_numbers,
 )
-from wordcraft_kg.cli.options import Force, Graph, OptionalBook, Seeds, Trackers
+from wordcraft_kg.cli.options import Force, Graph, Seeds, Trackers
 from wordcraft_kg.graphs import TaskPart, describe_train_sample, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
@@ -55,7 +54,6 @@ EXAMPLES = {
         "wordcraft-kg train-links everyday --model distmult --loop symmetric --out "
         "models/everyday-distmult",
         "wordcraft-kg train-links everyday --model rotate --seeds 0,1 --out models/rotate-seeds",
-        "wordcraft-kg train-links --list-models",
     ),
     "train-agent": (
         "wordcraft-kg train-agent everyday --out runs/no-kg",
@@ -510,9 +508,8 @@ def train_complex(
 
 
 def train_links(
-    graph: OptionalBook = None,
+    graph: Graph,
     *,
-    list_models: Flag = False,
     settings: Annotated[LinkModelConfig, Parameter(name="*")] = LinkModelConfig(),
     seeds: Seeds = None,
     out: Path | None = None,
@@ -523,34 +520,11 @@ def train_links(
     """Train any other PyKEEN model; the same reports and commands apply as for ComplEx.
 
     Args:
-        graph: graph folder, recipe book or known book name.
-        list_models: list all models: the paper's ComplEx, and installed PyKEEN models that need
-            only triples.
         out: model folder to write. Default: models/<graph name>-<model>-<kg>.
     """
-    # --list-models needs no graph, so the argument is optional; a training needs one.
-    if list_models:
-        return _list(output)
-    if graph is None:
-        raise ConfigError(
-            "train-links needs a graph, such as everyday; `wordcraft-kg train-links --list-models`."
-        )
     config = LinksConfig(graph, settings)
     trackers = split_labels(track or ())
     return run_training(LinkTraining(), config, out, force, output, seeds=seeds, trackers=trackers)
-
-
-def _list(output: Output) -> int:
-    from wordcraft_kg.models.links.builders import trainable_models
-
-    # The paper's ComplEx has a command of its own, so the list names it first.
-    commands = {"ComplEx": ComplExConfig.command}
-    for kind in trainable_models():
-        commands[kind.__name__] = f"{LinkModelConfig.command} --model {kind.__name__}"
-    models = [{"name": name, "command": command} for name, command in commands.items()]
-    rows = [(name, f"wordcraft-kg {command}") for name, command in commands.items()]
-    output.result({"models": models}, aligned(rows))
-    return 0
 
 
 def train_agent(  # noqa: PLR0913 - parameters are the command's options

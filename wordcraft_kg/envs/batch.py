@@ -143,6 +143,17 @@ class State(NamedTuple):
             masks[:, -1] = self.has_selection()
         return masks
 
+    def observed(self, rows: Any) -> dict[str, Any]:
+        """Return the observations of some environments: their numbers, a slice, or one number."""
+        # Copies, because callers may keep observations, and the engine's arrays are shared.
+        return {
+            "action_mask": self.action_masks()[rows].astype(np.int8),
+            "attempts_left": self.attempts_left[rows].copy(),
+            "goal": self.goal[rows].copy(),
+            "selection": self.selection[rows].copy(),
+            "table": self.table[rows].copy(),
+        }
+
     def random_actions(self, numbers: Array) -> Array:
         """Return a legal action for each environment, by uniform numbers in [0, 1), shape (N,)."""
         arrays = self.engine.arrays

@@ -339,17 +339,12 @@ class Draws:
             task = int(tasks[i])
             turn = 0
             number = world.num_drawn[task]
-            while world.has_shortcut(task, _without(distractors[:number, i], world.nothing)):
+            while world.has_shortcut(task, world.without_nothing(distractors[:number, i])):
                 turn += 1
                 world.check_tries(turn, task)
                 key = mixed(keys[i : i + 1] + turn)
                 candidates = self._pick(key, tasks[i : i + 1], excluded[:, i : i + 1], 256)
                 distractors[:, i] = candidates[:, 0]
-
-
-def _without(ids: Array, nothing: int) -> list[int]:
-    """Return the ids of entities among ids (K,)."""
-    return [int(entity) for entity in ids if int(entity) < nothing]
 
 
 class Ahead:
@@ -520,4 +515,4 @@ class EvaluationTables:
         env_keys = self._draws.env_keys(EVALUATION_SEED, environment, 1)
         keys = self._draws.keys(env_keys, np.array([distractor_seed]))
         (table,) = self._draws.tables(keys, np.array([task]))
-        return [entity for entity in table.tolist() if entity != self.world.nothing]
+        return self.world.without_nothing(table.tolist())

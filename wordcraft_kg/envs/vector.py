@@ -1,6 +1,5 @@
 """The batched engine as a gymnasium vector environment."""
 
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -17,51 +16,6 @@ from wordcraft_kg.graphs.folder import GraphLike
 
 Arrays = dict[str, NDArray[Any]]
 _NAMES = np.array(OUTCOMES, dtype=object)
-
-
-class _Infos(dict[str, Any]):
-    """Infos of a step that ended episodes, of which some are made when they are first read.
-
-    Most programs never read the last observations, and making them takes longer than the step.
-    """
-
-    def __init__(self, infos: dict[str, Any], later: dict[str, Callable[[], Any]]):
-        """Take infos, and functions that make further ones by name."""
-        super().__init__(infos | later)
-        self._later = later
-
-    def __getitem__(self, name: str) -> Any:
-        make = self._later.pop(name, None)
-        if make is not None:
-            self[name] = make()
-        return super().__getitem__(name)
-
-    def __iter__(self) -> Iterator[str]:
-        # Without a method of its own, `{**infos}` and `dict(infos)` would skip `__getitem__`, as
-        # the following methods of dictionaries do.
-        return super().__iter__()
-
-    def __or__(self, other: Any) -> Any:
-        return dict(self) | other
-
-    def __reduce__(self) -> Any:
-        return dict, (dict(self),)
-
-    def copy(self) -> dict[str, Any]:
-        return dict(self)
-
-    def get(self, name: str, default: Any = None) -> Any:
-        return self[name] if name in self else default  # noqa: SIM401 - this is `get`
-
-    def items(self) -> Any:
-        return dict(self).items()
-
-    def pop(self, name: str, *default: Any) -> Any:
-        self.get(name)
-        return super().pop(name, *default)
-
-    def values(self) -> Any:
-        return dict(self).values()
 
 
 class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
@@ -226,25 +180,23 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         else:
             self._state, result = self.engine.step_once(before, actions)
         shown = result
-        last = self.state
-        has_final = self._mode is AutoresetMode.SAME_STEP and bool(result.over.any())
-        if has_final:
+        ends: dict[str, Any] = {}
+        if self._mode is AutoresetMode.SAME_STEP and result.over.any():
             shown = self._running(result)
             ended = result.over
+            ends = {
+                "final_obs": _final_obs(self.state, ended),
+                "final_info": self._final_info(result),
+                "_final_obs": ended.copy(),
+                "_final_info": ended.copy(),
+            }
         if self._mode is not AutoresetMode.DISABLED:
             self._state = self.engine.begin_where(self.state, ended)
         # Where a new episode began, infos name its task.
         task = self.state.task if ended.any() else result.task
         never = np.zeros(self.num_envs, dtype=bool)
         reward = result.reward.astype(np.float64)
-        infos = self._infos(shown, task)
-        if has_final:
-            masks = {"_final_obs": result.over.copy(), "_final_info": result.over.copy()}
-            later = {
-                "final_obs": lambda: _final_obs(last, result.over),
-                "final_info": lambda: self._final_info(result),
-            }
-            infos = _Infos(infos | masks, later)
+        infos = self._infos(shown, task) | ends
         return self._observations(), reward, result.over, never, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -263,7 +215,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         return self._state
 
     def _observations(self) -> Arrays:
-        return _observed(self.state, slice(None))
+        return self.state.observed(slice(None))
 
     def _no_step(self) -> Step:
         """Return the outcome of no action in any environment."""
@@ -307,22 +259,10 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         }
 
 
-def _observed(state: State, rows: Any) -> Arrays:
-    """Return the observations of some environments: their numbers, or a slice."""
-    # Copies, because callers may keep observations, and the engine's arrays are shared.
-    return {
-        "action_mask": state.action_masks()[rows].astype(np.int8),
-        "attempts_left": np.array(state.attempts_left[rows]),
-        "goal": np.array(state.goal[rows]),
-        "selection": np.array(state.selection[rows]),
-        "table": np.array(state.table[rows]),
-    }
-
-
 def _final_obs(last: State, over: NDArray[np.bool_]) -> NDArray[Any]:
     """Return an array of objects: an observation where an episode is over, None elsewhere."""
     rows = np.flatnonzero(over)
-    columns = _observed(last, rows)
+    columns = last.observed(rows)
     final_obs = np.full(len(over), None, dtype=object)
     # Rows of arrays are iterated faster than indexed.
     for env, *values in zip(rows.tolist(), *columns.values(), strict=True):

@@ -6,7 +6,6 @@ in the tests checks it. This module draws the starts of episodes from Gymnasium'
 
 import operator
 from bisect import bisect_right
-from collections.abc import Iterable
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from wordcraft_kg.base import ActionError, ConfigError, EpisodeError, whole
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, empty_slot
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Entity, Ids
+from wordcraft_kg.graphs import Ids
 from wordcraft_kg.graphs.folder import GraphLike
 from wordcraft_kg.graphs.tasks import CraftingTask
 
@@ -208,14 +207,15 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         last = len(self.tasks) - 1
         task = whole("task", options["task"], 0, last) if "task" in options else self._draw_task()
         if "table" in options:
-            table = self._checked_table(options["table"])
+            # All results of all attempts must fit behind the given entities.
+            table = self.world.checked_table(options["table"], self.world.num_given)
         else:
             table = [*self._starts[task], *self._draw_distractors(task)]
             self._shuffle(table)
         self._batch = self.engine.posed(self._batch, np.array([task]), np.array([table]))
         self._outcome = "in_progress"
         self._state = None
-        return self._seen(), self._info(illegal=False, by_plan=False)
+        return self._batch.observed(0), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, Info]:
         """Choose the entity in a slot; every second action, or *combine*, completes an attempt.
@@ -238,7 +238,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self._outcome = OUTCOMES[result.outcome[0]]
         self._state = None
         return (
-            self._seen(),
+            self._batch.observed(0),
             float(result.reward[0]),
             self._outcome != "in_progress",
             False,
@@ -271,7 +271,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
                 int(batch.task[0]),
                 int(batch.goal[0]),
                 batch.wide[0, : batch.count[0]].tolist(),
-                tuple(self._without_nothing(np.atleast_1d(batch.selection[0]).tolist())),
+                tuple(self.world.without_nothing(np.atleast_1d(batch.selection[0]).tolist())),
                 int(batch.attempts_left[0]),
                 self._outcome,
             )
@@ -296,20 +296,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         if self.config.illegal_action == "raise" and not self.action_masks()[slot]:
             raise empty_slot(f"action {slot}", self._batch.count[0] - 1)
         return slot
-
-    def _checked_table(self, table: Iterable[Entity]) -> list[int]:
-        ids = [self.world.graph.id_of(entity) for entity in table]
-        # All results of all attempts must fit behind the given entities.
-        max_size = self.world.num_given
-        if not 1 <= len(ids) <= max_size:
-            raise ConfigError(
-                f"`table` of {len(ids)} entities: expected 1 to {max_size}, which leaves room for "
-                "results."
-            )
-        # Twice the same entity would have two slots with one meaning.
-        if len(set(ids)) < len(ids):
-            raise ConfigError("`table` holds an entity twice: expected different entities.")
-        return ids
 
     # --- starting state ---------------------------------------------------------------------------
 
@@ -372,10 +358,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     def _unpadded(self, ids: Ids) -> list[list[int]]:
         """Return padded rows of ids as lists of entities."""
-        return [self._without_nothing(row) for row in ids.tolist()]
-
-    def _without_nothing(self, row: list[int]) -> list[int]:
-        return [entity for entity in row if entity != self._nothing]
+        return [self.world.without_nothing(row) for row in ids.tolist()]
 
     # --- observations -----------------------------------------------------------------------------
 
@@ -388,17 +371,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             f"goal: {names[state.goal]}   selection: {selected}   "
             f"attempts left: {state.attempts_left}\ntable: {table}"
         )
-
-    def _seen(self) -> Observation:
-        batch = self._batch
-        table = batch.table[0].copy()
-        return {
-            "goal": batch.goal[0],
-            "table": table,
-            "selection": batch.selection[0].copy(),
-            "attempts_left": batch.attempts_left[0],
-            "action_mask": batch.action_masks()[0].astype(np.int8),
-        }
 
     def _info(self, *, illegal: bool, by_plan: bool) -> Info:
         return {

@@ -3,7 +3,7 @@
 Environments, engines and evaluations share it, so that all play the same game.
 """
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from itertools import combinations_with_replacement
 from typing import Any, TypeVar
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs import (
+    Entity,
     Ids,
     OpenedGraph,
     RecipeGraph,
@@ -309,7 +310,7 @@ class World:
 
     def _makeable(self, start: list[int]) -> list[int]:
         """Return what can be made from padded ids in all attempts but the last, ascending."""
-        at_hand = self._without_nothing(start)
+        at_hand = set(self.without_nothing(start))
         products: set[int] = set()
         for _ in range(self.config.attempts - 1):
             results: set[int] = set()
@@ -321,16 +322,38 @@ class World:
             products |= results
         return sorted(products)
 
-    def _without_nothing(self, ids: list[int]) -> set[int]:
-        """Return the ids of entities among padded ids."""
-        return {entity for entity in ids if entity < self.nothing}
+    def without_nothing(self, ids: Iterable[int]) -> list[int]:
+        """Return the ids of entities among padded ids, in their order."""
+        return [int(entity) for entity in ids if entity < self.nothing]
+
+    def checked_table(self, table: Iterable[Entity], most: int) -> list[int]:
+        """Return the ids of a table's entities.
+
+        Args:
+            table: labels or ids, in slot order.
+            most: largest number of entities.
+
+        Raises:
+            UnknownEntityError: for an entity outside the graph.
+            ConfigError: if the table is empty, too large, or holds an entity twice.
+        """
+        ids = [self.graph.id_of(entity) for entity in table]
+        if not 1 <= len(ids) <= most:
+            raise ConfigError(f"`table` of {len(ids)} entities: expected 1 to {most}.")
+        # Twice the same entity would have two slots with one meaning.
+        if len(set(ids)) < len(ids):
+            twice = next(entity for place, entity in enumerate(ids) if entity in ids[:place])
+            raise ConfigError(
+                f"`table` holds '{self.graph.entities[twice]}' twice: expected different entities."
+            )
+        return ids
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
         """Return whether distractors (ids) open a further way to a task's goal.
 
         Ways are those of all recipes or of train recipes, as the distractor policy says.
         """
-        start = frozenset(self._without_nothing(self.tasks.starts[task].tolist()))
+        start = frozenset(self.without_nothing(self.tasks.starts[task].tolist()))
         goal = int(self.tasks.goals[task])
         attempts = self.config.attempts
         ways = self.shortcut_search.ways(goal, start, attempts)

@@ -8,11 +8,12 @@ Schema of ``report.json`` is derived from the view's type and checked when the f
     view = view_links(rank_links(scorer, opened), name="mine")
     view.metrics["all"].mrr
 
-- Links: ``ranked_links`` ranks and compares models, ``links`` and ``link_sections`` make the view,
+- Links: ``ranked_links`` ranks and compares models, ``links`` makes the view,
   which has the slices and the calibration.
-- Single scores: ``queries`` parses, ``scores`` answers for triples and recipes.
-- Play: ``agents`` and ``agent_metrics`` for trained agents, ``players`` for one agent or scripted
-  players, ``discovery`` for open-ended play.
+- Single scores: ``scores`` parses queries, and answers for triples and recipes; ``suggestions`` and
+  ``likely_recipes`` propose recipes that a book lacks.
+- Play: ``agents`` and ``agent_metrics`` for trained agents and scripted players, ``discovery`` for
+  open-ended play.
 - ``books``: views of recipe books and their tasks.
 
 Helpers may change at will. A view's fields are read by programs: add fields with defaults, and keep

@@ -1,6 +1,6 @@
 """Ranks of triples by a link predictor, and link predictors compared on the same queries."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
@@ -340,15 +340,32 @@ def compare(
     # Bonferroni: all intervals hold together at 95 %, whichever pair a reader picks.
     confidence = 1 - 0.05 / pairs
 
-    def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return bootstrap(values, clusters, resamples=resamples, seed=seed)
+    def interval(
+        values: NDArray[np.float64], level: float = confidence
+    ) -> tuple[Bounds, NDArray[np.float64]]:
+        """Return the interval of a mean, and the means of the resamples."""
+        means = bootstrap(values, clusters, resamples=resamples, seed=seed)
+        return cluster_interval(values, clusters, means, level=level), means
 
     ranked = [_ranked(contender, queries) for contender in contenders]
-
-    def bounds(values: NDArray[np.float64], means: NDArray[np.float64], level: float) -> Bounds:
-        return cluster_interval(values, clusters, means, level=level)
-
-    models = _with_intervals(ranked, resampled, bounds, confidence)
+    first = ranked[0][1]
+    models = []
+    for model, values in ranked:
+        (low, high), _ = interval(values, 0.95)
+        # Student's t over few groups may reach below 0, where no MRR lies.
+        figures: dict[str, Any] = {"mrr_ci": (max(low, 0.0), high)}
+        if values is not first:
+            # The same queries in the same order, so reciprocal ranks subtract query by query.
+            gain = values - first
+            ends, means = interval(gain)
+            # A tie says nothing about either model: half for each.
+            share = float(np.mean(means > 0) + np.mean(means == 0) / 2)
+            figures |= {
+                "difference": float(gain.mean()),
+                "difference_ci": ends,
+                "probability_better": share,
+            }
+        models.append(msgspec.structs.replace(model, **figures))
     # A model that has seen the test recipes would win by memory.
     fair = [(model.name, values) for model, values in ranked if not model.has_seen_the_test_recipes]
     best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
@@ -358,7 +375,8 @@ def compare(
             continue
         lead = best[1] - candidate[1]
         # The best model is ahead by its mean: only the lower end can include 0.
-        if bounds(lead, resampled(lead), confidence)[0] <= 0:
+        (low, _), _ = interval(lead)
+        if low <= 0:
             not_significant.append(candidate[0])
     return LinkComparison(
         graph=graph.name,
@@ -374,35 +392,6 @@ def compare(
         best=best[0] if best else None,
         not_significant=tuple(not_significant),
     )
-
-
-def _with_intervals(
-    ranked: Sequence[tuple[ComparedModel, NDArray[np.float64]]],
-    resampled: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    bounds: Callable[[NDArray[np.float64], NDArray[np.float64], float], Bounds],
-    confidence: float,
-) -> list[ComparedModel]:
-    models = [
-        msgspec.structs.replace(model, mrr_ci=_from_zero(bounds(values, resampled(values), 0.95)))
-        for model, values in ranked
-    ]
-    for i in range(1, len(models)):
-        # The same queries in the same order, so reciprocal ranks subtract query by query.
-        gain = ranked[i][1] - ranked[0][1]
-        means = resampled(gain)
-        models[i] = msgspec.structs.replace(
-            models[i],
-            difference=float(gain.mean()),
-            difference_ci=bounds(gain, means, confidence),
-            # A tie says nothing about either model: half for each.
-            probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
-        )
-    return models
-
-
-def _from_zero(ends: Bounds) -> Bounds:
-    # Student's t over few groups may reach below 0, where no MRR lies.
-    return max(ends[0], 0.0), ends[1]
 
 
 def _check_alike(reference: Model, contender: Contender) -> None:

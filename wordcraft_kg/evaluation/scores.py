@@ -1,16 +1,20 @@
 """Scores of triples and of recipes, also for words outside the graph.
 
-:func:`scoring_of` returns the scoring of a query: :class:`LinkScoring` for triples,
-:class:`RecipeScoring` for recipes. Both score whole queries, rank each entity in its slot, and list
-the best entities for an open slot.
+:func:`parse_query` and :func:`read_queries` read queries with at most one open entity, from
+arguments or a file. :func:`scoring_of` returns the scoring of a query: :class:`LinkScoring` for
+triples, :class:`RecipeScoring` for recipes. Both score whole queries, rank each entity in its slot,
+and list the best entities for an open slot, as :class:`ScoredAnswer`.
 """
 
+import csv
+import io
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal, cast, get_args
+from typing import Any, ClassVar, Literal, Self, cast, get_args
 
 import msgspec
 import numpy as np
@@ -25,9 +29,9 @@ from wordcraft_kg.base import (
     Record,
     Share,
     UnknownEntityError,
+    WordCraftKGError,
     nearest,
 )
-from wordcraft_kg.evaluation.queries import Query, RecipeQuery
 from wordcraft_kg.graphs import (
     COMPONENT_OF,
     PARTS,
@@ -49,6 +53,243 @@ from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores, Witness
 from wordcraft_kg.models.scorers.scorer import Scorer
 
+OPEN = ("_", "?")
+"""Spellings for an open slot; shells expand ``?``, but not ``_``."""
+_PLUS = "+"
+_MAKES = ("=", "->", "→")
+"""Signs of a recipe query, ``a + b = c``; ``=`` and ``+`` need no quotes in a shell."""
+_SIGNS = {_PLUS, *_MAKES}
+_SIGN = re.compile(r"\s*(\+|=|->|→)\s*")
+
+
+@dataclass(frozen=True)
+class Query:
+    """A query for a triple, as labels of which at most one may be open.
+
+    Attributes:
+        columns: names of the slots, the header of a file of such queries.
+        entity_slots: places of the slots that hold an entity.
+        slots: a label for each column; None for the open slot.
+        line: line of the file that the query was read from, from 1; None for arguments.
+    """
+
+    columns: ClassVar[tuple[str, str, str]] = ("head", "relation", "tail")
+    entity_slots: ClassVar[tuple[int, ...]] = (0, 2)
+
+    slots: tuple[str | None, str | None, str | None]
+    line: int | None = None
+
+    @classmethod
+    def of(
+        cls, words: Sequence[str], entities: Collection[str], *, line: int | None = None
+    ) -> Self:
+        """Make a query from three typed words; an empty word and :data:`OPEN` leave a slot open.
+
+        Args:
+            words: a word for each column.
+            entities: labels of the graph. An entity may have the label ``_``, which then means the
+                entity.
+            line: line of the file, from 1; None for arguments.
+
+        Raises:
+            UnknownEntityError: for an unknown relation; the error names the nearest.
+            ConfigError: if several slots are open.
+        """
+        cls._check_relation(words[1])
+        first, second, third = (
+            None if word in ("", *OPEN) and word not in entities else word for word in words
+        )
+        slots = (first, second, third)
+        if slots.count(None) > 1:
+            raise ConfigError(cls._too_open(slots))
+        return cls(slots, line)
+
+    @classmethod
+    def _check_relation(cls, word: str) -> None:
+        if word not in RELATIONS:
+            raise UnknownEntityError(
+                f"no relation '{word}'; expected {' or '.join(RELATIONS)}."
+                f"{nearest(word, RELATIONS)}"
+            )
+
+    @classmethod
+    def _too_open(cls, slots: Sequence[str | None]) -> str:
+        return "both slots are open: name the head or the tail."
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a slot is open."""
+        return None in self.slots
+
+    @property
+    def labels(self) -> list[str]:
+        """The named entities."""
+        labels = (self.slots[place] for place in self.entity_slots)
+        return [label for label in labels if label is not None]
+
+
+class RecipeQuery(Query):
+    """A query for a recipe, see :class:`Query`."""
+
+    columns = ("ingredient_a", "ingredient_b", "result")
+    entity_slots = (0, 1, 2)
+
+    @classmethod
+    def _check_relation(cls, word: str) -> None:
+        """Accept any word: the second slot of a recipe is an entity."""
+
+    @classmethod
+    def _too_open(cls, slots: Sequence[str | None]) -> str:
+        first, second, result = (slot or "_" for slot in slots)
+        return (
+            f"{first} + {second} = {result} has several open slots: leave a single slot open, an "
+            "ingredient or the result."
+        )
+
+
+def parse_query(words: Sequence[str], entities: Collection[str]) -> Query:
+    """Parse a triple or recipe query from command line arguments.
+
+    A triple is ``head relation [tail]``; a query without tail ranks all tails. A recipe is ``a +
+    b``, ``a + b c`` or ``a + b = c``, in any number of arguments; ``->`` and ``→`` mean ``=``.
+    Arguments that are labels in ``entities`` are never split. A query may name other entities.
+
+    Args:
+        words: the arguments.
+        entities: labels of the graph.
+
+    Raises:
+        UnknownEntityError: for an unknown relation; the error names the nearest.
+        ConfigError: if the arguments are neither triple nor recipe, or several entities are open.
+    """
+    # With a relation, the arguments are a triple, even if a label contains a sign.
+    is_triple = any(word in RELATIONS for word in words)
+    pieces = [] if is_triple else list(_pieces(words, entities))
+    if _SIGNS.isdisjoint(pieces):
+        if len(words) not in (2, 3):
+            raise _unreadable(
+                words, "query", "a head, a relation and perhaps a tail, or a recipe such as a + b"
+            )
+        return Query.of([*words, ""][:3], entities)
+    # The sign before the result is optional: a + b c.
+    if len(pieces) > 3 and pieces[3] in _MAKES:
+        del pieces[3]
+    labels = pieces[:1] + pieces[2:]
+    if len(labels) not in (2, 3) or pieces[1] != _PLUS or not _SIGNS.isdisjoint(labels):
+        raise _unreadable(
+            words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners"
+        )
+    return RecipeQuery.of([*labels, ""][:3], entities)
+
+
+def pieces_of_recipe(
+    words: Sequence[str], entities: Collection[str]
+) -> tuple[tuple[str, ...], str | None]:
+    """Return the ingredients and the result of a recipe of any size, ``a + b + c -> d``.
+
+    Args:
+        words: the arguments, as for :func:`parse_query`.
+        entities: labels of the graph, which are never split.
+
+    Returns:
+        Labels of the ingredients, and of the result; None without a result.
+
+    Raises:
+        ConfigError: if the arguments are no recipe.
+    """
+    pieces = list(_pieces(words, entities))
+    result = None
+    if len(pieces) > 2 and pieces[-2] in _MAKES:
+        result = pieces.pop()
+        pieces.pop()
+    labels, signs = pieces[::2], pieces[1::2]
+    if not labels or len(labels) == len(signs) or set(signs) - {_PLUS} or _SIGNS & set(labels):
+        raise _unreadable(words, "recipe", "a + b + c -> d")
+    return tuple(labels), result
+
+
+def _pieces(words: Sequence[str], entities: Collection[str]) -> Iterator[str]:
+    """Yield labels and signs; a word that is a label, such as ``a+b``, is not split."""
+    for word in words:
+        if word in entities:
+            yield word
+        else:
+            yield from filter(None, _SIGN.split(word))
+
+
+def _unreadable(words: Sequence[str], query: str, expected: str) -> ConfigError:
+    return ConfigError(
+        f"cannot parse {query} '{' '.join(words)}'; expected {expected}. Quote labels with several "
+        "words."
+    )
+
+
+def read_queries(path: Path, entities: Collection[str]) -> list[Query]:
+    """Read queries from a CSV or TSV file of triples or recipes.
+
+    Recipes need the header ingredient_a, ingredient_b, result; triples need none. A tab in the
+    first line means unquoted TSV, as in a graph folder's ``triples/``; otherwise the file is CSV.
+    Blank lines are skipped.
+
+    Args:
+        path: the file.
+        entities: labels of the graph.
+
+    Raises:
+        QueryFileError: if the file cannot be read, has no query, or has a wrong line, which the
+            error names.
+    """
+    rows = list(_rows(path))
+    header = tuple(rows[0][1]) if rows else ()
+    kind = RecipeQuery if header == RecipeQuery.columns else Query
+    # An entity may be called "head": only a whole row of these words is a header.
+    if header == kind.columns:
+        del rows[0]
+    queries = []
+    for line, cells in rows:
+        if len(cells) != 3:
+            shown = ",".join(cells)[:80]
+            raise QueryFileError(
+                f"{path}, line {line}: '{shown}' has {len(cells)} columns; expected "
+                f"{', '.join(kind.columns)}."
+            )
+        try:
+            queries.append(kind.of(cells, entities, line=line))
+        except WordCraftKGError as error:
+            raise QueryFileError(f"{path}, line {line}: {error}") from None
+    if not queries:
+        raise QueryFileError(f"{path} has no query; expected lines with {', '.join(kind.columns)}.")
+    return queries
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the cells of each line that is not blank, and the line where they begin."""
+    if not path.is_file():
+        raise QueryFileError(
+            f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(Query.columns)}."
+        )
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise QueryFileError(
+            f"{path} is not UTF-8 (byte {error.start:,}). Save the file as UTF-8."
+        ) from None
+    lines = io.StringIO(text, newline="")
+    if "\t" in text.partition("\n")[0]:
+        reader = csv.reader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, strict=True)
+    else:
+        reader = csv.reader(lines, strict=True)
+    # A quoted cell may span lines, so the reader's line number is the last line of a row.
+    begin = 1
+    try:
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                yield begin, cells
+            begin = reader.line_num + 1
+    except csv.Error as error:
+        raise QueryFileError(f"{path}, line {reader.line_num}: {error}.") from None
+
+
 Known = Literal["train", "valid", "test", "new"]
 """The split part with a triple or recipe (train takes precedence), or ``new``."""
 # Supporting recipes are sorted by share; more would push the results off the screen.
@@ -57,193 +298,50 @@ _SUPPORT = 3
 _LISTED = 5
 
 
-class ScoredTriple(Record):
-    """A triple with its score.
+class ScoredAnswer(Record, omit_defaults=True):
+    """A triple or a recipe with its score.
 
-    A raw score means little by itself; the unfiltered ranks among all tails and all heads say more.
+    A raw score means little by itself; the unfiltered ranks among all entities say more.
 
     Attributes:
-        head: the head.
-        relation: the relation.
-        tail: the tail.
+        slots: labels by slot: head, relation and tail, or ingredient_a, ingredient_b and result.
         score: higher is more plausible, on the scorer's own scale.
-        known: split part with the triple, see :data:`Known`; None without the graph.
-        rank_as_tail, rank_as_head: rank of tail and head among all entities, from 1; entities with
-            equal scores share the best rank.
-        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
-        probability: calibrated probability; None for a train triple and without a calibration.
-        by_words: entities outside the graph, scored by their words alone.
-        outside: evidence from outside the train recipes.
-    """
-
-    head: str
-    relation: str
-    tail: str
-    score: float
-    known: Known | None
-    rank_as_tail: int
-    rank_as_head: int
-    trained_on: TrainedOn | None
-    probability: Share | None = None
-    by_words: tuple[str, ...] = ()
-    outside: tuple[OutsideEvidence, ...] = ()
-
-
-class ScoredEntity(Record):
-    """A candidate entity for a query's open slot.
-
-    Attributes:
-        entity: the entity.
-        score: score of the completed triple.
-        known: split part with this triple, see :data:`Known`; None without the graph.
-        probability: calibrated probability; None for a train triple and without a calibration.
-        outside: evidence from outside the train recipes for this triple.
-    """
-
-    entity: str
-    score: float
-    known: Known | None
-    probability: Share | None = None
-    outside: tuple[OutsideEvidence, ...] = ()
-
-
-class OpenSlot(Record):
-    """The best entities for a query's open slot.
-
-    Attributes:
-        head: the head; None if open.
-        relation: the relation.
-        tail: the tail; None if open.
-        top: the entities, best first.
-        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
-        by_words: entities outside the graph, scored by their words alone.
-    """
-
-    head: str | None
-    relation: str
-    tail: str | None
-    top: tuple[ScoredEntity, ...]
-    trained_on: TrainedOn | None
-    by_words: tuple[str, ...]
-
-
-class ScoredRow(Record):
-    """A row in a file of triple scores.
-
-    Attributes:
-        line: line of the query in the queries' file, from 1; 0 for a query from arguments.
-        head: the head.
-        relation: the relation.
-        tail: the tail.
-        score: higher is more plausible, on the scorer's own scale.
-        rank: rank in the list for an open slot, from 1; None for a full triple.
-        known: split part with the triple, see :data:`Known`; None without the graph.
-        probability: calibrated probability; None for a train triple and without a calibration.
-    """
-
-    line: int
-    head: str
-    relation: str
-    tail: str
-    score: float
-    rank: int | None
-    known: Known | None
-    probability: Share | None = None
-
-
-class ScoredRecipe(Record):
-    """A recipe with its score.
-
-    Attributes:
-        ingredient_a, ingredient_b: labels of the ingredients.
-        result: label of the result.
-        score: higher is more plausible, on the scorer's own scale.
-        known: split part with the recipe, or `new` if the book lacks it; None without the graph.
+        known: split part with the triple or recipe, see :data:`Known`; None without the graph.
+        line: line of the query in the queries' file, from 1; None for a query from arguments.
+        rank: rank in the list for an open slot, from 1; None for a whole query.
+        ranks: rank of each entity in its slot among all entities, from 1, for a whole query from
+            arguments; entities with equal scores share the best rank.
+        probability: calibrated probability of a triple, None for a train triple; for the results of
+            a pair from arguments, that of the result if the pair makes something. None without a
+            calibration.
         in_sample: whether the scorer was trained on the recipe, so that its score says nothing
-            about other recipes.
+            about other recipes; False for triples.
         because: supporting train recipes; recipes that make the result itself come first.
-        probability: probability of the result if the pair makes something, where results of a pair
-            are listed; None elsewhere and without a calibration.
         outside: evidence from outside the train recipes.
     """
 
-    ingredient_a: str
-    ingredient_b: str
-    result: str
+    slots: dict[str, str]
     score: float
     known: Known | None
-    in_sample: bool
-    because: tuple[Witness, ...]
-    probability: Share | None
-    outside: tuple[OutsideEvidence, ...]
+    line: Count | None = None
+    rank: Count | None = None
+    ranks: dict[str, Count] = msgspec.field(default_factory=dict)
+    probability: Share | None = None
+    in_sample: bool = False
+    because: tuple[Witness, ...] = ()
+    outside: tuple[OutsideEvidence, ...] = ()
 
 
-class RankedRecipe(ScoredRecipe):
-    """A recipe with its score, and the rank of each entity in its slot among all entities.
-
-    Known recipes compete: the ranks are unfiltered.
-
-    Attributes:
-        rank_as_result: rank of the result, from 1.
-        rank_as_ingredient_a, rank_as_ingredient_b: rank of each ingredient, from 1.
-        trained_on: training graph of the scorer; None if not recorded.
-    """
-
-    rank_as_result: Count
-    rank_as_ingredient_a: Count
-    rank_as_ingredient_b: Count
-    trained_on: TrainedOn | None
-
-
-class OpenRecipe(Record):
-    """The best entities for the open slot in a recipe.
-
-    Attributes:
-        ingredient_a, ingredient_b: labels of the ingredients; None for the open slot.
-        result: label of the result; None for the open slot.
-        top: the completed recipes, best first.
-        trained_on: training graph of the scorer; None if not recorded.
-    """
-
-    ingredient_a: str | None
-    ingredient_b: str | None
-    result: str | None
-    top: tuple[ScoredRecipe, ...]
-    trained_on: TrainedOn | None
-
-
-class ScoredRecipeRow(Record):
-    """A row in a file of recipe scores.
-
-    Attributes:
-        line: line of the query in the queries' file, from 1.
-        ingredient_a, ingredient_b: labels of the ingredients.
-        result: label of the result.
-        score: higher is more plausible, on the scorer's own scale.
-        rank: rank in the list for an open slot, from 1; None for a full recipe.
-        known: split part with the recipe, or `new`; None without the graph.
-        in_sample: whether the scorer was trained on the recipe.
-    """
-
-    line: int
-    ingredient_a: str
-    ingredient_b: str
-    result: str
-    score: float
-    rank: int | None
-    known: Known | None
-    in_sample: bool
-
-
-class ScoredFile(Record, omit_defaults=True):
-    """Scores for all queries in a file.
+class Scores(Record, omit_defaults=True):
+    """Answers to a query, or to all queries in a file.
 
     Attributes:
         queries: number of queries.
-        scored: number of rows.
+        scored: number of answers.
         trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
         by_words: entities outside the graph, scored by their words alone.
-        rows: the scores; empty if they were written to a file.
+        answers: the answers, in the order of the queries, those for an open slot best first; empty
+            if they were written to a file.
         out: the written file; None without one.
     """
 
@@ -251,7 +349,7 @@ class ScoredFile(Record, omit_defaults=True):
     scored: Count
     trained_on: TrainedOn | None
     by_words: tuple[str, ...] = ()
-    rows: tuple[ScoredRow | ScoredRecipeRow, ...] = ()
+    answers: tuple[ScoredAnswer, ...] = ()
     out: str | None = None
 
 
@@ -326,10 +424,7 @@ class Scoring(ABC):
 
     Attributes:
         model: the opened model.
-        row_type: type of a row in a file of scores.
     """
-
-    row_type: ClassVar[type[ScoredRow | ScoredRecipeRow]]
 
     model: ScoringModel
 
@@ -345,28 +440,13 @@ class Scoring(ABC):
         """
 
     @abstractmethod
-    def facts(self, rows: Ids) -> list[dict[str, Any]]:
-        """Return the fields that all records of these rows have besides their score."""
-
-    @abstractmethod
-    def view(self, query: Query) -> ScoredTriple | RankedRecipe:
-        """Score a whole query, and rank each entity in its slot.
-
-        Raises:
-            UnknownEntityError: for a label that the scorer does not know.
-        """
-
-    @abstractmethod
-    def view_open(self, query: Query, top: int, *, new_only: bool = False) -> OpenSlot | OpenRecipe:
-        """List the best entities for a query's open slot.
+    def facts(self, query: Query, rows: Ids, *, is_explained: bool) -> Iterator[dict[str, Any]]:
+        """Yield the fields of each answer besides slots, score and ranks.
 
         Args:
-            query: a query with an open slot.
-            top: most entities to list.
-            new_only: omit known triples or recipes.
-
-        Raises:
-            UnknownEntityError: for a label that the scorer does not know.
+            query: the query.
+            rows: its answers, ids of shape (n, 3).
+            is_explained: whether to look up evidence, which is slow beside scoring.
         """
 
     @abstractmethod
@@ -461,18 +541,25 @@ class Scoring(ABC):
         among = score if is_competitor.all() else float(scores[~is_competitor].max())
         return 1 + int((scores[is_competitor] > among).sum())
 
-    def score_queries(
-        self, queries: Sequence[Query], top: int, *, new_only: bool = False
-    ) -> Iterator[ScoredRow | ScoredRecipeRow]:
+    def answers(
+        self,
+        queries: Sequence[Query],
+        top: int,
+        *,
+        new_only: bool = False,
+        is_explained: bool = False,
+    ) -> Iterator[ScoredAnswer]:
         """Score queries in their order.
 
         Args:
             queries: whole or open queries.
-            top: most rows for a query with an open slot.
+            top: most answers to a query with an open slot.
             new_only: omit known triples or recipes.
+            is_explained: add evidence, and the ranks of a whole query's entities; both are slow
+                beside scoring.
 
         Yields:
-            A row for a whole query, up to ``top`` rows for a query with an open slot.
+            An answer to a whole query, up to ``top`` answers to a query with an open slot.
 
         Raises:
             UnknownEntityError: for a label that the scorer does not know.
@@ -481,23 +568,33 @@ class Scoring(ABC):
         batch = [self.rows(query) for query in queries if not query.is_open]
         scores = iter(self.scores(np.concatenate(batch)).tolist() if batch else ())
         for query in queries:
+            ranks: dict[str, int] = {}
             if query.is_open:
                 rows, values = self.best(query, top, new_only=new_only)
-                ranks: Sequence[int | None] = range(1, len(rows) + 1)
             else:
                 rows = self.rows(query)
                 values = [next(scores)]
-                ranks = [None]
-            for row, score, rank, facts in zip(rows, values, ranks, self.facts(rows), strict=True):
-                if not new_only or facts["known"] == "new":
-                    labels = self.labels(row)
-                    yield self.row_type(query.line or 0, *labels, score=score, rank=rank, **facts)
+                if is_explained:
+                    ranks = {
+                        query.columns[place]: self.rank(query, place, rows, values[0])
+                        for place in query.entity_slots
+                    }
+            facts = self.facts(query, rows, is_explained=is_explained)
+            for place, (row, score, fields) in enumerate(zip(rows, values, facts, strict=True)):
+                if new_only and fields["known"] != "new":
+                    continue
+                yield ScoredAnswer(
+                    slots=dict(zip(query.columns, self.labels(row), strict=True)),
+                    score=score,
+                    line=query.line,
+                    rank=place + 1 if query.is_open else None,
+                    ranks=ranks,
+                    **fields,
+                )
 
 
 class LinkScoring(Scoring):
     """Scores of triples: head, relation and tail."""
-
-    row_type = ScoredRow
 
     def scores(self, rows: Ids) -> torch.Tensor:  # noqa: D102
         return self.model.scorer.score(*torch.from_numpy(rows.copy()).T).cpu()
@@ -514,53 +611,19 @@ class LinkScoring(Scoring):
         parts[is_in_graph] = split.part_of(rows[is_in_graph])
         return [names[part] for part in parts.tolist()]
 
-    def facts(self, rows: Ids) -> list[dict[str, Any]]:  # noqa: D102
+    def facts(  # noqa: D102
+        self, query: Query, rows: Ids, *, is_explained: bool
+    ) -> Iterator[dict[str, Any]]:
+        finder = self.model.outside if is_explained else None
         parts = self.known(rows)
         probabilities = self.model.probabilities(rows, parts)
-        return [
-            {"known": part, "probability": probability}
-            for part, probability in zip(parts, probabilities, strict=True)
-        ]
+        for row, part, probability in zip(rows, parts, probabilities, strict=True):
+            outside = finder.of_link(*self.labels(row)) if finder else ()
+            yield {"known": part, "probability": probability, "outside": outside}
 
     def labels(self, row: Ids) -> tuple[str, str, str]:  # noqa: D102
         head, relation, tail = row.tolist()
         return self.entities[head], RELATIONS[relation], self.entities[tail]
-
-    def view(self, query: Query) -> ScoredTriple:  # noqa: D102
-        row = self.rows(query)
-        score = float(self.scores(row)[0])
-        labels = self.labels(row[0])
-        (facts,) = self.facts(row)
-        return ScoredTriple(
-            *labels,
-            score=score,
-            rank_as_tail=self.rank(query, 2, row, score),
-            rank_as_head=self.rank(query, 0, row, score),
-            trained_on=self.model.kg,
-            by_words=self.model.by_words,
-            outside=self._outside(labels),
-            **facts,
-        )
-
-    def view_open(self, query: Query, top: int, *, new_only: bool = False) -> OpenSlot:  # noqa: D102
-        rows, scores = self.best(query, top, new_only=new_only)
-        place = query.slots.index(None)
-        entities = []
-        for row, score, facts in zip(rows, scores, self.facts(rows), strict=True):
-            labels = self.labels(row)
-            # Evidence only for the listed entities: looking it up is slow beside scoring.
-            outside = self._outside(labels)
-            entities.append(
-                ScoredEntity(entity=labels[place], score=score, outside=outside, **facts)
-            )
-        head, relation, tail = query.slots
-        assert relation is not None
-        best = tuple(entities)
-        return OpenSlot(head, relation, tail, best, self.model.kg, self.model.by_words)
-
-    def _outside(self, labels: tuple[str, str, str]) -> tuple[OutsideEvidence, ...]:
-        finder = self.model.outside
-        return finder.of_link(*labels) if finder else ()
 
     def _ids(self, label: str, place: int) -> list[int]:
         return [RELATIONS.index(label)] if place == 1 else super()._ids(label, place)
@@ -576,8 +639,6 @@ class RecipeScoring(Scoring):
     Raises:
         ConfigError: if the model scores links (triples), not recipes.
     """
-
-    row_type = ScoredRecipeRow
 
     def __post_init__(self) -> None:
         if not isinstance(self.scorer, RecipeScores):
@@ -624,12 +685,26 @@ class RecipeScoring(Scoring):
                 parts[place] = part
         return parts
 
-    def facts(self, rows: Ids) -> list[dict[str, Any]]:  # noqa: D102
-        in_sample = are_among(self._keys(rows), self.seen).tolist()
-        return [
-            {"known": part, "in_sample": is_seen}
-            for part, is_seen in zip(self.known(rows), in_sample, strict=True)
-        ]
+    def facts(  # noqa: D102
+        self, query: Query, rows: Ids, *, is_explained: bool
+    ) -> Iterator[dict[str, Any]]:
+        is_seen = are_among(self._keys(rows), self.seen).tolist()
+        shares: list[float | None] = [None] * len(rows)
+        folds = folds_of(self.model.scorer)
+        is_calibrated = folds is not None and folds.probabilities is not None
+        # Calibrated for results of a pair only: partners of an ingredient compete in another way.
+        if is_explained and is_calibrated and query.slots[2] is None:
+            assert folds is not None
+            shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
+        finder = self.model.outside
+        parts = self.known(rows)
+        for row, part, in_sample, share in zip(rows, parts, is_seen, shares, strict=True):
+            fields = {"known": part, "in_sample": in_sample, "probability": share}
+            if is_explained:
+                labels = self.labels(row)
+                fields["because"] = tuple(self.scorer.supporting_recipes(*labels, limit=_SUPPORT))
+                fields["outside"] = finder.of_recipe(*labels) if finder else ()
+            yield fields
 
     def candidates(self, query: Query, top: int) -> tuple[Ids, torch.Tensor]:
         """Return rows for a query's open slot, shape (n, 3), and their scores.
@@ -650,56 +725,6 @@ class RecipeScoring(Scoring):
         pair = torch.cat([a, b]).cpu().expand(len(results), 2)
         return torch.cat([pair, results[:, None]], dim=1).numpy(), scores[0].cpu()[is_answer]
 
-    def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
-        """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""
-        finder = self.model.outside
-        for row, score, facts in zip(rows, scores, self.facts(rows), strict=True):
-            labels = self.labels(row)
-            yield ScoredRecipe(
-                *labels,
-                score=score,
-                because=tuple(self.scorer.supporting_recipes(*labels, limit=_SUPPORT)),
-                probability=None,
-                outside=finder.of_recipe(*labels) if finder else (),
-                **facts,
-            )
-
-    def view(self, query: Query) -> RankedRecipe:  # noqa: D102
-        row = self.rows(query)
-        score = float(self.scores(row)[0])
-        (recipe,) = self.recipes(row, [score])
-        return RankedRecipe(
-            **msgspec.structs.asdict(recipe),
-            rank_as_result=self.rank(query, 2, row, score),
-            rank_as_ingredient_a=self.rank(query, 0, row, score),
-            rank_as_ingredient_b=self.rank(query, 1, row, score),
-            trained_on=self.model.kg,
-        )
-
-    def view_open(self, query: Query, top: int, *, new_only: bool = False) -> OpenRecipe:
-        """List the best entities for the open slot in a recipe.
-
-        Args:
-            query: a recipe with an open slot.
-            top: most entities to list.
-            new_only: omit known recipes.
-
-        Returns:
-            The completed recipes; results of a pair have probabilities if the scorer is calibrated.
-
-        Raises:
-            UnknownEntityError: for a label that the scorer does not know.
-        """
-        rows, scores = self.best(query, top, new_only=new_only)
-        best = list(self.recipes(rows, scores))
-        folds = folds_of(self.model.scorer)
-        # Calibrated for results of a pair only: partners of an ingredient compete in another way.
-        if query.slots[2] is None and folds is not None and folds.probabilities is not None:
-            shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
-            for place, share in enumerate(shares):
-                best[place] = msgspec.structs.replace(best[place], probability=share)
-        return OpenRecipe(*query.slots, tuple(best), self.model.kg)
-
     def _repeats_result(self, rows: Ids) -> NDArray[np.bool_]:
         return np.asarray((rows[:, :2] == rows[:, 2:]).any(axis=1))
 
@@ -711,29 +736,6 @@ def scoring_of(model: ScoringModel, query: Query) -> Scoring:
         ConfigError: if the query is a recipe, and the model scores links (triples) only.
     """
     return RecipeScoring(model) if isinstance(query, RecipeQuery) else LinkScoring(model)
-
-
-def view_file(
-    model: ScoringModel,
-    queries: Sequence[Query],
-    rows: Sequence[ScoredRow | ScoredRecipeRow],
-    out: Path | None = None,
-) -> ScoredFile:
-    """Return the scores for a file of queries as a record.
-
-    Args:
-        model: the model.
-        queries: the queries.
-        rows: the scores.
-        out: the file with the scores, named in place of the rows; None to return the rows.
-
-    Returns:
-        The record to show.
-    """
-    # Recipe scores always use words.
-    by_words = () if isinstance(queries[0], RecipeQuery) else model.by_words
-    view = ScoredFile(len(queries), len(rows), model.kg, by_words, tuple(rows))
-    return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
 
 
 def with_new_words(

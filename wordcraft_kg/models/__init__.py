@@ -25,5 +25,5 @@ register_post_import_hook(
     lambda _: import_module("wordcraft_kg.models.links.complex"), "pykeen.models"
 )
 register_post_import_hook(
-    lambda _: import_module("wordcraft_kg.models.links.symmetric_lcwa"), "pykeen.training"
+    lambda _: import_module("wordcraft_kg.models.links.complex"), "pykeen.training"
 )

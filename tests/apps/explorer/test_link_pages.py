@@ -98,7 +98,7 @@ def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers
 def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers):
     a, b, result = rankers.graph.labels(rankers.split.recipes("train")[0])
     view = view_by(rankers, PairState(a, b))
-    assert {row.result for row in view.results if row.in_sample} >= {result}
+    assert {row.slots["result"] for row in view.results if row.in_sample} >= {result}
     assert (view.link.status, view.link.probability) == ("learned", None)
 
 

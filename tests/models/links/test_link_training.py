@@ -30,19 +30,20 @@ from wordcraft_kg import (
 from wordcraft_kg.base import ArtefactError, ConfigError, TrainingError, WordCraftKGError, as_values
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_folds, make_split, recipe_triples
 from wordcraft_kg.models.knowledge.folder import KnowledgeRecord, KnowledgeTables, write_knowledge
-from wordcraft_kg.models.links import regularisation, training as link_training
+from wordcraft_kg.models.links import fitting, training as link_training
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, LinkSettings
-from wordcraft_kg.models.links.fitting import Epochs, fit
-from wordcraft_kg.models.links.outside import read_outside
-from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
-from wordcraft_kg.models.links.regularisation import (
+from wordcraft_kg.models.links.fitting import (
     HELD_OUT,
     N3,
     POPULARITY,
+    Epochs,
     choose,
+    fit,
     split_of_train,
 )
+from wordcraft_kg.models.links.outside import read_outside
+from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, ranking_metrics
@@ -721,7 +722,7 @@ def test_a_split_by_goal_holds_out_goals_of_train(kitchen):
 
 
 def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen, monkeypatch):
-    monkeypatch.setattr(regularisation, "FOLDS", 1)
+    monkeypatch.setattr(fitting, "FOLDS", 1)
     found = choose(opened_kitchen, OPEN, silent_of_regularisation)
     fold = split_of_train(opened_kitchen.split, HELD_OUT, OPEN.seed)
 
@@ -757,8 +758,8 @@ def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen, settings)
 def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
     opened_kitchen, monkeypatch
 ):
-    monkeypatch.setattr(regularisation, "SMALL", 0)
-    monkeypatch.setattr(regularisation, "RANKED", 40)
+    monkeypatch.setattr(fitting, "SMALL", 0)
+    monkeypatch.setattr(fitting, "RANKED", 40)
     found = choose(opened_kitchen, replace(OPEN, negatives=16), silent_of_regularisation)
     assert {(one.n3, one.popularity) for one in found.candidates} == {
         (N3_PARTIAL, p) for p in POPULARITY

@@ -21,7 +21,7 @@ from wordcraft_kg.models.policies.attention import (
     masked_softmax,
     mix_logits,
 )
-from wordcraft_kg.models.policies.mlp import MLPPolicy
+from wordcraft_kg.models.policies.networks import MLPPolicy
 from wordcraft_kg.models.policies.pairs import LENGTH, PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, log_policy
 from wordcraft_kg.models.policies.states import Attempts, States

@@ -310,8 +310,7 @@ def test_evidence_names_recipes(trained):
 
 
 def test_results_of_a_pair_have_probabilities(trained, book):
-    from wordcraft_kg.evaluation.queries import RecipeQuery
-    from wordcraft_kg.evaluation.scores import RecipeScoring, ScoringModel
+    from wordcraft_kg.evaluation.scores import RecipeQuery, RecipeScoring, ScoringModel
 
     scorer = load_scorer(trained)
     calibration = json.loads((trained / "calibration.json").read_text())
@@ -321,9 +320,9 @@ def test_results_of_a_pair_have_probabilities(trained, book):
     torch.testing.assert_close(shares.sum(1), torch.full((2,), calibration["covered"]))
     scoring = RecipeScoring(ScoringModel.open(trained, str(book)))
     query = RecipeQuery((scorer.entities[0], scorer.entities[1], None))
-    view = scoring.view_open(query, 4)
-    assert len(view.top) == 4
-    probabilities = [recipe.probability for recipe in view.top]
+    answers = list(scoring.answers([query], 4, is_explained=True))
+    assert len(answers) == 4
+    probabilities = [answer.probability for answer in answers]
     assert probabilities == sorted(probabilities, reverse=True)
 
 

@@ -479,7 +479,8 @@ def test_score_names_sources_below_a_recipe_and_a_link(run, model):
     assert lines[2].startswith("           because ")
     assert lines[3:6] == [f"           {text}" for text in BREAD]
     assert "Lines with the name of a source: knowledge from outside" in "".join(lines[7:])
-    first, *_ = json.loads(run("score", model, "dough + oven = bread", "--json").out)["outside"]
+    printed = json.loads(run("score", model, "dough + oven = bread", "--json").out)
+    first, *_ = printed["answers"][0]["outside"]
     assert first == {
         "source": "language model",
         "text": "bread needs dough",

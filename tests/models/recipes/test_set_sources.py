@@ -32,7 +32,7 @@ from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.sets.parts import Parts
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
-from wordcraft_kg.planning.set_plans import best_plans, known_recipes
+from wordcraft_kg.planning.source import best_plans, known_recipes
 
 
 @pytest.fixture(scope="module")

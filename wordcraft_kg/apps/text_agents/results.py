@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
     from wordcraft_kg.apps.text_agents.chat_server import ChatServer
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-    from wordcraft_kg.evaluation.players import ExternalPlayer
+    from wordcraft_kg.evaluation.agents import ExternalPlayer
 
 REPLACEMENT = "replacement"
 """Folder beside games for those that replace them once complete."""

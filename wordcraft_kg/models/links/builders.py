@@ -9,7 +9,6 @@ A new kind of link predictor is a class of settings in ``config.py`` and two fun
 The page docs/link-prediction.md says which models there are, under *Train*.
 """
 
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -21,17 +20,17 @@ from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.base import ConfigError, nearest, refuse
 from wordcraft_kg.graphs import RELATIONS, Ids
-from wordcraft_kg.models.links.complex import ComplExN3
+from wordcraft_kg.models.links.complex import (
+    ComplExN3,
+    IndexedSymmetricLCWATrainingLoop,
+    SampledSymmetricLCWATrainingLoop,
+)
 from wordcraft_kg.models.links.config import (
     ComplExConfig,
     LinkModelConfig,
     LinkSettings,
 )
-from wordcraft_kg.models.links.pykeen_bridge import all_scores, pykeen_guard, quiet_pykeen
-from wordcraft_kg.models.links.symmetric_lcwa import (
-    IndexedSymmetricLCWATrainingLoop,
-    SampledSymmetricLCWATrainingLoop,
-)
+from wordcraft_kg.models.links.pykeen_bridge import all_scores
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, has_table, table_bytes
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
@@ -189,25 +188,6 @@ def model_class(name: str) -> type[Model]:
             "'rotate'."
         )
     return kind
-
-
-def trainable_models() -> list[type[Model]]:
-    """Return all PyKEEN embedding model classes that need only triples for training, by name.
-
-    Whether a model does so is found by building it for three triples.
-    """
-    three = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 2]])
-    factory = TriplesFactory(
-        three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)}
-    )
-    trainable = []
-    # Building a model draws random numbers, from global generators.
-    with pykeen_guard(0, threads=1), quiet_pykeen():
-        for name, kind in sorted(model_resolver.lookup_dict.items()):
-            with suppress(ConfigError):
-                make_training_loop(LinkModelConfig(model=name, dim=4), factory)
-                trainable.append(kind)
-    return trainable
 
 
 def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLoop:

@@ -196,8 +196,8 @@ class LinkModelConfig(TrainingConfig):
     The paper's method works with any link predictor.
 
     Attributes:
-        model: PyKEEN name, such as rotate, transe, distmult, tucker; see `train-links
-            --list-models`.
+        model: PyKEEN name, such as rotate, transe, distmult, tucker, of a model that needs only
+            triples.
         dim: embedding dimensions.
         learning_rate: Adam learning rate.
         loop: training objective: slcwa (sampled negatives) or symmetric (softmax over all heads and

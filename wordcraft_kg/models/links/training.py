@@ -51,7 +51,7 @@ from wordcraft_kg.models.links.config import (
     LinksConfig,
     LinkSettings,
 )
-from wordcraft_kg.models.links.fitting import Epochs, fit, train_epochs
+from wordcraft_kg.models.links.fitting import Epochs, choose, fit, train_epochs
 from wordcraft_kg.models.links.outside import OutsideTriples, outside_hashes, read_outside
 from wordcraft_kg.models.links.pykeen_bridge import (
     pykeen_guard,
@@ -68,7 +68,6 @@ from wordcraft_kg.models.links.records import (
     TraceRow,
     training_facts,
 )
-from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, make_scorer, write_folds, write_scorer

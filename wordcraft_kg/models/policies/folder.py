@@ -35,8 +35,7 @@ from wordcraft_kg.base.tensors import MAX_WEIGHT, copied, largest, read_tensors,
 from wordcraft_kg.graphs import Ids, RecipeGraph, TaskSet
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import POLICIES, PolicyConfig
-from wordcraft_kg.models.policies.mlp import MLPPolicy
-from wordcraft_kg.models.policies.network import NetworkPolicy
+from wordcraft_kg.models.policies.networks import MLPPolicy, NetworkPolicy
 from wordcraft_kg.models.policies.pairs import PairPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
 from wordcraft_kg.models.policies.sources import need_no_scorer, with_letters

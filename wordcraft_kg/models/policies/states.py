@@ -100,8 +100,11 @@ class States(NamedTuple):
         """
         return self._each(lambda tensor: tensor[start:stop].to(device))
 
-    def of(self, rows: Tensor | slice) -> "States":
-        """Return some of the states: their numbers, shape (n,), or a slice."""
+    def of(self, rows: Tensor | slice | int) -> "States":
+        """Return some of the states: their numbers or a mask, (n,) or (B,), a slice, or one time.
+
+        A number is a time of states with a first axis of time, (T, B, ...).
+        """
         return self._each(lambda tensor: tensor[rows])
 
     def flattened(self) -> "States":

@@ -2,7 +2,7 @@
 
 import pytest
 
-from wordcraft_kg.evaluation.suggestion_files import ticked
+from wordcraft_kg.evaluation.suggestions import ticked
 
 
 @pytest.mark.parametrize("place", ["server", "disk"])

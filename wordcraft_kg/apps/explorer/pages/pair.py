@@ -13,8 +13,7 @@ from wordcraft_kg.apps.explorer.predictor import (
     recipes_giving,
 )
 from wordcraft_kg.base import ConfigError, Record
-from wordcraft_kg.evaluation.queries import RecipeQuery
-from wordcraft_kg.evaluation.scores import RecipeScoring, ScoredRecipe
+from wordcraft_kg.evaluation.scores import RecipeQuery, RecipeScoring, ScoredAnswer
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 
 RESULTS = 10
@@ -59,7 +58,7 @@ class PairProfile(Record):
     model: str
     has_seen_the_test_recipes: bool
     link: RankedLink | None
-    results: tuple[ScoredRecipe, ...] | None
+    results: tuple[ScoredAnswer, ...] | None
     examples: tuple[tuple[str, ...], ...]
 
 
@@ -90,11 +89,11 @@ def _view(explored: Explored, state: PairState) -> PairProfile:
 
 def _results(
     explored: Explored, predictor: LinkPredictor, query: RecipeQuery
-) -> tuple[ScoredRecipe, ...]:
+) -> tuple[ScoredAnswer, ...]:
     # The truth of all recipes is indexed once for each model.
     key = ("recipe scores", predictor.name)
     scoring = explored.once(key, lambda: RecipeScoring(predictor.scoring))
-    return scoring.view_open(query, RESULTS).top
+    return tuple(scoring.answers([query], RESULTS, is_explained=True))
 
 
 def _pair(

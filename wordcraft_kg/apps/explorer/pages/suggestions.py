@@ -3,8 +3,7 @@
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.base import ConfigError, Record
-from wordcraft_kg.evaluation.suggestion_files import table_lines
-from wordcraft_kg.evaluation.suggestions import Suggestions, Wish, can_suggest, suggest
+from wordcraft_kg.evaluation.suggestions import Suggestions, Wish, can_suggest, suggest, table_lines
 
 TOP = 40
 """Suggestions of the page: two pages of the command, as a screen has room."""

@@ -6,8 +6,8 @@ reports have a column per source. A policy's own attention logits are called :da
 
 Read ``source`` first: the base class, and ``FoldedSource`` for sources with a model per
 left-out fold, which keeps train tasks from scores that were learned from their own recipes.
-``pairs`` holds u and v, ``recipe`` holds w, ``registry`` finds sources by name. This module holds
-names only, and imports no torch, so that ``--help`` stays fast::
+``pairs`` holds u, v and t, ``recipe`` holds w, ``registry`` finds sources by name. This module
+holds names only, and imports no torch, so that ``--help`` stays fast::
 
     sources = make_sources(["combines", "component"], load_scorer("models/mine"))
     sources[0](States(goal, selection, table))

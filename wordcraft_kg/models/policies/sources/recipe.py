@@ -1,14 +1,22 @@
-"""The source recipe (w): the score for the best recipe that makes the goal with a slot's entity."""
+"""The source recipe (w): the score for the best recipe that makes the goal with a slot's entity.
 
-from collections.abc import Mapping
+:class:`BestRecipe` scores pairs, :class:`BestSet` recipes of any number of ingredients by a scorer
+of whole sets.
+"""
 
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import NamedTuple, Self
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import with_prefix
+from wordcraft_kg.graphs import MOST_INGREDIENTS, Ids, padded
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.sources.sets import BestSet
 from wordcraft_kg.models.policies.sources.source import (
     Evidence,
     FoldedSource,
@@ -16,6 +24,7 @@ from wordcraft_kg.models.policies.sources.source import (
     Rows,
     ScoreView,
     knowledge_of_models,
+    models_of,
 )
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
@@ -23,6 +32,205 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.sets.scorer import SetScorer
+
+LEAST = -30.0
+"""Least score of a set, nats."""
+_BEAM = 16
+"""Sets of each size that are extended by every entity on the table."""
+_MOST_SETS = 256
+"""Most sets of a table that are kept; others count by their score alone."""
+_MOST_TABLES = 8_192
+_PAIR = 2
+_Scores = NDArray[np.float32]
+
+
+class ScoredSets(NamedTuple):
+    """Sets of entities on a table, best first.
+
+    Attributes:
+        sets: shape (n, 8), ids in ascending order, -1 behind the last.
+        scores: shape (n,), nats.
+    """
+
+    sets: Ids
+    scores: _Scores
+
+    def best(self) -> "ScoredSets":
+        """Return the best sets, best first; of equal scores, the first ones come first."""
+        order = np.argsort(-self.scores, kind="stable")[:_MOST_SETS]
+        return ScoredSets(self.sets[order], self.scores[order])
+
+
+def rows_of(sets: Sequence[Sequence[int]]) -> Ids:
+    """Return sets of ids as rows of a scorer, shape (n, 8)."""
+    return padded(sets, -1, MOST_INGREDIENTS)
+
+
+def likely_sets(scorer: SetScorer, goal: int, entities: Iterable[int], sizes: range) -> ScoredSets:
+    """Return sets of entities with their scores for a goal: they grow one by one, in a beam.
+
+    Args:
+        scorer: scores the sets.
+        goal: id.
+        entities: ids, each of which may be taken several times.
+        sizes: numbers of entities.
+    """
+    # Sorted, so that equal scores are decided alike in every process.
+    beam: list[tuple[int, ...]] = [()]
+    results = []
+    for size in range(1, sizes.stop):
+        extended = {tuple(sorted((*parts, entity))) for parts in beam for entity in entities}
+        candidates = sorted(extended)
+        sets = rows_of(candidates)
+        scores = scorer.score_sets(sets, np.full(len(sets), goal))
+        order = np.argsort(-scores, kind="stable")[:_BEAM]
+        beam = [candidates[row] for row in order.tolist()]
+        if size in sizes:
+            results.append(ScoredSets(sets, scores))
+    return ScoredSets(*map(np.concatenate, zip(*results, strict=True))).best()
+
+
+class BestSet(FoldedSource):
+    """The source recipe (w) of a scorer of sets: the best set that completes the selection.
+
+    ``w_i = max_R S(R -> e_g)`` over sets R of entities on the table that contain the selection and
+    slot i, S the log probability that a recipe of the goal has exactly these ingredients. The
+    action to combine has the score of the selection as it is. In a book of pairs, R is a pair.
+
+    Attributes:
+        models: scorers; for cross-fitted scorers K + 1, on all folds and without each fold.
+    """
+
+    label = W
+    takes_sets = True
+    scores_combine = True
+
+    def __init__(
+        self,
+        num_entities: int,
+        models: Sequence[SetScorer],
+        fold_of_recipe: Tensor | None = None,
+    ):
+        """Take one model or more, and each recipe's fold if there are folds."""
+        super().__init__(num_entities, fold_of_recipe)
+        self.models = tuple(models)
+        self.kept = KeptScores()
+        self._sets = lru_cache(_MOST_TABLES)(self.sets_of_table)
+        for number, model in enumerate(models):
+            for name, tensor in model.tensors().items():
+                if number == 0 or name not in SetScorer.shared:
+                    self.register_buffer(_buffer_name(number, name), tensor)
+
+    @classmethod
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
+        models = [model for model in models_of(scorer, view) if isinstance(model, SetScorer)]
+        return cls(len(scorer.entities), models, cls.fold_numbers(scorer, view)).bound(view)
+
+    @classmethod
+    def restored(  # noqa: D102 - inherited
+        cls, num_entities: int, constants: Mapping[str, Tensor]
+    ) -> Self:
+        labels = [str(entity) for entity in range(num_entities)]
+        models: list[SetScorer] = []
+        for number in range((cls.num_folds(constants) or 0) + 1):
+            stored = with_prefix(constants, _buffer_name(number, ""))
+            tensors = {name.replace("-", "."): tensor for name, tensor in stored.items()}
+            if models:
+                first = models[0].tensors()
+                tensors |= {name: first[name] for name in SetScorer.shared}
+            SetScorer.check(tensors, num_entities)
+            models.append(SetScorer(tensors, labels, ""))
+        return cls(num_entities, models, constants.get("fold_of_recipe"))
+
+    @staticmethod
+    def is_stored(constants: Mapping[str, Tensor]) -> bool:
+        """Return whether buffers are those of this source."""
+        return _buffer_name(0, "recipes") in constants
+
+    def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        model = self.model_of(states.task)
+        if model is None:
+            model = torch.zeros_like(states.goal)
+        counts = model < len(self.models)
+        model = model.clamp(max=len(self.models) - 1)
+        inputs = [states.goal, states.selection.sort(-1).values, states.table, model]
+        inputs += self.attempts(states)
+
+        def compute(rows: Rows) -> Tensor:
+            part = states.of(rows)
+            scores = np.zeros(part.table.shape, dtype=np.float32)
+            for row, number in enumerate(model[rows].tolist()):
+                scores[row] = self._scores_of_state(part.of(slice(row, row + 1)), number)
+            return torch.from_numpy(scores).to(states.table.device)
+
+        scores = self.kept.scores(inputs, compute, states.table.shape[1:])
+        return scores.masked_fill(~states.slot_mask(self.num_entities) | ~counts[:, None], 0)
+
+    def attempts(self, states: States) -> list[Tensor]:
+        """Return what scores depend on besides goal, selection, table and model: here nothing."""
+        return []
+
+    def sets_of_table(
+        self,
+        model: int,
+        goal: int,
+        entities: tuple[int, ...],
+        sizes: range,
+        attempts: tuple[int, ...],
+    ) -> ScoredSets:
+        """Return the best sets of a table.
+
+        Args:
+            model: number of the model.
+            goal: id.
+            entities: ids on the table, ascending.
+            sizes: numbers of ingredients.
+            attempts: the numbers in :meth:`attempts`.
+        """
+        return likely_sets(self.models[model], goal, entities, sizes)
+
+    def other_scores(self, model: int, goal: int, sets: Ids) -> _Scores:
+        """Return the scores of sets that are not among the best of the table."""
+        return self.models[model].score_sets(sets, np.full(len(sets), goal))
+
+    def _scores_of_state(self, states: States, model: int) -> _Scores:
+        """Return the scores of a single state's slots, shape (A,)."""
+        nothing = self.num_entities
+        goal = int(states.goal)
+        table = states.table[0].cpu().numpy()
+        selection = [entity for entity in states.selection.flatten().tolist() if entity != nothing]
+        entities = sorted({*table.tolist(), *selection} - {nothing})
+        sizes = range(_PAIR, _PAIR + 1)
+        if states.has_combine:
+            sizes = range(1, states.selection.shape[1] + 1)
+        attempts = [number for part in self.attempts(states) for number in part.flatten().tolist()]
+        sets, set_scores = self._sets(model, goal, tuple(entities), sizes, tuple(attempts))
+        # How often each entity is in a set, and has to be, (n, C) and (C,).
+        columns = np.array(entities)
+        counts = (sets[:, :, None] == columns).sum(1)
+        required = (np.array(selection)[:, None] == columns).sum(0)
+        contains = (counts >= required).all(1)
+        is_with_entity = contains[:, None] & (counts > required)
+        best = np.where(is_with_entity, set_scores[:, None], -np.inf).max(0, initial=-np.inf)
+        # Without a set that contains an entity and the selection, the two are a set.
+        missing = np.flatnonzero(best == -np.inf).tolist()
+        extended = [sorted((*selection, entities[column])) for column in missing]
+        best[missing] = self.other_scores(model, goal, rows_of(extended))
+        scores = np.zeros(len(table), dtype=np.float32)
+        is_filled = table != nothing
+        scores[is_filled] = best[np.searchsorted(columns, table[is_filled])]
+        if states.has_combine and selection:
+            combined = set_scores[contains & (counts == required).all(1)]
+            if not len(combined):
+                combined = self.other_scores(model, goal, rows_of([sorted(selection)]))
+            scores[-1] = combined[0]
+        return np.maximum(scores, LEAST)
+
+
+def _buffer_name(model: int, name: str) -> str:
+    """Return the name of a model's tensor; names of buffers have no dots."""
+    return f"model{model}_{name.replace('.', '-')}"
+
 
 SUPPORTING = 3
 """Most recipes that support the score of a slot."""

@@ -12,10 +12,9 @@ from wordcraft_kg.models.policies.sources import (
     source_names,
     with_letters,
 )
-from wordcraft_kg.models.policies.sources.pairs import CombinesWith, ComponentOf
+from wordcraft_kg.models.policies.sources.pairs import CombinesWith, ComponentOf, SetTable
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import AS_IS, ScoreView, Source
-from wordcraft_kg.models.policies.sources.tables import SetTable
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, Scale
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer

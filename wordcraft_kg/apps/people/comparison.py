@@ -6,7 +6,9 @@ import numpy as np
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
-from wordcraft_kg.apps.people.protocol import AgentGame, HumanProtocol, PosedTask, Session, TableKey
+from wordcraft_kg.apps.people.protocol import HumanProtocol, PosedTask
+from wordcraft_kg.apps.people.study import Session, TableKey
+from wordcraft_kg.apps.people.summary import AgentGame
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
@@ -55,37 +57,34 @@ def _posed_tasks(
     agent: OpenedAgent, sessions: Iterable[Session]
 ) -> tuple[World, dict[TableKey, PosedTask]] | None:
     """Pose all answered tasks again, and check them; None without a session."""
-    protocols: dict[tuple[int, int], HumanProtocol] = {}
+    protocols: dict[int, HumanProtocol] = {}
     posed: dict[TableKey, PosedTask] = {}
     world: World | None = None
     for session in sessions:
         _check_graph(agent, session)
-        distractors = session.distractors
-        seed = session.header.seed
-        if (distractors, seed) not in protocols:
+        distractors = session.cell.distractors
+        if distractors not in protocols:
             # One world for all protocols: the graph is the same, and a world takes long to make.
-            protocols[distractors, seed] = HumanProtocol(
-                world or agent.opened, distractors, seed, tasks=session.tasks
-            )
-            world = protocols[distractors, seed].world
+            protocols[distractors] = HumanProtocol(world or agent.opened, distractors)
+            world = protocols[distractors].world
         for answer in session.answers:
             key = session.table_of(answer)
             if key not in posed:
-                posed[key] = protocols[distractors, seed].task(answer.part, answer.number)
+                posed[key] = protocols[distractors].task(*key[1:])
             if not posed[key].is_of(answer):
                 raise ArtefactError(
-                    f"{answer.part} task {answer.number} of seed {seed}, {distractors} "
+                    f"{answer.part} task {answer.number} of seed {key[1]}, {distractors} "
                     "distractors: this version poses another task than the answered task."
                 )
     return None if world is None else (world, posed)
 
 
 def _check_graph(agent: OpenedAgent, session: Session) -> None:
-    header = session.header
+    record = session.record
     training_graph = agent.opened
     hashes = {
-        "graph": (header.graph_hash, training_graph.graph.hash),
-        "split": (header.split_hash, training_graph.split.hash),
+        "graph": (record.graph_hash, training_graph.graph.hash),
+        "split": (record.split_hash, training_graph.split.hash),
     }
     for name, (answered, trained) in hashes.items():
         if answered != trained:

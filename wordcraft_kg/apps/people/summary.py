@@ -2,22 +2,33 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.apps.people.protocol import (
-    HUMAN_PARTS,
-    AgentGame,
-    Answer,
-    Header,
+from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Answer
+from wordcraft_kg.apps.people.study import (
+    ReadStudy,
     Session,
+    StudyRecord,
     TableKey,
-    check_alike,
+    check_equal,
 )
 from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
+
+
+class AgentGame(NamedTuple):
+    """An agent's game at a table of people.
+
+    Attributes:
+        success: whether the agent made the goal.
+        group: number of the group of tasks that the split holds out together, for resampling.
+    """
+
+    success: bool
+    group: int
 
 
 class AgentRate(Record):
@@ -112,35 +123,32 @@ class ExportedAnswers(Record):
 
 
 def view_people(
-    sources: Mapping[Path, Sequence[Session]],
+    sources: Mapping[Path, ReadStudy],
     agents: Mapping[str, Mapping[TableKey, AgentGame]] | None = None,
 ) -> HumanSummary:
     """Return success rates over the sessions of one or several studies.
 
     Args:
-        sources: sessions by the study folder that they come from.
+        sources: studies by their folders.
         agents: games of each agent at people's tables, by name and table; None for no agents.
 
     Raises:
         ArtefactError: if two studies have the same answers, which would count twice.
         GraphMismatchError: if the graphs or splits differ.
-        ConfigError: if other settings than the number of distractors differ, or there is no
-            session.
+        ConfigError: if settings of the tasks differ, or there is no session.
     """
     _check_sources(sources)
     sessions: list[Session] = []
     by_amount: dict[int, list[Session]] = {}
-    for group in sources.values():
-        sessions += group
+    for study in sources.values():
+        sessions += study.sessions()
     for session in sessions:
-        by_amount.setdefault(session.distractors, []).append(session)
-    header = sessions[0].header
-    settings = dict(header.settings)
-    del settings["num_distractors"]  # the conditions differ in this setting
+        by_amount.setdefault(session.cell.distractors, []).append(session)
+    record = sessions[0].record
     return HumanSummary(
-        graph=header.graph,
-        graph_hash=header.graph_hash,
-        settings=settings,
+        graph=record.graph,
+        graph_hash=record.graph_hash,
+        settings=record.settings,
         sessions=len(sessions),
         finished=_finished(sessions),
         conditions=tuple(
@@ -166,29 +174,28 @@ def _finished(sessions: Sequence[Session]) -> int:
     return sum(session.is_finished for session in sessions)
 
 
-def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
-    """Check that sessions may be summed up, see :func:`view_people`."""
-    reference: tuple[Path, Header] | None = None
+def _check_sources(sources: Mapping[Path, ReadStudy]) -> None:
+    """Check that studies may be summed up, see :func:`view_people`."""
+    if not any(study.people for study in sources.values()):
+        raise ConfigError("no session: expected a study with participants.")
+    first_path, first = next(iter(sources.items()))
+    # Studies may differ in conditions and forms, that is, in distractors and seeds.
+    shared = _task_settings(first.record)
     folders: dict[tuple[tuple[Answer, ...], ...], Path] = {}
-    for path, sessions in sources.items():
-        for session in sessions:
-            # The first session is the reference, whichever it is: all must be alike.
-            if reference is None:
-                reference = (path, session.header)
-            first_path, first = reference
-            # Sessions may differ in condition and form, that is, in distractors and seed.
-            settings = first.settings | {"num_distractors": session.distractors}
-            like = msgspec.structs.replace(first, seed=session.header.seed, settings=settings)
-            check_alike(path, session.header, f"'{first_path}'", like)
-        answers = tuple(session.answers for session in sessions)
+    for path, study in sources.items():
+        check_equal(f"'{path}' has", _task_settings(study.record), f"'{first_path}' has", shared)
+        answers = tuple(session.answers for session in study.sessions())
         if answers in folders:
             raise ArtefactError(
                 f"{path} has the same answers as {folders[answers]}; give each study once."
             )
         if any(answers):  # studies without answers are equal without being the same
             folders[answers] = path
-    if reference is None:
-        raise ConfigError("no session: expected a study with participants.")
+
+
+def _task_settings(record: StudyRecord) -> dict[str, int | str]:
+    hashes = {"graph_hash": record.graph_hash, "split_hash": record.split_hash}
+    return {"graph": record.graph, **hashes, **record.settings}
 
 
 def _rate(

@@ -15,8 +15,13 @@ from wordcraft_kg.cli.options import Book, Force
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.people.answers_database import Stored
-    from wordcraft_kg.apps.people.protocol import AgentGame, Session, TableKey
-    from wordcraft_kg.apps.people.summary import AnswerRate, ExportedAnswers, HumanSummary
+    from wordcraft_kg.apps.people.study import Session, TableKey
+    from wordcraft_kg.apps.people.summary import (
+        AgentGame,
+        AnswerRate,
+        ExportedAnswers,
+        HumanSummary,
+    )
 
 GROUP = "Tasks and play"
 SUBJECT = "Run a study with people in the browser, and compare people with agents: serve, summary."
@@ -164,10 +169,10 @@ def people_summary(
         return
     if force:
         raise ConfigError("--force replaces an exported file; add --export FILE.")
-    sources = {path: read_study(path).sessions() for path in studies}
+    sources = {path: read_study(path) for path in studies}
     if len(sources) < len(studies):
         raise ConfigError("a path is given twice; give each path once.")
-    sessions = list(chain.from_iterable(sources.values()))
+    sessions = list(chain.from_iterable(study.sessions() for study in sources.values()))
     view = view_people(sources, _compared(run or [], sessions))
     output.result(view, _text(view))
 

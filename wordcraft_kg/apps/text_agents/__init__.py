@@ -21,7 +21,8 @@ What lies where:
   agent evaluation);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
   (write and verify);
-* ``commands``: the commands, by entry points in ``pyproject.toml``.
+* ``browser_game``: a recipe book as a page that plays alone;
+* ``commands``: the commands, by entry points in ``pyproject.toml``; ``play`` is a person's door.
 
 Change freely: kinds of players, wording of errors, tables, commands. A changed prompt makes another
 experiment: its hash is in every result and submission, and the manifest has the standard ones.

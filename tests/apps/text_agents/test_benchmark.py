@@ -290,7 +290,10 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ({"benchmark": "everyday-v2"}, "everyday-v2 is another edition.*Play the track again"),
+        (
+            {"benchmark": "everyday-v2"},
+            "'benchmark' is everyday-v2; expected everyday-v3.*play the track again",
+        ),
         ({"benchmark_hash": OTHER}, "'benchmark_hash' is 0000"),
         ({"scoring": 1}, "'scoring' is 1; expected 2"),
         ({"graph_hash": OTHER}, "'graph_hash' is 0000"),

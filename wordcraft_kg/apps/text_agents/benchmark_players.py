@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
-from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track
+from wordcraft_kg.apps.text_agents.benchmark import Track, open_track
 from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
 from wordcraft_kg.apps.text_agents.games import Picks
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
@@ -473,9 +473,6 @@ def _recorded(
         ConfigError: for games of another track, with other look-ups, or if a game is missing:
             a selection of games is no result for the track.
     """
-    edition = (settings.track or "").partition("/")[0]
-    if edition not in ("", track.benchmark):
-        raise ConfigError(f"the games of '{name}': {edition_text(edition)}")
     if settings.track != track.full_name:
         raise ConfigError(
             f"the games of '{name}' are of {settings.track or 'no track'}; expected "

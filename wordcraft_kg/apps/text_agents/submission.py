@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track, read_manifest
+from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GameRecord
@@ -448,8 +448,6 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     # The path is for messages: an archive is no folder, but reads like one.
     path = folder / SUBMISSION_FILE
     data = read_submission_file(folder, SUBMISSION_FILE)
-    # Before all other fields, which another edition may not have.
-    _check_edition(path, data)
     submission = parse_record(data, Submission, path)
     _check_versions(path, submission)
     track = open_track(submission.track)
@@ -513,51 +511,22 @@ def acceptable(text: str, longest: int = LONGEST_TEXT) -> str:
     return printable
 
 
-def check_kind(path: Path, submission: Submission) -> None:
-    """Check that a submission declares no people, also with more words: nobody could verify it.
-
-    Answers of people are in the folder of `people serve`, which checks them, and in
-    `people summary`.
-
-    Args:
-        path: the file, for the error.
-        submission: the submission.
-
-    Raises:
-        ArtefactError: if its kind is people.
-    """
-    if look_alike_key("people") in look_alike_key(submission.kind):
-        expected = "the kind of a program or model, since a submission cannot show who played"
-        raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
-
-
-class _Edition(msgspec.Struct):
-    """The edition in a submission of any format; other fields are left out."""
-
-    benchmark: str = ""
-
-
-def _check_edition(path: Path, data: bytes) -> None:
-    """Raise an ArtefactError for a submission to another edition of the benchmark."""
-    try:
-        edition = msgspec.json.decode(data, type=_Edition).benchmark
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return  # damaged, as the reader of records says
-    if edition and edition != read_manifest()[0].name:
-        raise ArtefactError(f"{path}: {edition_text(edition)}")
-
-
 def _check_versions(path: Path, submission: Submission) -> None:
     """Check versions and declarations; raises ArtefactError or ConfigError for the first fault."""
     manifest, manifest_hash = read_manifest()
     versions = {
+        "benchmark": manifest.name,
         "benchmark_hash": manifest_hash,
         "scoring": manifest.scoring,
     }
     for name, value in versions.items():
         if getattr(submission, name) != value:
             raise _refused(path, name, getattr(submission, name), value)
-    check_kind(path, submission)
+    # Nobody could verify who played: answers of people are in the folder of `people serve`, which
+    # checks them, and in `people summary`.
+    if look_alike_key("people") in look_alike_key(submission.kind):
+        expected = "the kind of a program or model, since a submission cannot show who played"
+        raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
     for name in ("player", "kind", "training_data", "licence"):
         check_declared(f"{path}: {name}", getattr(submission, name))
     for key in (*submission.weights, *(submission.tokens or ())):

@@ -6,6 +6,7 @@ import logging
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ import pytest
 import wordcraft_kg
 from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.apps.text_agents.commands.bench import bench_run
-from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
+from wordcraft_kg.apps.text_agents.inspect_tasks import read_inspect_log
 from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 
@@ -305,10 +306,12 @@ def test_finding_the_tasks_loads_no_torch():
     assert done.stdout.strip() == "set()"
 
 
-def test_without_inspect_the_error_names_the_extra(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "inspect_ai.log", None)
+def test_without_inspect_the_error_names_the_extra(monkeypatch):
+    module = "wordcraft_kg.apps.text_agents.inspect_tasks"
+    monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "inspect_ai", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'inspect-ai>="):
-        read_inspect_log(tmp_path / "log.eval")
+        import_module(module)
     monkeypatch.setitem(sys.modules, "inspect_ai", None)
     monkeypatch.delitem(sys.modules, "wordcraft_kg.apps.text_agents.inspect_tasks", raising=False)
     with pytest.raises(MissingExtraError, match="Inspect AI is not installed"):

@@ -13,8 +13,9 @@ trained scorer::
 What lies where:
 
 * rules: ``settings`` (options), ``games``, ``conversation`` (with facts to look up);
-* doors for players: ``line_player`` (programs), ``mcp_server`` with ``hosted_games`` (MCP clients),
-  ``inspect_tasks`` with ``inspect_log`` (language models in Inspect AI);
+* doors for players: ``line_player`` (programs), ``chat_server`` (models behind an address),
+  ``mcp_server`` with ``hosted_games`` (MCP clients), ``inspect_tasks`` (language models in Inspect
+  AI, and their logs);
 * doors for training: ``hosted_games`` (games by name and number), ``trl`` (an environment and a
   data set), ``openenv_server``, ``text_env`` (Gymnasium), ``chats`` (to fine-tune on);
 * results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as

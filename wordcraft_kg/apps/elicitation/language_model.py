@@ -10,7 +10,6 @@ import json
 import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -53,24 +52,6 @@ from wordcraft_kg.runs.record import front_matter
 from wordcraft_kg.runs.run_folder import Progress, locked_folder
 
 
-@contextmanager
-def saved_rows(out: Path, key: str) -> Iterator[Path]:
-    """Yield the locked, hidden folder beside ``out`` for the rows with this key.
-
-    Args:
-        out: output of the command.
-        key: everything that decides about the rows: another model, prompt or graph has another
-            key, and so never takes these rows.
-
-    Raises:
-        ArtefactError: if another process writes there.
-    """
-    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
-    folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
-    with locked_folder(folder, "written"):
-        yield folder
-
-
 def read_rows(folder: Path, number: int) -> Tensor | None:
     """Return the rows of a part; None if they are not saved, or damaged."""
     file = folder / f"{number}.safetensors"
@@ -80,18 +61,6 @@ def read_rows(folder: Path, number: int) -> Tensor | None:
         return read_tensors(file, read_large_file(file))["rows"]
     except ArtefactError:  # cut short by a power failure
         return None
-
-
-def save_rows(folder: Path, number: int, rows: Tensor) -> None:
-    """Save the rows of a part; atomic: a part is either saved or not, even after a kill.
-
-    Args:
-        folder: folder of the saved parts, from :func:`saved_rows`.
-        number: number of the part, from 0.
-        rows: shape (rows of the part, any width).
-    """
-    content = safetensors.torch.save({"rows": rows})
-    write_atomically(folder / f"{number}.safetensors", content)
 
 
 _BATCH = 32
@@ -333,7 +302,11 @@ def elicit_knowledge(
     key = json.dumps(
         [inputs, _BATCH, probabilities.tokens.tolist(), [batch.texts for batch in batches]]
     )
-    with saved_rows(out, key) as folder:
+    # Everything that decides about the rows is in the name of their folder: another model, prompt
+    # or graph has another one, and so never takes these rows.
+    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
+    folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
+    with locked_folder(folder, "written"):
         tables = _tables(probabilities, batches, prompts, folder, report)
         source = "language model"
         if language_model.random_seed is not None:
@@ -388,7 +361,9 @@ def _tables(
                     raise ArtefactError(
                         "the language model gives probabilities that are not finite. Use another."
                     )
-                save_rows(folder, number, rows)
+                # Atomic: a batch is either saved or not, even after a kill.
+                content = safetensors.torch.save({"rows": rows})
+                write_atomically(folder / f"{number}.safetensors", content)
             tables[batch.prompt, batch.rows] = rows
             num_done += len(batch.rows)
             if report:

@@ -403,17 +403,12 @@ def _make(path: Path, study: str) -> None:
                 connection.execute(statement)
             connection.execute("INSERT INTO study VALUES (?)", (study,))
             connection.execute("COMMIT")
+        # SQLite makes the new name durable when it begins its log in this folder.
         os.replace(new, path)
     except sqlite3.Error as error:
         raise _failed(path, error) from None
     finally:
         new.unlink(missing_ok=True)
-    if os.name == "posix":  # the new name is on disk, too
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _find(connection: sqlite3.Connection, code: str) -> Participant | None:

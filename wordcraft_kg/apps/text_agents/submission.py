@@ -574,21 +574,13 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
     data = read_submission_file(folder, GAMES_FILE)
     # Counted before they are split: a file of line breaks would take eight times its size.
     num_lines = data.count(b"\n")
-    if num_lines > len(track):
+    if num_lines != len(track) or not data.endswith(b"\n"):
         raise ArtefactError(
-            f"{path}, line {len(track) + 1}: {num_lines:,} games; expected no more than "
-            f"{len(track)} games. Play the track again."
-        )
-    texts = data.split(b"\n")
-    # The last text is what follows the last line break.
-    if texts.pop():
-        raise ArtefactError(f"{path}, line {len(texts) + 1}, has no end. Play the track again.")
-    if len(texts) < len(track):
-        raise ArtefactError(
-            f"{path}: {len(texts)} of {len(track)} games. Play all games of {track.name}."
+            f"{path}: {num_lines:,} games, a line each; expected {len(track)}. Play all games of "
+            f"{track.name}."
         )
     lines = []
-    for number, text in enumerate(texts):
+    for number, text in enumerate(data.split(b"\n")[:-1]):
         place = f"{path}, line {number + 1}"
         line = parse_record(text, GameLine, f"{place},")
         if line.number != number:

@@ -70,20 +70,17 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
     from wordcraft_kg.apps.explorer.site import end_process, make_app, warm
     from wordcraft_kg.apps.web.serving import listen, serve
 
-    # Before the work, which takes seconds: a port in use is reported at once.
-    listening = listen(host, port)
-    try:
+    # The port first: if it is taken, nobody waits for the work, which takes seconds.
+    with listen(host, port) as listening:
         explored = opened()
-    except BaseException:
-        listening.close()
-        raise
 
-    def started(address: str) -> None:
-        output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
-        # After the address: the first page must not wait for all others.
-        warm(explored)
+        def started(address: str) -> None:
+            output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
+            # After the address: the first page must not wait for all others.
+            warm(explored)
 
-    serve(make_app(explored, host, allow_host or ()), listening, started, in_browser=not no_browser)
+        app = make_app(explored, host, allow_host or ())
+        serve(app, listening, started, in_browser=not no_browser)
     end_process()
 
 

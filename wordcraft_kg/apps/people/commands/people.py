@@ -88,8 +88,7 @@ def people_serve(  # noqa: PLR0913 - parameters are the command's options
     amounts = whole_numbers("distractors", distractors) if distractors else StudyConfig.distractors
     config = StudyConfig(tasks, tuple(amounts), forms, seed, _consent(consent))
     # Before anything is written: a port in use must not leave a begun study.
-    listening = listen(host, port)
-    try:
+    with listen(host, port) as listening:
         study = HumanStudy(graph, config)
         with kept_answers(out, study) as answers:
 
@@ -103,8 +102,6 @@ def people_serve(  # noqa: PLR0913 - parameters are the command's options
             app = make_study_app(study, answers, host, allow_host or ())
             serve(app, listening, started, in_browser=not no_browser)
             stored = answers.stored()
-    finally:
-        listening.close()
     print(
         f"stopped; {_counts(stored)} stored in {out}; repeat the command to resume", file=sys.stderr
     )

@@ -260,17 +260,10 @@ def test_other_logs_and_files_are_refused(play, tmp_path):
         (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "", "models/none"),
         (crafting, {"scorer": "models/none"}, "scorer", "a scorer needs `knowledge` scorer"),
         (crafting, {"look_ups": 1.5}, "look_ups", "1.5"),
-        (
-            crafting,
-            {"distractor": 2},
-            "distractor",
-            "unknown parameter .* Did you mean .*distractors",
-        ),
         (discovery, {"base": ["water", "unicorn"]}, "base", "unicorn"),
         (discovery, {"base": 1}, "base", "no entity '1'"),
         (discovery, {"base": True}, "base", "no entity 'True'"),
         (discovery, {"games": 0}, "games", "0"),
-        (discovery, {"depth": 2}, "depth", "unknown parameter"),
     ],
 )
 def test_a_wrong_parameter_is_an_error_without_a_traceback(make, parameters, setting, fragment):

@@ -7,9 +7,9 @@ import numpy as np
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.apps.people.protocol import HumanProtocol, PosedTask
-from wordcraft_kg.apps.people.study import Session, TableKey
+from wordcraft_kg.apps.people.study import Session, TableKey, check_equal
 from wordcraft_kg.apps.people.summary import AgentGame
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import padded
@@ -61,7 +61,13 @@ def _posed_tasks(
     posed: dict[TableKey, PosedTask] = {}
     world: World | None = None
     for session in sessions:
-        _check_graph(agent, session)
+        record = session.record
+        check_equal(
+            "the study has",
+            {"graph_hash": record.graph_hash, "split_hash": record.split_hash},
+            f"'{agent.name}' was trained on",
+            {"graph_hash": agent.opened.graph.hash, "split_hash": agent.opened.split.hash},
+        )
         distractors = session.cell.distractors
         if distractors not in protocols:
             # One world for all protocols: the graph is the same, and a world takes long to make.
@@ -77,21 +83,6 @@ def _posed_tasks(
                     "distractors: this version poses another task than the answered task."
                 )
     return None if world is None else (world, posed)
-
-
-def _check_graph(agent: OpenedAgent, session: Session) -> None:
-    record = session.record
-    training_graph = agent.opened
-    hashes = {
-        "graph": (record.graph_hash, training_graph.graph.hash),
-        "split": (record.split_hash, training_graph.split.hash),
-    }
-    for name, (answered, trained) in hashes.items():
-        if answered != trained:
-            raise GraphMismatchError(
-                f"the answered tasks belong to {name} {answered[:12]}, but '{agent.name}' was "
-                f"trained on {name} {trained[:12]}. Give an agent with the same graph and split."
-            )
 
 
 def _greedy_successes(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> list[bool]:

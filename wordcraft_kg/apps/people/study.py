@@ -266,10 +266,8 @@ def check_equal(
         value = str(have.get(name))
         expected = str(want.get(name))
         if name.endswith("_hash"):
-            graph = f" (graph {have['graph']})" if name == "graph_hash" else ""
             raise GraphMismatchError(
-                f"{subject} {name} {value[:12]}{graph}, but {other} {expected[:12]}. "
-                "Nothing was changed."
+                f"{subject} {name} {value[:12]}, but {other} {expected[:12]}. Nothing was changed."
             )
         raise ConfigError(f"{subject} {name} {value}, but {other} {expected}. Nothing was changed.")
 

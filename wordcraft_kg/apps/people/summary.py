@@ -152,21 +152,14 @@ def view_people(
         sessions=len(sessions),
         finished=_finished(sessions),
         conditions=tuple(
-            _condition(amount, by_amount[amount], agents or {}) for amount in sorted(by_amount)
+            PeopleCondition(
+                distractors=amount,
+                sessions=len(by_amount[amount]),
+                finished=_finished(by_amount[amount]),
+                parts={part: _rate(part, by_amount[amount], agents or {}) for part in HUMAN_PARTS},
+            )
+            for amount in sorted(by_amount)
         ),
-    )
-
-
-def _condition(
-    distractors: int,
-    sessions: Sequence[Session],
-    agents: Mapping[str, Mapping[TableKey, AgentGame]],
-) -> PeopleCondition:
-    return PeopleCondition(
-        distractors=distractors,
-        sessions=len(sessions),
-        finished=_finished(sessions),
-        parts={part: _rate(part, sessions, agents) for part in HUMAN_PARTS},
     )
 
 

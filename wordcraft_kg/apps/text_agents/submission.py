@@ -235,7 +235,9 @@ def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
     Raises:
         EpisodeError: for decisions against the rules.
     """
-    task, seed = game_of_track(play, number)
+    # On tasks each game is another task with the first table; open-ended games are runs in one
+    # world, told apart by the seed alone.
+    task, seed = (0, number) if play.settings.is_open_ended else (number, 0)
     game = play.games.begin(task, seed)
     new_labels: list[tuple[str, ...]] = []
     for attempt, pair in enumerate(played.pairs, 1):
@@ -266,15 +268,6 @@ def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
         ended=not game.is_over,
         **outcome,
     )
-
-
-def game_of_track(play: Play, number: int) -> tuple[int, int]:
-    """Return the task and the distractor seed with which a game of a track begins.
-
-    On tasks each game is another task with the first table; open-ended games are runs in one world,
-    told apart by the seed alone.
-    """
-    return (0, number) if play.settings.is_open_ended else (number, 0)
 
 
 def _check_counts(play: Play, played: GameRecord | GameLine) -> None:

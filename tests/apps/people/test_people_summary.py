@@ -12,10 +12,9 @@ import torch
 from tests.apps.people.stored import answered, other_world
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.apps.people.answers_database import Cell, Participant, StoredAnswer
-from wordcraft_kg.apps.people.comparison import agent_successes
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import HumanStudy, ReadStudy, Session
-from wordcraft_kg.apps.people.summary import AgentGame, view_people
+from wordcraft_kg.apps.people.summary import AgentGame, agent_successes, view_people
 from wordcraft_kg.base import ArtefactError, GraphMismatchError, checked_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.models.policies.states import States

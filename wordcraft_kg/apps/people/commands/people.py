@@ -196,7 +196,7 @@ def _compared(
         return {}
     # Imported late: without --run, the command plays no agent.
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.apps.people.comparison import agent_successes
+    from wordcraft_kg.apps.people.summary import agent_successes
 
     return {agent.name: agent_successes(agent, sessions) for agent in map(open_agent, runs)}
 

@@ -4,8 +4,8 @@ import pytest
 
 from tests.apps.explorer.shown import client_of, explored_graph, look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
-from wordcraft_kg.apps.explorer.pages.pair import PairState
+from wordcraft_kg.apps.explorer.pages.entities import EntityState, RecipesState
+from wordcraft_kg.apps.explorer.pages.link import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
 from wordcraft_kg.apps.explorer.site import Site, export_site

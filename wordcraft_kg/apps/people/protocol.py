@@ -145,14 +145,26 @@ class HumanProtocol:
         return {name: getattr(self.world.config, name) for name in names}
 
     def pose(self, seed: int, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
-        """Start the episode for a task; return environment and observation."""
+        """Start the episode for a task; return environment and observation.
+
+        Args:
+            seed: seed of the session, from 0.
+            part: train or test.
+            number: number of the task in its part, from 1.
+        """
         # A seed for each episode: a task does not depend on how many were posed before it.
         env = self._envs[part]
         observation, _ = env.reset(seed=episode_seed(seed, part, number))
         return env, observation
 
     def task(self, seed: int, part: str, number: int) -> PosedTask:
-        """Return the task of a session's seed with a number in a part, from 1."""
+        """Return a task.
+
+        Args:
+            seed: seed of the session, from 0.
+            part: train or test.
+            number: number of the task in its part, from 1.
+        """
         env, observation = self.pose(seed, part, number)
         plans = tuple(plan[0] for plan in env.task.plans)
         return PosedTask(

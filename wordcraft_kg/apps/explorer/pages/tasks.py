@@ -158,16 +158,18 @@ def view_task_table(
         ConfigError: if the list has no such page.
     """
     results = results or [()] * len(tasks)
-    goal_id = tasks.graph.id_of(goal) if goal else -1
-    chosen = [
-        number for number, made in enumerate(tasks.goals.tolist()) if goal_id < 0 or made == goal_id
+    goal_id = tasks.graph.id_of(goal) if goal else None
+    numbers = [
+        number
+        for number, task_goal in enumerate(tasks.goals.tolist())
+        if goal_id in (None, task_goal)
     ]
-    solved = {number: _solved(results[number]) for number in chosen}
-    listed = [number for number in chosen if won in ("any", solved[number])]
+    solved = {number: _solved(results[number]) for number in numbers}
+    listed = [number for number in numbers if won in ("any", solved[number])]
     shown = paging(len(listed), page, TASKS_A_PAGE)
     # Without results, no counts: zeros would say that the agent fails.
     counts: dict[Won, int] = {}
-    if any(results[number] for number in chosen):
+    if any(results[number] for number in numbers):
         for kind in ("always", "sometimes", "never"):
             counts[kind] = list(solved.values()).count(kind)
     return TaskTable(

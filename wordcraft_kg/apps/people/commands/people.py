@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.people.config import CONSENT, LONGEST_CONSENT, StudyConfig
-from wordcraft_kg.base import ConfigError, counted
+from wordcraft_kg.apps.people.config import CONSENT, StudyConfig
+from wordcraft_kg.base import ConfigError, counted, read_small_file
 from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force
 
@@ -110,14 +110,9 @@ def people_serve(  # noqa: PLR0913 - parameters are the command's options
 def _consent(path: Path | None) -> str:
     if path is None:
         return CONSENT
-    # A character has at most 4 bytes in UTF-8. The exact limit is that of StudyConfig.
-    if not path.is_file() or path.stat().st_size > 8 * LONGEST_CONSENT:
-        raise ConfigError(
-            f"--consent {path}: expected a text file of at most {LONGEST_CONSENT:,} characters."
-        )
     try:
         # Windows editors may add a byte order mark.
-        lines = path.read_text(encoding="utf-8-sig").strip().splitlines()
+        lines = read_small_file(path).decode("utf-8-sig").strip().splitlines()
     except UnicodeError:
         raise ConfigError(f"--consent {path}: expected UTF-8 text.") from None
     # Blanks at the end of a line must not hide the blank line between two paragraphs.

@@ -256,8 +256,8 @@ def _play_open_world(terminal: Terminal, games: "Play", output: Output) -> None:
     assert isinstance(game, DiscoveryGame)
 
     def tally() -> str:
-        known = f"{len(game.labels)} of {reachable}"
-        return f"known items: {known} after {len(game.known_after)} attempts"
+        attempts = len(game.known_after)
+        return f"known items: {len(game.labels)} of {reachable} after {attempts} attempts"
 
     terminal.say(talk.rules, KEYS, game.state)
     with terminal.until_quit(tally):

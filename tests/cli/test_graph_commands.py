@@ -816,7 +816,7 @@ def test_commands_play_sets(run, folder, tmp_path, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("1 + 2 + 2\nq\n"))
     played = run("play", folder, "--seed", "3", "--episodes", "1")
     assert played.code == 0
-    assert "Name the items to combine" in played.out
+    assert "Choose the listed items to combine" in played.out
 
 
 def test_open_ended_play_refuses_sets_with_one_line(run, folder):

@@ -8,7 +8,7 @@ those here.
 import pytest
 import torch
 
-from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts
+from wordcraft_kg.apps.elicitation.language_model import DEFAULT, read_prompts
 
 SIZES = {
     "hidden_size": 16,

@@ -9,8 +9,13 @@ import torch
 from helpers import refuses
 
 from wordcraft_kg.apps.elicitation import language_model as module
-from wordcraft_kg.apps.elicitation.language_model import elicit_knowledge, open_language_model
-from wordcraft_kg.apps.elicitation.prompts import DEFAULT, prompts_text, read_prompts
+from wordcraft_kg.apps.elicitation.language_model import (
+    DEFAULT,
+    elicit_knowledge,
+    open_language_model,
+    prompts_text,
+    read_prompts,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.folder import TABLES, read_knowledge

@@ -24,8 +24,8 @@ from wordcraft_kg.apps.explorer.pages.runs import RunsState, RunState
 from wordcraft_kg.apps.explorer.pages.tasks import (
     TASKS_A_PAGE,
     ListedTask,
-    TaskResults,
     TasksState,
+    outcomes_of,
     view_task_table,
 )
 from wordcraft_kg.base.errors import ConfigError
@@ -353,7 +353,7 @@ def played_at_random(opened, depth):
 @pytest.mark.parametrize("depth", [1, 2])
 def test_all_tasks_are_listed_once_with_how_often_they_were_solved(opened, depth):
     tasks, lines = played_at_random(opened, depth)
-    results = TaskResults.of(tasks, reversed(lines))
+    results = outcomes_of(tasks, reversed(lines))
     by_task = {(line.goal, line.start): line.terminations for line in lines}
     pages = view_task_table(tasks, results).paging.pages
     rows = [

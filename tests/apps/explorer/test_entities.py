@@ -15,9 +15,13 @@ from tests.apps.explorer.shown import (
 from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, train_links
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
-from wordcraft_kg.apps.explorer.pages import entities, entity
-from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
-from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
+from wordcraft_kg.apps.explorer.pages import entities
+from wordcraft_kg.apps.explorer.pages.entities import (
+    EntityState,
+    RecipesState,
+    list_entities,
+    search_entities,
+)
 from wordcraft_kg.apps.explorer.pages.home import HomeState
 from wordcraft_kg.graphs import PARTS, Planner, layers
 
@@ -140,7 +144,7 @@ def test_a_search_takes_labels_then_beginnings_words_and_parts(rows, wanted, exp
 
 
 def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkeypatch):
-    monkeypatch.setattr(entity, "LISTED", 1_000)
+    monkeypatch.setattr(entities, "LISTED", 1_000)
     graph, split = neighbours.graph, neighbours.split
     part_of = {
         tuple(row): PARTS[part]

@@ -9,9 +9,8 @@ from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of
 from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, open_model, train_links
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
-from wordcraft_kg.apps.explorer.pages.link import LinkState
-from wordcraft_kg.apps.explorer.pages.pair import PairState
+from wordcraft_kg.apps.explorer.pages.entities import EntityState, RecipesState
+from wordcraft_kg.apps.explorer.pages.link import LinkState, PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
 from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving
 from wordcraft_kg.base.errors import ConfigError

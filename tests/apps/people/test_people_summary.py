@@ -11,41 +11,51 @@ import torch
 
 from tests.apps.people.stored import answered, other_world
 from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.apps.people.comparison import agent_successes
-from wordcraft_kg.apps.people.protocol import AgentGame, HumanProtocol, Session
-from wordcraft_kg.apps.people.summary import view_people
+from wordcraft_kg.apps.people.answers_database import Cell, Participant, StoredAnswer
+from wordcraft_kg.apps.people.config import StudyConfig
+from wordcraft_kg.apps.people.study import HumanStudy, ReadStudy, Session
+from wordcraft_kg.apps.people.summary import AgentGame, agent_successes, view_people
 from wordcraft_kg.base import ArtefactError, GraphMismatchError, checked_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.models.policies.states import States
 
 
-def session(protocol, right, seconds=1.0):
+def session(study, right, form=0):
     """Somebody's answers: a digit for each, 1 for a right one."""
-    turns = zip(protocol.turns, right, strict=False)
-    answers = tuple(
-        answered(protocol, protocol.task(*turn), digit == "1", seconds) for turn, digit in turns
-    )
+    cell = Cell(form, study.record.distractors[0])
+    turns = zip(study.tasks(cell), right, strict=False)
+    protocol = study.protocol(cell)
+    answers = tuple(answered(protocol, task, digit == "1") for task, digit in turns)
     assert [answer.success for answer in answers] == [digit == "1" for digit in right]
-    return Session(protocol.header, answers)
+    return Session(study.record, cell, answers)
+
+
+def study_of(graph, distractors=8, tasks=3):
+    return HumanStudy(graph, StudyConfig(tasks=tasks, distractors=(distractors,)))
 
 
 @pytest.fixture(scope="module")
-def protocol(kitchen):
-    return HumanProtocol(kitchen, tasks=3)
+def study(kitchen):
+    return study_of(kitchen)
+
+
+def read(session):
+    """Return a study as if it was read from a folder, with one person."""
+    answers = tuple(StoredAnswer(1, answer, 1) for answer in session.answers)
+    return ReadStudy(session.record, (Participant(1, session.cell),), {1: answers})
 
 
 def summed(*sessions, agents=None):
-    view = view_people({Path(str(number)): (one,) for number, one in enumerate(sessions)}, agents)
+    studies = {Path(str(number)): read(one) for number, one in enumerate(sessions)}
+    view = view_people(studies, agents)
     checked_values(view)
     return view
 
 
-def test_each_part_is_summed_up_over_all_sessions(protocol):
-    view = summed(*(session(protocol, right) for right in ("110100", "1110", "")))
+def test_each_part_is_summed_up_over_all_sessions(study):
+    view = summed(*(session(study, right) for right in ("110100", "1110", "")))
     assert (view.graph, view.sessions, view.finished) == ("kitchen", 3, 1)
-    assert view.settings == {
-        k: v for k, v in protocol.header.settings.items() if k != "num_distractors"
-    }
+    assert view.settings == study.record.settings
     (condition,) = view.conditions
     assert (condition.distractors, condition.sessions, condition.finished) == (8, 3, 1)
     train, test = condition.parts["train"], condition.parts["test"]
@@ -55,17 +65,17 @@ def test_each_part_is_summed_up_over_all_sessions(protocol):
     assert train.agents == {}
 
 
-def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol):
+def test_the_interval_over_people_is_that_of_all_resamples_of_people(study):
     """With two people there are four resamples, which a thousand draws meet about equally often."""
-    row = summed(session(protocol, "111"), session(protocol, "100")).conditions[0].parts["train"]
+    row = summed(session(study, "111"), session(study, "100")).conditions[0].parts["train"]
     drawn = [np.mean([3, 3]) / 3, np.mean([3, 1]) / 3, np.mean([1, 3]) / 3, np.mean([1, 1]) / 3]
     assert row.people_interval == pytest.approx((min(drawn), max(drawn)))
 
 
 @pytest.mark.parametrize("answers", ["111", "000"])
-def test_people_all_right_or_wrong_have_an_interval(protocol, answers):
+def test_people_all_right_or_wrong_have_an_interval(study, answers):
     """People who are all right or all wrong have an interval and not a point."""
-    people = [session(protocol, right) for right in (answers[:2], answers, answers[:1])]
+    people = [session(study, right) for right in (answers[:2], answers, answers[:1])]
     made = {
         one.table_of(answer): AgentGame(answers == "111", answer.number)
         for one in people
@@ -80,25 +90,23 @@ def test_people_all_right_or_wrong_have_an_interval(protocol, answers):
     )
 
 
-def test_one_person_alone_has_no_interval_over_people(protocol):
+def test_one_person_alone_has_no_interval_over_people(study):
     """One person alone has no interval over people and none without answers."""
-    parts = summed(session(protocol, "111")).conditions[0].parts
+    parts = summed(session(study, "111")).conditions[0].parts
     assert parts["train"].people_interval is None
     assert (parts["test"].interval, parts["test"].rate, parts["test"].people) == (None, None, 0)
 
 
 @pytest.mark.parametrize("what", ["graph", "split"])
-def test_another_graph_or_split_is_not_summed_up(protocol, kitchen, what):
+def test_another_graph_or_split_is_not_summed_up(study, kitchen, what):
     with pytest.raises(GraphMismatchError, match=f"{what}_hash"):
-        summed(
-            session(protocol, "1"), session(HumanProtocol(other_world(kitchen, what), tasks=3), "1")
-        )
+        summed(session(study, "1"), session(study_of(other_world(kitchen, what)), "1"))
 
 
-def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol):
+def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(study):
     with pytest.raises(ArtefactError, match="1 has the same answers as 0"):
-        summed(session(protocol, "10"), session(protocol, "10"))
-    assert summed(session(protocol, ""), session(protocol, "")).sessions == 2
+        summed(session(study, "10"), session(study, "10"))
+    assert summed(session(study, ""), session(study, "")).sessions == 2
 
 
 @pytest.fixture(scope="module")
@@ -127,9 +135,9 @@ def is_solved(policy, env, seen):
     return info["outcome"] == "goal"
 
 
-def test_an_agents_interval_resamples_what_the_split_holds_out_together(protocol):
+def test_an_agents_interval_resamples_what_the_split_holds_out_together(study):
     """Twelve tables in two groups: the two groups decide, not the tables."""
-    people = [session(HumanProtocol(protocol.world, 5, seed, tasks=3), "101") for seed in range(4)]
+    people = [session(study, "101", form) for form in range(4)]
     keys = [one.table_of(answer) for one in people for answer in one.answers]
     alike = {key: AgentGame(number % 2 == 0, number % 2) for number, key in enumerate(keys)}
     apart = {key: AgentGame(number % 2 == 0, number) for number, key in enumerate(keys)}
@@ -147,17 +155,18 @@ def test_an_agents_interval_resamples_what_the_split_holds_out_together(protocol
 
 
 def test_an_agent_is_compared_at_the_table_of_each_answer(agent):
-    first, second = (HumanProtocol(agent.opened, 5, seed, tasks=20) for seed in (0, 1))
-    people = [session(first, "1" * 40), session(first, "0" * 7), session(second, "01" * 12)]
+    study = study_of(agent.opened, 5, tasks=20)
+    people = [session(study, "1" * 40), session(study, "0" * 7), session(study, "01" * 12, 1)]
     made = agent_successes(agent, people)
     assert len(made) == 40 + 24
     view = summed(*people, agents={"guided": made})
     for part, row in view.conditions[0].parts.items():
         expected = []
-        for protocol, one in zip((first, first, second), people, strict=True):
+        for seed, one in zip((0, 0, 1), people, strict=True):
             for answer in one.answers:
                 if answer.part == part:
-                    expected.append(is_solved(agent.policy, *protocol.pose(part, answer.number)))
+                    posed = study.protocol(one.cell).pose(seed, part, answer.number)
+                    expected.append(is_solved(agent.policy, *posed))
         rate = row.agents["guided"]
         assert (rate.successes, row.answered) == (sum(expected), len(expected))
         assert 0 < rate.rate == sum(expected) / len(expected) < 1
@@ -169,11 +178,11 @@ def test_an_agent_is_compared_at_the_table_of_each_answer(agent):
 def test_an_agent_of_another_graph_or_split_is_refused(agent, kitchen):
     for graph in (other_world(kitchen, "split"), "everyday"):
         with pytest.raises(GraphMismatchError):
-            agent_successes(agent, [session(HumanProtocol(graph, 5, tasks=3), "1")])
+            agent_successes(agent, [session(study_of(graph, 5), "1")])
 
 
 def test_answers_at_a_table_that_is_not_posed_today_are_refused(agent):
-    one = session(HumanProtocol(agent.opened, 5, tasks=3), "1")
+    one = session(study_of(agent.opened, 5), "1")
     turned = replace(
         one, answers=(msgspec.structs.replace(one.answers[0], table=one.answers[0].table[::-1]),)
     )

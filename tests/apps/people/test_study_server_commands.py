@@ -153,7 +153,7 @@ def begun(tmp_path_factory):
         ("--distractors 10000", "--distractors 10000"),
         ("--port 65536", "--port 65536"),
         ("--host 256.1.1.1", "--host '256.1.1.1': unknown host"),
-        ("--consent nowhere.txt", "--consent nowhere.txt: expected a text file"),
+        ("--consent nowhere.txt", "nowhere.txt is missing"),
         ("--consent latin.txt", "expected UTF-8 text"),
         ("--consent empty.txt", "--consent: the text has 0 characters"),
     ],
@@ -166,7 +166,8 @@ def test_options_that_cannot_be_write_nothing(run, tmp_path, monkeypatch, option
     outcome = run(
         "people", "serve", "kitchen", "--out", "study", "--no-browser", *port, *options.split()
     )
-    assert message in refused(outcome)
+    kind = "ArtefactError" if "nowhere" in options else "ConfigError"
+    assert message in refused(outcome, kind)
     assert not Path("study").exists()
 
 

@@ -290,12 +290,15 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ({"benchmark": "everyday-v2"}, "everyday-v2 is another edition.*Play the track again"),
+        (
+            {"benchmark": "everyday-v2"},
+            "'benchmark' is everyday-v2; expected everyday-v3.*play the track again",
+        ),
         ({"benchmark_hash": OTHER}, "'benchmark_hash' is 0000"),
         ({"scoring": 1}, "'scoring' is 1; expected 2"),
         ({"graph_hash": OTHER}, "'graph_hash' is 0000"),
         ({"track": "craft-9"}, "unknown track 'craft-9'"),
-        ({"track": "craft-8"}, "100 of 500 games"),
+        ({"track": "craft-8"}, "100 games, a line each; expected 500"),
         (
             {"prompts": "standard", "prompt_hash": OTHER},
             "'prompt_hash' is 0000.*declare custom prompts",
@@ -357,9 +360,9 @@ def test_an_edited_figure_is_refused(copied, value):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda lines: lines[:30], "30 of 100 games"),
+        (lambda lines: lines[:30], "30 games, a line each; expected 100"),
         (lambda lines: [lines[1], lines[0], *lines[2:]], "line 1: game 1; expected game 0"),
-        (lambda lines: [*lines, lines[0]], "line 101: 101 games; expected no more than 100 games"),
+        (lambda lines: [*lines, lines[0]], "101 games, a line each; expected 100"),
         (lambda lines: [lines[0], lines[0], *lines[2:]], "line 2: game 0; expected game 1"),
         (
             lambda lines: [lines[0][:-2] + b', "invalid_actions": 1000001}\n', *lines[1:]],
@@ -386,7 +389,7 @@ def test_an_edited_figure_is_refused(copied, value):
             "line 1: 1 attempt were",
         ),
         (lambda lines: [lines[0][:-2] + b"\n", *lines[1:]], "line 1,.* is damaged"),
-        (lambda lines: [*lines[:-1], lines[-1][:-1]], "line 100, has no end"),
+        (lambda lines: [*lines[:-1], lines[-1][:-1]], "99 games, a line each; expected 100"),
         (lambda lines: [b" " + lines[0], *lines[1:]], "line 1: the replay gives"),
     ],
 )
@@ -544,11 +547,10 @@ def test_a_forced_run_keeps_the_earlier_until_it_is_complete(submitted, tmp_path
         bench_run("craft-8-lite", player=stops, out=out, force=True)
     assert verify(out).games_hash == sha256_of(out / "games.jsonl")
     assert (out / "submission.json").read_bytes() == before["submission.json"]
-    kept = (out / "messages" / "replacement" / "games.jsonl").read_bytes()
+    kept = (out / "messages" / "games.jsonl").read_bytes()
     assert kept.count(b"\n") > 1
     bench_run("craft-8-lite", player=player, out=out, force=True)
     assert (out / "messages" / "games.jsonl").read_bytes().startswith(kept)
-    assert not (out / "messages" / "replacement").exists()
     assert verify(out) == verify(submitted(player=PROGRAM))
 
 

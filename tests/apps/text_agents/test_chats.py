@@ -10,15 +10,16 @@ from wordcraft_kg.agents.players import random_distinct, recipe_oracle
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.chats import (
     CLOSING,
+    WORDINGS,
     ChatCounts,
     ChatSettings,
     chat_rows,
     recipe_scorer,
+    worded_rules,
 )
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
-from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
 from wordcraft_kg.base.errors import ConfigError, LeakError
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.model import Model

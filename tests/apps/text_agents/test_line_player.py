@@ -137,35 +137,6 @@ def test_processes_that_a_program_has_started_end_with_it(tmp_path, then):
     assert not is_alive
 
 
-ORPHANED = """
-import os, subprocess, sys, time
-if os.fork() == 0:  # a child in a session of its own, whose parent ends at once
-    os.setsid()
-    if os.fork() == 0:
-        open({pid!r}, "w").write(str(os.getpid()))
-        time.sleep(60)
-    os._exit(0)
-while not os.path.exists({pid!r}) or not open({pid!r}).read():
-    time.sleep(0.01)
-{then}
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc")
-@pytest.mark.parametrize("then", ["time.sleep(60)", "input(); print('1 1', flush=True)", ""])
-def test_processes_in_sessions_of_their_own_end_with_the_program(tmp_path, then):
-    pid = tmp_path / "pid"
-    with (
-        suppress(PlayerError),
-        LinePlayer(program(ORPHANED.format(pid=str(pid), then=then)), timeout=1.5) as player,
-    ):
-        player.ask("{}")
-    stat, until = Path("/proc", pid.read_text(), "stat"), time.monotonic() + 5
-    while is_alive := stat.exists() and stat.read_text().split()[2] != "Z":
-        assert time.monotonic() < until
-    assert not is_alive
-
-
 def test_a_program_does_not_see_keys_of_the_environment(monkeypatch, tmp_path):
     keys = ("HF_TOKEN", "OPENAI_API_KEY", "AWS_SECRET_ACCESS_KEY", "GITHUB_TOKEN", "MY_PASSWORD")
     for key in keys:

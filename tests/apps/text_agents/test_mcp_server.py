@@ -523,7 +523,7 @@ def test_over_http_bad_requests_are_refused():
             answer = httpx2.request(
                 method, address, headers={"Accept": "text/event-stream"}, timeout=20
             )
-            assert (answer.status_code, answer.headers["Allow"]) == (405, "POST")
+            assert answer.status_code == 405
         status, text = status_of(HELLO)
         assert (status, json.loads(text)["result"]["serverInfo"]["name"]) == (200, "wordcraft-kg")
 

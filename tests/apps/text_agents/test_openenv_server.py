@@ -380,7 +380,7 @@ def test_a_lost_game_cannot_be_played_again_because_the_disk_was_full(tmp_path, 
         assert not read_games(path)[1]
         seen(ask("reset", {"index": 0}))
         seen(ask("step", {"answer": "1 + 2"}))
-    assert [(one.task, len({*one.last})) for one in read_games(path)[1]] == [(0, 1), (0, 2)]
+    assert [(one.task, len({*one.pairs[-1]})) for one in read_games(path)[1]] == [(0, 1), (0, 2)]
 
 
 @contextmanager

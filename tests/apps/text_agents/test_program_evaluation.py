@@ -11,8 +11,9 @@ import pytest
 
 from wordcraft_kg.apps.text_agents import results
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-from wordcraft_kg.apps.text_agents.results import evaluation_of, groups_of, read_games
-from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.runs.run_folder import locked
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
@@ -55,9 +56,9 @@ def row_of(outcome):
 
 def test_a_program_plays_the_tables_of_all_others_and_its_row_is_that_of_its_games(play, games):
     row = row_of(play("--json", limit=100))
-    header, played, _ = read_games(games)
-    groups = groups_of(open_graph("kitchen"), header.settings)
-    success = evaluation_of(played, groups).metrics()
+    _, played, _ = read_games(games)
+    world = World.open("kitchen", WordCraftConfig(part="test", num_distractors=2))
+    success = evaluation_of(played, world.groups).metrics()
     assert (row["success"], row["low"], row["high"]) == (
         success.mean,
         success.ci_low,
@@ -137,7 +138,7 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
     before = lines_of(games)
     Path("other.py").write_text(FIRST_TWO)
     for changes, fragment in (
-        ({"limit": 4}, "the number of tasks 3, and this command has 4"),
+        ({"limit": 4}, "--tasks 3, and this command has 4"),
         ({"limit": 3, "seeds": 2}, "--distractor-seeds 1, and this command has 2"),
         ({"limit": 3, "player": "other.py"}, "holds games by"),
     ):

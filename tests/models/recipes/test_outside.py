@@ -23,8 +23,7 @@ from wordcraft_kg import (
     train_recipes,
 )
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages.link import LinkState
-from wordcraft_kg.apps.explorer.pages.pair import PairState
+from wordcraft_kg.apps.explorer.pages.link import LinkState, PairState
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in

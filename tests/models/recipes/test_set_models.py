@@ -19,7 +19,7 @@ from link_helpers import interrupt_after
 from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.entity import EntityState
+from wordcraft_kg.apps.explorer.pages.entities import EntityState
 from wordcraft_kg.apps.explorer.pages.suggestions import SuggestionsState
 from wordcraft_kg.apps.explorer.site import Site
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError

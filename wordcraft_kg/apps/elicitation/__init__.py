@@ -1,6 +1,6 @@
 """Elicitation: knowledge from language models and sentence encoders, as tables and vectors.
 
-Read ``language_model`` first: it writes a knowledge folder, from texts that ``prompts`` describes.
+Read ``language_model`` first: it writes a knowledge folder, from the texts of ``prompts.json``.
 ``encoder`` makes entity vectors. ``foreign_code`` finds, hashes and loads the model files of both,
 and refuses a model that would run code, or ask for far more memory than
 its weights hold, before any library reads it.

@@ -10,12 +10,11 @@ import json
 import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import safetensors.torch
 import torch
@@ -29,14 +28,19 @@ from wordcraft_kg.apps.elicitation.foreign_code import (
     loading,
     working,
 )
-from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
 from wordcraft_kg.base import (
     TEMPORARY,
     ArtefactError,
     ConfigError,
+    Record,
+    as_values,
     check_output,
+    dump_json,
+    parse_record,
     read_json,
     read_large_file,
+    read_small_file,
+    what_is,
     with_a_name,
     write_atomically,
 )
@@ -46,29 +50,90 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.folder import (
     KnowledgeRecord,
     KnowledgeTables,
+    Role,
     TableInfo,
     write_knowledge,
 )
 from wordcraft_kg.runs.record import front_matter
 from wordcraft_kg.runs.run_folder import Progress, locked_folder
 
+_IN_PHRASE = {"part": ("{ingredient}", "{result}"), "pair": ("{a}", "{b}")}
+"""Places that the phrase of a table needs, by role."""
 
-@contextmanager
-def saved_rows(out: Path, key: str) -> Iterator[Path]:
-    """Yield the locked, hidden folder beside ``out`` for the rows with this key.
 
-    Args:
-        out: output of the command.
-        key: everything that decides about the rows: another model, prompt or graph has another
-            key, and so never takes these rows.
+class Prompt(Record, frozen=True, kw_only=True):
+    """A text about an entity; the probabilities of the next words make a table.
+
+    Attributes:
+        name: name of the table.
+        role: role of the table: ``part``, ingredient and result, or ``pair``, two ingredients.
+        about: role of the entity in the text, ingredient or result; the next words have the other
+            role.
+        template: text with ``{e}``, a label, or ``{E}``, a label with a capital letter.
+        neutral: texts with a general word, such as "something", in place of the label.
+        phrase: evidence in explanations, with ``{ingredient}`` and ``{result}``, or ``{a}`` and
+            ``{b}``.
+    """
+
+    name: str
+    role: Role
+    about: Literal["ingredient", "result"] = "ingredient"
+    template: str
+    neutral: tuple[str, ...]
+    phrase: str
+
+    def __post_init__(self) -> None:
+        texts = (self.template, *self.neutral)
+        if "{e}" not in self.template.lower():
+            raise ValueError(
+                f"template '{self.template}' has no {{e}}; expected a place for the label"
+            )
+        if not self.neutral or any(not text or text != text.strip() for text in texts):
+            raise ValueError(
+                f"prompt '{self.name}' needs neutral texts; texts neither start nor end with a "
+                "blank"
+            )
+        if any(part not in self.phrase for part in _IN_PHRASE[self.role]):
+            raise ValueError(f"phrase '{self.phrase}' lacks {' or '.join(_IN_PHRASE[self.role])}")
+
+    def text(self, label: str) -> str:
+        """Return the text about a label."""
+        return self.template.replace("{e}", label).replace("{E}", label[:1].upper() + label[1:])
+
+
+class _Prompts(Record, frozen=True):
+    prompts: tuple[Prompt, ...]
+
+    def __post_init__(self) -> None:
+        names = {prompt.name for prompt in self.prompts}
+        if not names or len(names) < len(self.prompts):
+            raise ValueError("expected prompts with different names")
+
+
+DEFAULT = Path(__file__).with_name("prompts.json")
+"""Default prompts, a table each, chosen on validation recipes of Little Alchemy 2.
+
+The splits have the seeds 10 and 11, so the results of other seeds are not tuned.
+"""
+
+
+def read_prompts(path: Path) -> tuple[Prompt, ...]:
+    """Read prompts from a JSON file, ``{"prompts": [...]}``.
 
     Raises:
-        ArtefactError: if another process writes there.
+        ArtefactError: if the file is missing, not JSON, or a prompt is invalid.
     """
-    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
-    folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
-    with locked_folder(folder, "written"):
-        yield folder
+    if not path.is_file():
+        raise ArtefactError(
+            f"`prompts` '{path}' {what_is(path)}; expected a file such as prompts.json of an "
+            "elicit folder."
+        )
+    return parse_record(read_small_file(path), _Prompts, path).prompts
+
+
+def prompts_text(prompts: tuple[Prompt, ...]) -> str:
+    """Return prompts as JSON text for :func:`read_prompts`."""
+    return dump_json(as_values(_Prompts(prompts)))
 
 
 def read_rows(folder: Path, number: int) -> Tensor | None:
@@ -80,18 +145,6 @@ def read_rows(folder: Path, number: int) -> Tensor | None:
         return read_tensors(file, read_large_file(file))["rows"]
     except ArtefactError:  # cut short by a power failure
         return None
-
-
-def save_rows(folder: Path, number: int, rows: Tensor) -> None:
-    """Save the rows of a part; atomic: a part is either saved or not, even after a kill.
-
-    Args:
-        folder: folder of the saved parts, from :func:`saved_rows`.
-        number: number of the part, from 0.
-        rows: shape (rows of the part, any width).
-    """
-    content = safetensors.torch.save({"rows": rows})
-    write_atomically(folder / f"{number}.safetensors", content)
 
 
 _BATCH = 32
@@ -333,7 +386,11 @@ def elicit_knowledge(
     key = json.dumps(
         [inputs, _BATCH, probabilities.tokens.tolist(), [batch.texts for batch in batches]]
     )
-    with saved_rows(out, key) as folder:
+    # Everything that decides about the rows is in the name of their folder: another model, prompt
+    # or graph has another one, and so never takes these rows.
+    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
+    folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
+    with locked_folder(folder, "written"):
         tables = _tables(probabilities, batches, prompts, folder, report)
         source = "language model"
         if language_model.random_seed is not None:
@@ -388,7 +445,9 @@ def _tables(
                     raise ArtefactError(
                         "the language model gives probabilities that are not finite. Use another."
                     )
-                save_rows(folder, number, rows)
+                # Atomic: a batch is either saved or not, even after a kill.
+                content = safetensors.torch.save({"rows": rows})
+                write_atomically(folder / f"{number}.safetensors", content)
             tables[batch.prompt, batch.rows] = rows
             num_done += len(batch.rows)
             if report:

@@ -1,13 +1,13 @@
 """The explorer: a graph, models and agents as pages, served or exported as a static site.
 
-Read ``page`` first, then one module of ``pages``, such as ``pages.entity``, with its template. A
+Read ``page`` first, then one module of ``pages``, such as ``pages.path``, with its template. A
 page consists of settings, a view and a template. The settings are a frozen record whose fields are
 the address, so that every choice is a link. The view is a function of the opened folders and the
 settings, and returns a record, which ``format=json`` prints. The template shows the view. The
 server and the static site render the same pages and differ only in their addresses.
 
 - ``page``: the class ``Page``, addresses, and long lists.
-- ``pages``: a module for each page (``runs`` and ``entity`` have two), and ``PAGES``, the registry.
+- ``pages``: a module for each kind of page, and ``PAGES``, the registry.
 - ``explored``: opened folders, and values that are computed once, by the first page that needs them
   (``Explored.once``): tasks, the planner, a policy bound to tasks.
 - ``predictor``: a link predictor's scores, ranks and reasons, for the pages about links.

@@ -27,7 +27,6 @@ from wordcraft_kg.graphs import (
     RecipeGraph,
     Relation,
     Split,
-    is_in,
 )
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
@@ -259,10 +258,6 @@ class LinkPredictor:
     def has_seen_the_test_recipes(self) -> bool:
         """Whether the model was trained on all recipes."""
         return self.model.kg == "full"
-
-    def learned(self, triples: Ids) -> NDArray[np.bool_]:
-        """Return which triples the model was trained on, shape (T, 3) -> (T,), bool."""
-        return is_in(triples, self.model.triples, self.graph.num_entities)
 
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
         """Score all entities as answers to a query.

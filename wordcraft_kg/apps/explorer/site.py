@@ -9,10 +9,8 @@ import os
 import re
 import sys
 import threading
-import time
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -179,8 +177,6 @@ _THREADS = 8
 """Concurrently rendered pages: more threads compete, fewer may all wait for one value."""
 _THREAD_NAME = "pages"
 """Beginning of the names of all threads that compute pages."""
-_QUIET = 1.0
-"""Seconds after the start, reserved for the first page."""
 
 
 def make_app(
@@ -287,21 +283,6 @@ class _Server:
 
     def _rendered(self, page: Page[Any], state: PageState) -> bytes:
         return self.site.page(page, state).encode()
-
-
-def warm(explored: Explored) -> threading.Thread:
-    """Compute all menu pages' values in the background, for the first visitor."""
-
-    def make() -> None:
-        time.sleep(_QUIET)
-        for page in PAGES.values():
-            if page.title and page.is_there(explored):
-                with suppress(WordCraftKGError):  # errors are reported when the page is opened
-                    page.view(explored, page.state())
-
-    thread = threading.Thread(target=make, name=f"{_THREAD_NAME}-first", daemon=True)
-    thread.start()
-    return thread
 
 
 def end_process() -> None:

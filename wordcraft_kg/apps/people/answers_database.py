@@ -7,20 +7,16 @@ failure.
 import json
 import logging
 import os
-import shutil
 import sqlite3
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from wordcraft_kg.apps.people.protocol import Answer
 from wordcraft_kg.base import ArtefactError, as_record, check_file
-from wordcraft_kg.runs.run_folder import locked
 
 ANSWERS_FILE = "answers.sqlite"
 APPLICATION = 0x57434B47
@@ -352,10 +348,7 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
     """Open the database of a study for reading, after a check that it is sound and ours."""
     check_file(path)
     try:
-        with (
-            _address(path) as address,
-            closing(sqlite3.connect(address, uri=True, timeout=BUSY)) as connection,
-        ):
+        with closing(sqlite3.connect(_address(path), uri=True, timeout=BUSY)) as connection:
             # One transaction: a server may write between two queries.
             connection.execute("BEGIN")
             kind = [
@@ -386,74 +379,13 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
         raise _failed(path, error) from None
 
 
-@contextmanager
-def _address(path: Path) -> Iterator[str]:
-    """Yield the address for reading: after a kill a copy, because SQLite would write to the log."""
-    address = path.resolve().as_uri()
-    log = path.with_name(f"{path.name}-wal")
-    index = path.with_name(f"{path.name}-shm")
-    if not log.exists() and not index.exists():
-        yield f"{address}?immutable=1"  # without a log there is no writer, so no lock is needed
-    elif _is_served(path.parent):
-        yield f"{address}?mode=ro"
-    else:
-        with TemporaryDirectory() as folder:
-            copy = Path(shutil.copy(path, folder))
-            entries = log.read_bytes() if log.exists() else b""
-            shared = index.read_bytes() if index.exists() else b""
-            # Only the log is copied: SQLite makes a new index from it.
-            copy.with_name(log.name).write_bytes(entries)
-            with closing(sqlite3.connect(copy)) as connection:
-                # The pragma returns: busy, pages in the log, pages moved to the database.
-                num_read = connection.execute("PRAGMA wal_checkpoint").fetchone()[1]
-            num_written = _pages(entries, shared)
-            if num_read < num_written:
-                _LOG.warning(
-                    "%s is damaged or ends in an unfinished answer: %s of its %s pages cannot be "
-                    "read, so answers may be missing. Compare with a copy.",
-                    log,
-                    num_written - max(num_read, 0),
-                    num_written,
-                )
-            yield copy.as_uri()
+def _address(path: Path) -> str:
+    """Return the address for reading; SQLite itself takes the answers that a kill left in the log.
 
-
-def _is_served(folder: Path) -> bool:
-    # The lock of a server ends with its process, even after a kill.
-    try:
-        with locked(folder):
-            return False
-    except ArtefactError:
-        return True
-
-
-def _pages(log: bytes, index: bytes) -> int:
-    """Return the number of pages that a write-ahead log should have (sqlite.org/walformat.html).
-
-    SQLite drops the damaged end of a log without a word; this count tells whether it has done so.
-
-    Args:
-        log: content of the ``-wal`` file.
-        index: content of the ``-shm`` file, which counts the committed pages; empty if missing.
+    Without a log there is no writer, so no lock is needed, and the medium may be read-only.
     """
-    # A frame is a header of 24 bytes and a page; the log's own header has 32 bytes.
-    frame = 24 + int.from_bytes(log[8:12], "big")
-    salt = log[16:24]
-    recorded = 0 if len(log) in (0, 32) else 1
-    for number, start in enumerate(range(32, len(log), frame), 1):
-        # Pages from before the last checkpoint follow with another salt.
-        is_current = log[start + 8 : start + 16] in (salt, bytes(8))
-        is_cut_short = start + frame > len(log)
-        if is_current or is_cut_short:
-            recorded = number
-    # The index has the last committed page at byte 16, the pages already saved at byte 96 and the
-    # salt of its log at byte 32, in the byte order of the machine.
-    committed = int.from_bytes(index[16:20], sys.byteorder)
-    saved = int.from_bytes(index[96:100], sys.byteorder)
-    is_of_this_log = len(log) <= 32 or index[32:40] == salt
-    if committed > saved and is_of_this_log:
-        return max(recorded, committed)
-    return recorded
+    has_log = path.with_name(f"{path.name}-wal").exists()
+    return f"{path.resolve().as_uri()}?{'mode=ro' if has_log else 'immutable=1'}"
 
 
 def _make(path: Path, study: str) -> None:
@@ -471,17 +403,12 @@ def _make(path: Path, study: str) -> None:
                 connection.execute(statement)
             connection.execute("INSERT INTO study VALUES (?)", (study,))
             connection.execute("COMMIT")
+        # SQLite makes the new name durable when it begins its log in this folder.
         os.replace(new, path)
     except sqlite3.Error as error:
         raise _failed(path, error) from None
     finally:
         new.unlink(missing_ok=True)
-    if os.name == "posix":  # the new name is on disk, too
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _find(connection: sqlite3.Connection, code: str) -> Participant | None:

@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,18 +24,16 @@ from wordcraft_kg.apps.people.answers_database import (
 from wordcraft_kg.apps.people.config import MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import (
     HUMAN_PARTS,
-    Header,
+    Answer,
     HumanProtocol,
     PosedTask,
-    Session,
-    check_equal,
-    check_number,
     schedule,
 )
 from wordcraft_kg.base import (
     ArtefactError,
     ConfigError,
     Count,
+    GraphMismatchError,
     Hash,
     OutputExistsError,
     Record,
@@ -84,10 +82,10 @@ class StudyRecord(Record):
     texts_hash: Hash
     created: str
 
-    def header(self, cell: Cell) -> Header:
-        """Return the header for sessions with a cell's tasks."""
-        settings = self.settings | {"num_distractors": cell.distractors}
-        return Header(self.graph, self.graph_hash, self.split_hash, settings, self.seed + cell.form)
+    def __post_init__(self) -> None:
+        tasks = self.settings.get("tasks_per_part")
+        if not isinstance(tasks, int) or not 1 <= tasks <= MOST_TASKS:
+            raise ValueError(f"'tasks_per_part' is not a whole number, 1 to {MOST_TASKS:,}")
 
     @property
     def tasks(self) -> int:
@@ -120,20 +118,17 @@ class HumanStudy:
             RecipeFileError: if there is no such graph, or a book cannot be read.
             ArtefactError: if a graph folder is damaged.
         """
-        first = HumanProtocol(graph, config.distractors[0], config.seed, tasks=config.tasks)
-        self._of_condition = {
-            amount: HumanProtocol(first.world, amount, config.seed, tasks=config.tasks)
-            for amount in config.distractors
+        first = HumanProtocol(graph, config.distractors[0])
+        # One world for all: the graph is the same, and a world takes long to make.
+        self._protocols = {
+            amount: HumanProtocol(first.world, amount) for amount in config.distractors
         }
-        header = first.header
-        settings = dict(header.settings)
-        del settings["num_distractors"]  # a condition, which differs between people
         self.record = StudyRecord(
             format="wordcraft-kg study 2",
-            graph=header.graph,
-            graph_hash=header.graph_hash,
-            split_hash=header.split_hash,
-            settings=settings,
+            graph=first.world.graph.name,
+            graph_hash=first.world.graph.hash,
+            split_hash=first.world.split.hash,
+            settings={"tasks_per_part": config.tasks, **first.settings},
             distractors=config.distractors,
             seed=config.seed,
             forms=config.forms,
@@ -155,15 +150,15 @@ class HumanStudy:
         with self._lock:
             if cell not in self._posed:
                 protocol = self.protocol(cell)
-                self._posed[cell] = tuple(protocol.task(*turn) for turn in protocol.turns)
+                self._posed[cell] = tuple(
+                    protocol.task(self.record.seed + cell.form, *turn)
+                    for turn in schedule(self.record.tasks)
+                )
             return self._posed[cell]
 
     def protocol(self, cell: Cell) -> HumanProtocol:
-        """Return the protocol that samples a cell's tasks.
-
-        All protocols share environments, which have the state of one episode: use one at a time.
-        """
-        return self._of_condition[cell.distractors].with_seed(self.record.seed + cell.form)
+        """Return the protocol of a cell's number of distractors."""
+        return self._protocols[cell.distractors]
 
 
 @contextmanager
@@ -250,6 +245,33 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
     return True
 
 
+def check_equal(
+    subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]
+) -> None:
+    """Check that two sets of settings are equal, apart from the name of the graph.
+
+    Args:
+        subject: begin of the error message, such as ``'study' has``.
+        have: settings to check, by name.
+        other: end of the error message, such as ``this command has``.
+        want: expected settings, by name.
+
+    Raises:
+        GraphMismatchError: if a hash differs.
+        ConfigError: if another setting differs.
+    """
+    for name in {**want, **have}:
+        if name == "graph" or have.get(name) == want.get(name):
+            continue
+        value = str(have.get(name))
+        expected = str(want.get(name))
+        if name.endswith("_hash"):
+            raise GraphMismatchError(
+                f"{subject} {name} {value[:12]}, but {other} {expected[:12]}. Nothing was changed."
+            )
+        raise ConfigError(f"{subject} {name} {value}, but {other} {expected}. Nothing was changed.")
+
+
 def _identity(record: StudyRecord) -> dict[str, Any]:
     """Return all settings by name; the time is no setting, and the consent is compared before."""
     values = as_values(record) | record.settings
@@ -272,8 +294,36 @@ def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
         )
     data = read_small_file(path)
     record = parse_record(data, StudyRecord, path)
-    check_number(record.settings, "tasks_per_part", 1, MOST_TASKS, str(path))
     return record, hashlib.sha256(data).hexdigest()
+
+
+TableKey = tuple[int, int, str, int]
+"""Distractor count, seed, part, task number."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """One participant's answers.
+
+    Attributes:
+        record: the study.
+        cell: form and condition.
+        answers: answers so far, in task order.
+    """
+
+    record: StudyRecord
+    cell: Cell
+    answers: tuple[Answer, ...]
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether all tasks are answered."""
+        return len(self.answers) == len(schedule(self.record.tasks))
+
+    def table_of(self, answer: Answer) -> TableKey:
+        """Return the key of an answer's table: the table follows from it, graph and split."""
+        seed = self.record.seed + self.cell.form
+        return self.cell.distractors, seed, answer.part, answer.number
 
 
 @dataclass(frozen=True)
@@ -295,7 +345,7 @@ class ReadStudy:
         sessions = []
         for person in self.people:
             answers = tuple(stored.answer for stored in self.answers[person.number])
-            sessions.append(Session(self.record.header(person.cell), answers))
+            sessions.append(Session(self.record, person.cell, answers))
         return tuple(sessions)
 
     def lines(self) -> Iterator[dict[str, Any]]:

@@ -1,23 +1,41 @@
 """Success rates of people in the protocol of the paper, and of agents at the same tables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.apps.people.protocol import (
-    HUMAN_PARTS,
-    AgentGame,
-    Answer,
-    Header,
+from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Answer, HumanProtocol, PosedTask
+from wordcraft_kg.apps.people.study import (
+    ReadStudy,
     Session,
+    StudyRecord,
     TableKey,
-    check_alike,
+    check_equal,
 )
 from wordcraft_kg.base import ArtefactError, ConfigError, Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
+from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs import padded
+
+if TYPE_CHECKING:
+    from wordcraft_kg.agents.agent_folder import OpenedAgent
+    from wordcraft_kg.models.policies.policy import Policy
+
+
+class AgentGame(NamedTuple):
+    """An agent's game at a table of people.
+
+    Attributes:
+        success: whether the agent made the goal.
+        group: number of the group of tasks that the split holds out together, for resampling.
+    """
+
+    success: bool
+    group: int
 
 
 class AgentRate(Record):
@@ -112,53 +130,43 @@ class ExportedAnswers(Record):
 
 
 def view_people(
-    sources: Mapping[Path, Sequence[Session]],
+    sources: Mapping[Path, ReadStudy],
     agents: Mapping[str, Mapping[TableKey, AgentGame]] | None = None,
 ) -> HumanSummary:
     """Return success rates over the sessions of one or several studies.
 
     Args:
-        sources: sessions by the study folder that they come from.
+        sources: studies by their folders.
         agents: games of each agent at people's tables, by name and table; None for no agents.
 
     Raises:
         ArtefactError: if two studies have the same answers, which would count twice.
         GraphMismatchError: if the graphs or splits differ.
-        ConfigError: if other settings than the number of distractors differ, or there is no
-            session.
+        ConfigError: if settings of the tasks differ, or there is no session.
     """
     _check_sources(sources)
     sessions: list[Session] = []
     by_amount: dict[int, list[Session]] = {}
-    for group in sources.values():
-        sessions += group
+    for study in sources.values():
+        sessions += study.sessions()
     for session in sessions:
-        by_amount.setdefault(session.distractors, []).append(session)
-    header = sessions[0].header
-    settings = dict(header.settings)
-    del settings["num_distractors"]  # the conditions differ in this setting
+        by_amount.setdefault(session.cell.distractors, []).append(session)
+    record = sessions[0].record
     return HumanSummary(
-        graph=header.graph,
-        graph_hash=header.graph_hash,
-        settings=settings,
+        graph=record.graph,
+        graph_hash=record.graph_hash,
+        settings=record.settings,
         sessions=len(sessions),
         finished=_finished(sessions),
         conditions=tuple(
-            _condition(amount, by_amount[amount], agents or {}) for amount in sorted(by_amount)
+            PeopleCondition(
+                distractors=amount,
+                sessions=len(by_amount[amount]),
+                finished=_finished(by_amount[amount]),
+                parts={part: _rate(part, by_amount[amount], agents or {}) for part in HUMAN_PARTS},
+            )
+            for amount in sorted(by_amount)
         ),
-    )
-
-
-def _condition(
-    distractors: int,
-    sessions: Sequence[Session],
-    agents: Mapping[str, Mapping[TableKey, AgentGame]],
-) -> PeopleCondition:
-    return PeopleCondition(
-        distractors=distractors,
-        sessions=len(sessions),
-        finished=_finished(sessions),
-        parts={part: _rate(part, sessions, agents) for part in HUMAN_PARTS},
     )
 
 
@@ -166,29 +174,28 @@ def _finished(sessions: Sequence[Session]) -> int:
     return sum(session.is_finished for session in sessions)
 
 
-def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
-    """Check that sessions may be summed up, see :func:`view_people`."""
-    reference: tuple[Path, Header] | None = None
+def _check_sources(sources: Mapping[Path, ReadStudy]) -> None:
+    """Check that studies may be summed up, see :func:`view_people`."""
+    if not any(study.people for study in sources.values()):
+        raise ConfigError("no session: expected a study with participants.")
+    first_path, first = next(iter(sources.items()))
+    # Studies may differ in conditions and forms, that is, in distractors and seeds.
+    shared = _task_settings(first.record)
     folders: dict[tuple[tuple[Answer, ...], ...], Path] = {}
-    for path, sessions in sources.items():
-        for session in sessions:
-            # The first session is the reference, whichever it is: all must be alike.
-            if reference is None:
-                reference = (path, session.header)
-            first_path, first = reference
-            # Sessions may differ in condition and form, that is, in distractors and seed.
-            settings = first.settings | {"num_distractors": session.distractors}
-            like = msgspec.structs.replace(first, seed=session.header.seed, settings=settings)
-            check_alike(path, session.header, f"'{first_path}'", like)
-        answers = tuple(session.answers for session in sessions)
+    for path, study in sources.items():
+        check_equal(f"'{path}' has", _task_settings(study.record), f"'{first_path}' has", shared)
+        answers = tuple(session.answers for session in study.sessions())
         if answers in folders:
             raise ArtefactError(
                 f"{path} has the same answers as {folders[answers]}; give each study once."
             )
         if any(answers):  # studies without answers are equal without being the same
             folders[answers] = path
-    if reference is None:
-        raise ConfigError("no session: expected a study with participants.")
+
+
+def _task_settings(record: StudyRecord) -> dict[str, int | str]:
+    hashes = {"graph_hash": record.graph_hash, "split_hash": record.split_hash}
+    return {"graph": record.graph, **hashes, **record.settings}
 
 
 def _rate(
@@ -250,3 +257,94 @@ def _resampled(
     if correct.min() == correct.max():
         return wilson_interval(int(correct[0]) * number, number)
     return interval(bootstrap(correct, clusters))
+
+
+def agent_successes(agent: "OpenedAgent", sessions: Iterable[Session]) -> dict[TableKey, AgentGame]:
+    """Return an agent's games at the tables that people have answered; the agent acts greedily.
+
+    If the agent's scorer is cross-fitted, a train task is scored by the model without the task's
+    recipes, as in training. Otherwise the agent would know the solutions of the train tasks.
+
+    Args:
+        agent: an opened agent.
+        sessions: people's sessions, of any number of conditions and seeds.
+
+    Returns:
+        For each answered table whether the agent makes the goal, and the task's resampling group.
+
+    Raises:
+        GraphMismatchError: if the agent was trained on another graph or split.
+        ArtefactError: if this version poses another task than the answered task.
+        ConfigError: if the agent cannot play at tables of that size.
+    """
+    games: dict[TableKey, AgentGame] = {}
+    posed = _posed_tasks(agent, sessions)
+    if posed is None:
+        return games
+    world, tasks = posed
+    conditions = sorted({(distractors, part) for distractors, _, part, _ in tasks})
+    for condition in conditions:
+        distractors, part = condition
+        # All tables of a condition and part are played at once: they have the same size.
+        keys = [key for key in tasks if (key[0], key[2]) == condition]
+        variant = world.variant(num_distractors=distractors, part=part)
+        successes = _greedy_successes(agent.policy, variant, [tasks[key] for key in keys])
+        groups = variant.groups[[tasks[key].index for key in keys]].tolist()
+        # Groups are numbered within a condition and part, over which rates are taken.
+        for key, success, group in zip(keys, successes, groups, strict=True):
+            games[key] = AgentGame(success, group)
+    return games
+
+
+def _posed_tasks(
+    agent: "OpenedAgent", sessions: Iterable[Session]
+) -> tuple[World, dict[TableKey, PosedTask]] | None:
+    """Pose all answered tasks again, and check them; None without a session."""
+    protocols: dict[int, HumanProtocol] = {}
+    posed: dict[TableKey, PosedTask] = {}
+    world: World | None = None
+    for session in sessions:
+        record = session.record
+        check_equal(
+            "the study has",
+            {"graph_hash": record.graph_hash, "split_hash": record.split_hash},
+            f"'{agent.name}' was trained on",
+            {"graph_hash": agent.opened.graph.hash, "split_hash": agent.opened.split.hash},
+        )
+        distractors = session.cell.distractors
+        if distractors not in protocols:
+            # One world for all protocols: the graph is the same, and a world takes long to make.
+            protocols[distractors] = HumanProtocol(world or agent.opened, distractors)
+            world = protocols[distractors].world
+        for answer in session.answers:
+            key = session.table_of(answer)
+            if key not in posed:
+                posed[key] = protocols[distractors].task(*key[1:])
+            if not posed[key].is_of(answer):
+                raise ArtefactError(
+                    f"{answer.part} task {answer.number} of seed {key[1]}, {distractors} "
+                    "distractors: this version poses another task than the answered task."
+                )
+    return None if world is None else (world, posed)
+
+
+def _greedy_successes(policy: "Policy", world: World, tasks: Sequence[PosedTask]) -> list[bool]:
+    """Return whether a policy makes the goal at each table, with greedy actions (depth 1).
+
+    Ties are decided for the first slot.
+    """
+    from wordcraft_kg.agents.evaluation import PolicyPlayer  # loads torch
+
+    engine = BatchEngine(world, len(tasks))
+    tables = []
+    for task in tasks:
+        tables.append([world.graph.id_of(label) for label in task.table])
+    indices = np.array([task.index for task in tasks])
+    state = engine.pose(indices, tables=padded(tables, world.nothing))
+    player = PolicyPlayer(policy)
+    rng = np.random.default_rng(0)  # required by players in general; greedy actions use no chance
+    success = np.zeros(len(tasks), dtype=bool)
+    while (state.attempts_left > 0).any():
+        state, step = engine.step_once(state, player(state, rng))
+        success |= step.outcome == GOAL
+    return success.tolist()

@@ -13,15 +13,17 @@ trained scorer::
 What lies where:
 
 * rules: ``settings`` (options), ``games``, ``conversation`` (with facts to look up);
-* doors for players: ``line_player`` (programs), ``mcp_server`` with ``hosted_games`` (MCP clients),
-  ``inspect_tasks`` with ``inspect_log`` (language models in Inspect AI);
+* doors for players: ``line_player`` (programs), ``chat_server`` (models behind an address),
+  ``mcp_server`` with ``hosted_games`` (MCP clients), ``inspect_tasks`` (language models in Inspect
+  AI, and their logs);
 * doors for training: ``hosted_games`` (games by name and number), ``trl`` (an environment and a
   data set), ``openenv_server``, ``text_env`` (Gymnasium), ``chats`` (to fine-tune on);
 * results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as
   agent evaluation);
 * the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
   (write and verify);
-* ``commands``: the commands, by entry points in ``pyproject.toml``.
+* ``browser_game``: a recipe book as a page that plays alone;
+* ``commands``: the commands, by entry points in ``pyproject.toml``; ``play`` is a person's door.
 
 Change freely: kinds of players, wording of errors, tables, commands. A changed prompt makes another
 experiment: its hash is in every result and submission, and the manifest has the standard ones.

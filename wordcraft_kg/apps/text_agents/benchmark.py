@@ -241,29 +241,15 @@ class Track:
         return Play(games, settings, knowledge)
 
 
-def edition_text(edition: str) -> str:
-    """Return what the present edition changes, and how to play again, for games of another one."""
-    name = read_manifest()[0].name
-    return (
-        f"{edition[:100]} is another edition than {name}, which reads more forms of answers, and "
-        "has seven items on each table of depth-2. Play the track again: `wordcraft-kg bench run "
-        "TRACK --player PLAYER --out FOLDER`."
-    )
-
-
 @cache
 def open_track(name: str) -> Track:
-    """Open a track by its name, such as ``craft-8-lite-made-up``, perhaps behind the benchmark's.
+    """Open a track by its name, such as ``craft-8-lite-made-up``.
 
     Raises:
-        ConfigError: if there is no such track, or it is of another edition of the benchmark.
+        ConfigError: if there is no such track.
         GraphMismatchError: if this version of the package has another state of the book.
     """
     manifest, _ = read_manifest()
-    edition, has_edition, track_id = name.rpartition("/")
-    if has_edition and edition != manifest.name:
-        raise ConfigError(f"track '{name[:100]}': {edition_text(edition)}")
-    name = track_id
     if name not in manifest.names:
         raise ConfigError(
             f"unknown track '{name[:100]}'; expected one of {', '.join(manifest.tracks)}, with "

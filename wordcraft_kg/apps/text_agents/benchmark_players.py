@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
-from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track
+from wordcraft_kg.apps.text_agents.benchmark import Track, open_track
 from wordcraft_kg.apps.text_agents.chat_server import KEY, ChatServer
 from wordcraft_kg.apps.text_agents.games import Picks
-from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
     GameRecord,
     PlayedSettings,
 )
-from wordcraft_kg.apps.text_agents.results import play_program, read_games
+from wordcraft_kg.apps.text_agents.results import TextPlayer, play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import (
     Submission,
@@ -88,7 +87,7 @@ class RunSettings:
         look_ups: source of look-ups: none, or partial (the train recipes).
         timeout: seconds for an answer of a program.
         weights: file with the player's weights, for the hash; None without weights.
-        is_replacing: whether earlier games stay in ``messages`` until the new games are complete.
+        is_replacing: whether complete or other games in ``messages`` are played anew.
         base_url: address of a chat completions API; None for other players.
         parallel: games that a model behind an address plays at a time.
     """
@@ -416,12 +415,8 @@ def _check_split(folder: str, split: str, track: Track) -> None:
 
 
 def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    play = track.play(settings.look_ups)
     with LinePlayer(argument, timeout=settings.timeout) as program:
-        folder = settings.messages
-        play_program(program, play, folder, is_replacing=settings.is_replacing)
-    played = read_games(settings.messages / GAMES_FILE)[1]
-    return _recorded(track, settings, program.name, play.settings, played)
+        return _played(track, settings, program)
 
 
 def _openai(track: Track, argument: str, settings: RunSettings) -> Entrant:
@@ -431,16 +426,27 @@ def _openai(track: Track, argument: str, settings: RunSettings) -> Entrant:
             "http://127.0.0.1:8000/v1. Its key is read from the environment variable "
             f"{KEY}."
         )
-    play = track.play(settings.look_ups)
     server = ChatServer(argument, settings.base_url, settings.timeout)
     parallel = whole("parallel", settings.parallel, 1, 256)
-    folder = settings.messages
-    play_program(server, play, folder, is_replacing=settings.is_replacing, parallel=parallel)
-    played = read_games(folder / GAMES_FILE)[1]
-    return _recorded(track, settings, server.name, play.settings, played)
+    return _played(track, settings, server, parallel)
+
+
+def _played(track: Track, settings: RunSettings, player: TextPlayer, parallel: int = 1) -> Entrant:
+    """Let a player by text play all games of a track, ``parallel`` of them at a time."""
+    play = track.play(settings.look_ups)
+    played = play_all(
+        player,
+        play,
+        settings.messages,
+        parallel=parallel,
+        is_replacing=settings.is_replacing,
+    )
+    return _recorded(track, settings, player.name, play.settings, played)
 
 
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    from wordcraft_kg.apps.text_agents.inspect_tasks import read_inspect_log  # loads Inspect AI
+
     logged = read_inspect_log(argument)
     entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
     return replace(entrant, tokens=logged.tokens)
@@ -473,9 +479,6 @@ def _recorded(
         ConfigError: for games of another track, with other look-ups, or if a game is missing:
             a selection of games is no result for the track.
     """
-    edition = (settings.track or "").partition("/")[0]
-    if edition not in ("", track.benchmark):
-        raise ConfigError(f"the games of '{name}': {edition_text(edition)}")
     if settings.track != track.full_name:
         raise ConfigError(
             f"the games of '{name}' are of {settings.track or 'no track'}; expected "

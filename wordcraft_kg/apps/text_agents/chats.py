@@ -22,7 +22,6 @@ from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import name_of
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
-from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
 from wordcraft_kg.base import (
     MAX_SIZE,
     ConfigError,
@@ -104,6 +103,71 @@ COMBINE_SET: dict[str, Any] = {
     },
 }
 """The same of ``SetCraftingEnvironment.combine``."""
+_PICKS = {
+    False: "two items, or one item twice",
+    True: "between one and {most} items, repeats included",
+}
+"""Items of an attempt, for pairs and for sets."""
+_FORM = {False: "water + earth", True: "water + earth + fire"}
+"""Example of an answer, for pairs and for sets."""
+WORDINGS = (
+    (
+        "Here is a puzzle about crafting. Pick {picks} in every attempt. Items are never consumed, "
+        "and a new item joins the table. Most picks lead nowhere. Reach the goal in time; the "
+        "table always allows it.",
+        "End your answer with a line such as: {form}. Use listed items only.",
+    ),
+    (
+        "You stand at a crafting table. An attempt joins {picks}. Few combinations work. Items "
+        "stay after use, and results can be used again. Your task is the goal item, which this "
+        "table can produce.",
+        "Write the items of the attempt with plus signs in the last line, as in {form}.",
+    ),
+    (
+        "Craft the goal. To try something, combine {picks}. Items that you make are added to the "
+        "list, nothing is used up, and a wrong combination makes nothing. There is always a way.",
+        "Reply with the names or numbers of listed items, joined by plus signs: {form}",
+    ),
+    (
+        "Game: make a wanted item out of those on a table. One attempt = {picks}. A combination "
+        "without a recipe costs the attempt and makes nothing. Ingredients remain available.",
+        "Format of the last line: {form} (items from the table only).",
+    ),
+    (
+        "The table below holds some items. Among them are all that the goal needs. In an attempt "
+        "you put together {picks}; if a recipe exists, its result comes to the table. Your items "
+        "do not run out, but your attempts do.",
+        "Give your choice in the last line like this: {form}.",
+    ),
+    (
+        "Which items make the goal? You may test {picks} at a time, as long as attempts are left. "
+        "Results are kept, used items too. Expect most tests to yield nothing.",
+        "Answer in the form {form}, with items that are on the table.",
+    ),
+    (
+        "Think of an alchemist who joins things to get new things. Each attempt takes {picks}. "
+        "Nothing that you own is lost. Create the goal item before the attempts are over. It is "
+        "possible with this table.",
+        "State the items to join, for example {form}, as the last line.",
+    ),
+    (
+        "Rules: (1) an attempt combines {picks}; (2) what you make can be used afterwards; "
+        "(3) ingredients are not consumed; (4) most attempts make nothing; (5) the goal can be "
+        "made from the table.",
+        "Output: one line with listed items and plus signs, such as {form}.",
+    ),
+    (
+        "I give you a goal and a table with items. Tell me what to combine: {picks} for each "
+        "attempt. I add whatever comes out to the table and tell you how many attempts are left. "
+        "Items can be used any number of times.",
+        "Say it as {form} in your last line, and name only items that I list.",
+    ),
+)
+"""Rules and form of an answer in nine wordings beside the benchmark's.
+
+They are templates with two slots, the items of an attempt and the form of an answer, so that a
+language model learns the game and not its prompt.
+"""
 
 
 @dataclass(frozen=True)
@@ -163,6 +227,24 @@ def canary() -> str:
     return read_manifest()[0].canary.partition(":")[0]
 
 
+def worded_rules(talk: Conversation, wording: int, *, by_tool: bool) -> str:
+    """Return the rules of a game in a wording.
+
+    Args:
+        talk: the conversation, without look-ups.
+        wording: 0 for the benchmark's wording, else a number up to the size of ``WORDINGS``.
+        by_tool: whether the tool's schema says how to answer, and the rules need not.
+    """
+    game = talk.game
+    call = "Use the tool `combine` for each attempt."
+    if not wording:
+        return f"{game.rules}\n{call}" if by_tool else talk.rules
+    rules, form = WORDINGS[wording - 1]
+    is_set = game.most_picks > 0
+    text = rules.format(picks=_PICKS[is_set].format(most=game.most_picks))
+    return f"{text}\n{call if by_tool else form.format(form=_FORM[is_set])}"
+
+
 def chat_rows(
     plays: Sequence[Play],
     player: "Player",
@@ -208,7 +290,7 @@ def chat_rows(
             counts.made += game.is_made
             if not _is_kept(game, settings.kept, mistakes):
                 counts.left_out += 1
-            elif (digest := _digest(messages)) in digests:
+            elif (digest := hashlib.sha256(json.dumps(messages).encode()).digest()) in digests:
                 counts.repeated += 1
             else:
                 digests.add(digest)
@@ -377,10 +459,6 @@ def _is_kept(game: TaskGame, choice: Kept, mistakes: Sequence[int]) -> bool:
     if choice == "shortest":
         return game.is_made and not mistakes and len(game.pairs) == game.tasks.depth
     return None not in game.pairs and (choice == "all" or game.is_made)
-
-
-def _digest(messages: Any) -> bytes:
-    return hashlib.sha256(json.dumps(messages).encode()).digest()
 
 
 def _game(talk: Conversation) -> TaskGame:

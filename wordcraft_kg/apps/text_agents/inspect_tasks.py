@@ -1,14 +1,14 @@
-"""Tasks for Inspect AI, which evaluates language models: crafting tasks, and open-ended games.
+"""Tasks for Inspect AI, which evaluates language models, and the games in its logs.
 
-``inspect eval wordcraft_kg/crafting`` finds the tasks by the package's entry point.
+``inspect eval wordcraft_kg/crafting`` and ``discovery`` find the tasks by the package's entry
+point; :func:`read_inspect_log` reads a log of either.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
-from inspect import Parameter, Signature, signature
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -16,14 +16,7 @@ from msgspec.structs import replace
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.inspect_log import (
-    METADATA,
-    UNFINISHED,
-    VERDICT,
-    LoggedTask,
-    game_of_score,
-)
-from wordcraft_kg.apps.text_agents.records import GameRecord
+from wordcraft_kg.apps.text_agents.records import GameRecord, PlayedSettings
 from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
     chosen_tasks,
@@ -31,20 +24,23 @@ from wordcraft_kg.apps.text_agents.results import (
     mean_known,
     record_of,
 )
-from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings
+from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings, KnowledgeKind
 from wordcraft_kg.base import (
     MAX_SIZE,
     ArtefactError,
     ConfigError,
+    Count,
+    Record,
     WordCraftKGError,
+    as_record,
     as_values,
-    nearest,
+    reason,
     refuse,
     whole,
 )
-from wordcraft_kg.base.errors import UnknownSettingError
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.wording import for_file
+from wordcraft_kg.graphs import TaskPart
 
 try:
     from inspect_ai import Task, task
@@ -52,6 +48,7 @@ try:
     # A private name, but the only error that Inspect shows without a traceback.
     from inspect_ai._util.error import PrerequisiteError
     from inspect_ai.dataset import MemoryDataset, Sample
+    from inspect_ai.log import EvalLog, EvalSample, read_eval_log
     from inspect_ai.model import ChatMessage, ChatMessageSystem, ChatMessageUser
     from inspect_ai.scorer import (
         Metric,
@@ -69,10 +66,18 @@ try:
 except ModuleNotFoundError:
     raise missing_extra("inspect", ["Inspect AI"]) from None
 
-_F = TypeVar("_F", bound=Callable[..., Any])
+METADATA = "wordcraft_kg"
+"""Key in the metadata of an Inspect task; the value is a :class:`LoggedTask`."""
+UNFINISHED = "unfinished"
+"""Key in the record of a game: whether an Inspect limit ended the game."""
+VERDICT = "verdict"
+"""Key in the record of a game: the outcome as text."""
+
+# The records of the games stand in the scores, so results need none of these.
+_NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
+"""Skipped log fields; messages are the largest part."""
 _PLAYED = "wordcraft_kg_played"
 """Key in a sample's store, by which the solver hands the game's record to the scorer."""
-_RULES = ("knowledge", "scorer", "look_ups", "max_invalid")
 
 
 class InspectTaskError(ConfigError, PrerequisiteError):
@@ -86,71 +91,97 @@ class InspectTaskError(ConfigError, PrerequisiteError):
         self.message = escape(message)
 
 
-def _with_parameters(*names: str, **further: Any) -> Callable[[_F], _F]:
-    """Declare a function's parameters: fields of the evaluation settings, and others by default.
-
-    Inspect finds and documents parameters by the signature, and the settings have their defaults in
-    one place.
-    """
-    defaults = {field.name: field.default for field in fields(EvaluationSettings)}
-    kind = Parameter.POSITIONAL_OR_KEYWORD
-    values = {"graph": "everyday", **{name: defaults[name] for name in names}, **further}
-    parameters = [Parameter(name, kind, default=value) for name, value in values.items()]
-
-    def declared(function: _F) -> _F:
-        # Inspect passes unknown parameters to a variadic parameter only, and warns otherwise.
-        variadic = Parameter("unknown", Parameter.VAR_KEYWORD)
-        function.__signature__ = Signature([*parameters, variadic])  # type: ignore[attr-defined]
-        return function
-
-    return declared
-
-
 @task
-@_with_parameters(
-    "part", "depth", "distractors", "attempts", "distractor_seeds", "tasks", *_RULES, track=None
-)
-def crafting(graph: str = "everyday", **settings: Any) -> Task:
+def crafting(  # noqa: PLR0913 - parameters are the options of `inspect eval -T`
+    graph: str = "everyday",
+    part: TaskPart = EvaluationSettings.part,
+    depth: int = EvaluationSettings.depth,
+    distractors: int = EvaluationSettings.distractors,
+    attempts: int | None = EvaluationSettings.attempts,
+    distractor_seeds: int = EvaluationSettings.distractor_seeds,
+    tasks: int | None = EvaluationSettings.tasks,
+    knowledge: KnowledgeKind = EvaluationSettings.knowledge,
+    scorer: str | None = None,
+    look_ups: int = EvaluationSettings.look_ups,
+    max_invalid: int = EvaluationSettings.max_invalid,
+    track: str | None = None,
+) -> Task:
     """Return an Inspect task: make goals from the entities on a table, as in agent evaluation.
 
     Args:
         graph: graph folder, recipe book file, or name of a built-in book.
-        settings: fields of :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`;
-            and ``track``, a track of the benchmark, which fits with ``knowledge`` only.
+        part: part of the tasks.
+        depth: fewest attempts that make the goal.
+        distractors: distractors on the table.
+        attempts: attempts in a game; None for the depth.
+        distractor_seeds: tables per task, with different distractors.
+        tasks: number of tasks, evenly spaced over the part; None for all.
+        knowledge: look-up source.
+        scorer: model folder, for ``knowledge`` scorer.
+        look_ups: look-ups in a game.
+        max_invalid: consecutive invalid actions without cost.
+        track: track of the benchmark, which fits with ``knowledge`` only.
 
     Raises:
         InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
     """
     with _readable():
-        play = _open(crafting, graph, settings)
+        settings = EvaluationSettings(
+            part=part,
+            depth=depth,
+            distractors=distractors,
+            attempts=attempts,
+            distractor_seeds=distractor_seeds,
+            tasks=tasks,
+            knowledge=knowledge,
+            scorer=_folder(scorer),
+            look_ups=look_ups,
+            max_invalid=max_invalid,
+        )
+        if track is None:
+            play = _open(graph, settings)
+        elif graph != "everyday" or settings != EvaluationSettings(knowledge=knowledge):
+            raise ConfigError("`track` has its own games; omit all but `knowledge`.")
+        else:
+            play = open_track(str(track)).play(knowledge)
         rules = play.settings
         if not isinstance(play.games, TaskGames):  # an open-ended track
             return _discovery(play)
-        tasks = play.games.world.tasks
+        all_tasks = play.games.world.tasks
         groups = play.games.world.groups.tolist()
         task_numbers = chosen_tasks(play.games.world, rules.tasks).tolist()
         samples: list[Sample] = []
         # Seed by seed: after a part of the run, each task has been played about equally often.
         for seed in range(rules.distractor_seeds):
             for number in task_numbers:
-                about = {"task": number, "distractor_seed": seed, "goal": tasks[number].goal}
+                about = {"task": number, "distractor_seed": seed, "goal": all_tasks[number].goal}
                 about["group"] = groups[number]
                 samples.append(_sample(f"{rules.part}-{number}-{seed}", play, **about))
         return _task(play, samples, f"{rules.graph}, {rules.part}", goal_made())
 
 
 @task
-@_with_parameters(*_RULES, attempts=ATTEMPTS, base=None, games=1)
 def discovery(
-    graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any
+    graph: str = "everyday",
+    attempts: int = ATTEMPTS,
+    base: Any = None,
+    games: int = 1,
+    knowledge: KnowledgeKind = EvaluationSettings.knowledge,
+    scorer: str | None = None,
+    look_ups: int = EvaluationSettings.look_ups,
+    max_invalid: int = EvaluationSettings.max_invalid,
 ) -> Task:
     """Return an Inspect task: discover entities in the open-ended world.
 
     Args:
         graph: graph folder, recipe book file, or name of a built-in book.
-        games: number of games, all from the same entities.
+        attempts: attempts in a game.
         base: label or labels of the entities at the start; None for the graph's base.
-        settings: see :func:`crafting`.
+        games: number of games, all from the same entities.
+        knowledge: look-up source.
+        scorer: model folder, for ``knowledge`` scorer.
+        look_ups: look-ups in a game.
+        max_invalid: consecutive invalid actions without cost.
 
     Raises:
         InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
@@ -159,9 +190,17 @@ def discovery(
         whole("games", games, 1, MAX_SIZE)
         # Inspect parses labels such as `1` and `true` as a number and a truth value.
         labels = base if isinstance(base, list | tuple) else [base]
-        start = None if base is None else [str(label) for label in labels]
-        world = {"open_ended": True, "base": start, "distractor_seeds": games}
-        return _discovery(_open(discovery, graph, settings, **world))
+        settings = EvaluationSettings(
+            open_ended=True,
+            attempts=attempts,
+            base=None if base is None else [str(label) for label in labels],
+            distractor_seeds=games,
+            knowledge=knowledge,
+            scorer=_folder(scorer),
+            look_ups=look_ups,
+            max_invalid=max_invalid,
+        )
+        return _discovery(_open(graph, settings))
 
 
 def _discovery(play: Play) -> Task:
@@ -172,35 +211,15 @@ def _discovery(play: Play) -> Task:
     return _task(play, samples, rules.graph, known_items())
 
 
-def _open(
-    declared: Callable[..., Task], graph: Any, arguments: Mapping[str, Any], **task_settings: Any
-) -> Play:
-    """Open the games for the parameters of an Inspect task.
+def _folder(scorer: object) -> Path | None:
+    # Inspect may have parsed the name of a folder as a number.
+    return None if scorer is None else Path(str(scorer))
 
-    Args:
-        declared: the task's function, for the names of its parameters.
-        graph: the graph as given; Inspect may have parsed it as a number.
-        arguments: other parameters as given.
-        task_settings: settings that the task itself chooses.
-    """
-    parameters = [name for name in signature(declared).parameters if name != "unknown"]
-    for name in arguments:
-        if name not in parameters:
-            raise UnknownSettingError(
-                f"unknown parameter `{name}`: expected {', '.join(parameters)}."
-                f"{nearest(name, parameters)}"
-            )
-    if track := arguments.get("track"):
-        if needless := sorted(arguments.keys() - {"track", "knowledge"}):
-            raise ConfigError(f"`track` has its own games; omit `{needless[0]}`.")
-        return open_track(str(track)).play(arguments.get("knowledge", "none"))
-    arguments = {name: value for name, value in arguments.items() if name != "track"}
+
+def _open(graph: Any, settings: EvaluationSettings) -> Play:
+    # The same of a book's name.
     if not isinstance(graph, str) or not graph:
         raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
-    scorer = arguments.get("scorer")
-    settings = EvaluationSettings(
-        **{**arguments, **task_settings, "scorer": scorer and Path(str(scorer))}
-    )
     return Play.open(graph, settings)
 
 
@@ -398,3 +417,126 @@ def _record(state: TaskState) -> dict[str, Any]:
             "leave --solver out."
         )
     return dict(played)
+
+
+class LoggedTask(Record, frozen=True, kw_only=True):
+    """Metadata for an Inspect task in a log.
+
+    Attributes:
+        settings: settings of the games.
+        games: number of games in an epoch.
+    """
+
+    settings: PlayedSettings
+    games: Count
+
+
+@dataclass(frozen=True)
+class LoggedGames:
+    """Games in an Inspect log.
+
+    Attributes:
+        model: the model's name.
+        settings: settings of the games.
+        games: records of the games, without messages.
+        tokens: numbers of tokens by kind (input, output), over all models in the log.
+    """
+
+    model: str
+    settings: PlayedSettings
+    games: Sequence[GameRecord]
+    tokens: Mapping[str, int]
+
+
+def read_inspect_log(path: str | Path) -> LoggedGames:
+    """Read a language model's games from an Inspect log of ``crafting`` or ``discovery``.
+
+    Metrics follow from the games, as for any other player. A game that an Inspect limit ended
+    counts. A game that was not played or has failed is missing, and then there is no result,
+    because the other tasks may be easier.
+
+    Args:
+        path: the log's file, ``.eval`` or ``.json``.
+
+    Raises:
+        ArtefactError: for a missing or damaged file, the log of another Inspect task, or missing
+            games.
+    """
+    path = Path(path)
+    log = _read(path)
+    about = (log.eval.metadata or {}).get(METADATA)
+    if about is None:
+        raise ArtefactError(
+            f"{path} logs the task '{log.eval.task}'; expected wordcraft_kg/crafting or "
+            "wordcraft_kg/discovery."
+        )
+    task = as_record(about, LoggedTask, path)
+    settings = task.settings
+    scores = _scores(path, log, task.games)
+    games = [game_of_score(score, str(path)) for score in scores]
+    usages = log.stats.model_usage.values()
+    tokens = {
+        "input": sum(usage.input_tokens for usage in usages),
+        "output": sum(usage.output_tokens for usage in usages),
+    }
+    return LoggedGames(log.eval.model, settings, games, tokens)
+
+
+def _read(path: Path) -> EvalLog:
+    if not path.is_file():
+        raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
+    try:
+        return read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
+    except Exception as error:  # a damaged file may raise any error
+        raise ArtefactError(
+            f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)})."
+        ) from None
+
+
+def _scores(path: Path, log: EvalLog, games: int) -> list[dict[str, Any]]:
+    sample_scores = map(_score, log.samples or [])
+    scores = [score for score in sample_scores if score is not None]
+    progress = f"{len(scores):,} of {games:,} games were played"
+    if log.status != "success":
+        state = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
+        raise ArtefactError(
+            f"{path}: the evaluation is {state}, {progress}. Continue with inspect eval-retry "
+            f"{path}"
+        )
+    if len(scores) != games:
+        # Fewer games are a selection; more are repetitions, whose tables are no independent draws.
+        raise ArtefactError(
+            f"{path}: {progress}; expected each game once. Play fewer tasks with -T tasks=N "
+            "instead of --limit or "
+            "--sample-id, and more games with -T distractor_seeds=N or games=N instead of "
+            "--epochs; repeat failed "
+            "games with inspect eval-retry."
+        )
+    return scores
+
+
+def _score(sample: EvalSample) -> dict[str, Any] | None:
+    """Return the metadata of a game's score.
+
+    None for a failed game, or a sample of another task.
+    """
+    for name in ("goal_made", "known_items"):
+        if sample.error is None and sample.scores and name in sample.scores:
+            return sample.scores[name].metadata or {}
+    return None
+
+
+def game_of_score(values: Mapping[str, Any] | None, place: str) -> GameRecord:
+    """Parse a score's metadata as the record of a game.
+
+    Args:
+        values: the metadata; None if the score has none.
+        place: where the score is from, for errors.
+
+    Raises:
+        ArtefactError: if the metadata is no such record.
+    """
+    # The messages are in the log's samples, once.
+    extra = (UNFINISHED, VERDICT)
+    record = {key: value for key, value in (values or {}).items() if key not in extra}
+    return as_record(record, GameRecord, place)

@@ -19,7 +19,6 @@ keys.
 
 import json
 import os
-import secrets
 import shlex
 import signal
 import subprocess
@@ -45,8 +44,6 @@ _MOST_LOG = 1_000_000
 _MOST_WAITING = 16
 _PATIENCE = 5.0
 """Seconds between the end of the input and the exit."""
-_MOST_ROUNDS = 20
-"""Most searches for processes of a program: each may have started others meanwhile."""
 # A list of what is passed on, not of what is kept back: nobody knows the names of all keys.
 _PASSED_ON = frozenset(
     (
@@ -67,9 +64,6 @@ _PASSED_ON = frozenset(
 )
 """Environment variables that a program receives, besides LC_* and WORDCRAFT_KG_*."""
 _OWN_PREFIXES = ("LC_", "WORDCRAFT_KG_")
-TAG = "WORDCRAFT_KG_PLAYER"
-"""Environment variable of a program with a value of its own, by which all its processes are found.
-"""
 
 
 class LinePlayer:
@@ -116,7 +110,6 @@ class LinePlayer:
         self._lines: Queue[bytes | None] = Queue(_MOST_WAITING)
         try:
             pipe = subprocess.PIPE
-            self._tag = secrets.token_hex(16)
             # A session of its own: Ctrl-C reaches this process alone, which then saves the games
             # and ends the program; and the program's process group can be killed as a whole.
             self._process = subprocess.Popen(
@@ -125,7 +118,7 @@ class LinePlayer:
                 stdout=pipe,
                 stderr=pipe,
                 start_new_session=True,
-                env=player_environment(os.environ) | {TAG: self._tag},
+                env=player_environment(os.environ),
             )
         except OSError as error:
             raise PlayerError(
@@ -148,18 +141,12 @@ class LinePlayer:
     ) -> None:
         """Close the program's input, and kill what is left of the program.
 
-        A program has a few seconds to end by itself, or none after an error. All processes that it
-        has started are killed. On Linux these include processes in sessions of their own
-        (``setsid``): descendants of the program, and processes with its tag in their environment,
-        whose parents may have ended. A process that has lost its parents and also cleared its
-        environment is not found; on other systems, only the program's process group ends.
+        A program has a few seconds to end by itself, or none after an error. The processes that it
+        has started end with it, apart from those that it put into sessions of their own.
         """
         self._unsent.put(None)
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_PATIENCE if kind is None else 0.1)
-        # The id of a program that has ended may belong to another process by now.
-        is_running = self._process.poll() is None
-        _kill_processes(self._process.pid if is_running else None, self._tag)
         # No process is left; Windows has no process groups.
         with suppress(OSError, AttributeError):
             os.killpg(self._process.pid, signal.SIGKILL)
@@ -297,60 +284,10 @@ def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
     passed = {}
     for name, value in variables.items():
         is_proxy = name.upper() in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY") and "@" not in value
-        # Each program has a tag of its own, so the tag of an outer one is not passed on.
-        is_own = name.upper().startswith(_OWN_PREFIXES) and name != TAG
+        is_own = name.upper().startswith(_OWN_PREFIXES)
         if name.upper() in _PASSED_ON or is_proxy or is_own:
             passed[name] = value
     return passed
-
-
-def _kill_processes(pid: int | None, tag: str) -> None:
-    """Kill a program with all its processes, repeatedly, until no search finds any."""
-    for _ in range(_MOST_ROUNDS):
-        # A process may have started another between the search and its end, so search again.
-        pids = _processes_of(pid, tag)
-        for process in pids:
-            with suppress(OSError):  # it has ended meanwhile
-                os.kill(process, signal.SIGKILL)
-        if not pids:
-            return
-
-
-def _processes_of(pid: int | None, tag: str) -> set[int]:
-    """Return the ids of the running processes that descend from a program or carry its tag.
-
-    Args:
-        pid: id of the program; None if it has ended, because another process may have its id now.
-        tag: value of the program's variable :data:`TAG`.
-
-    Returns:
-        Ids; empty except on Linux.
-    """
-    mark = f"{TAG}={tag}".encode()
-    parents: dict[int, int] = {}
-    tagged: set[int] = set()
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            # Behind the name, which may hold blanks and brackets: state and parent.
-            state, parent = (folder / "stat").read_bytes().rpartition(b")")[2].split()[:2]
-            # Dead, and waiting for its parent to take note: killing it has no effect.
-            if state in (b"Z", b"X"):
-                continue
-            parents[int(folder.name)] = int(parent)
-            if mark in (folder / "environ").read_bytes().split(b"\0"):
-                tagged.add(int(folder.name))
-        except (OSError, ValueError):  # it has ended, or belongs to another user
-            continue
-    descendants = set(tagged)
-    if pid in parents:
-        descendants.add(pid)
-    # Children, their children, and so on, until a search finds no more.
-    while (
-        children := {child for child, parent in parents.items() if parent in descendants}
-        - descendants
-    ):
-        descendants |= children
-    return descendants - {os.getpid()}
 
 
 def _message_in(line: str) -> str:

@@ -9,13 +9,11 @@ import json
 import logging
 import sys
 from collections.abc import AsyncIterator, Callable, Collection
-from contextlib import suppress
 from functools import lru_cache
 from io import TextIOWrapper
 from typing import Annotated, Any, Self
 
 import anyio
-from h11 import LocalProtocolError
 from mcp.server import MCPServer
 from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
@@ -24,14 +22,13 @@ from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolResult, InputRequiredResult, TextContent, ToolAnnotations
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 from starlette.requests import ClientDisconnect
-from starlette.responses import Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import MOST_ITEMS, Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import HostedGames
-from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
+from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK, Guard
 from wordcraft_kg.base import MAX_SIZE, ActionError, EpisodeError, WordCraftKGError, counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
 
@@ -386,44 +383,23 @@ def _is_no_disconnection(record: logging.LogRecord) -> bool:
 def make_http_app(
     server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: Collection[str] = ()
 ) -> ASGIApp:
-    """Return a server as an ASGI application.
-
-    A web page in a browser on this machine can send requests here, even to a server that listens
-    on a local address: directly, or by DNS rebinding, where a foreign name gets this machine's
-    address. So requests must name a known host (``Host``), and a page, if any, must come from one
-    (``Origin``).
+    """Return a server as an ASGI application, behind the guard of all servers of this package.
 
     Args:
         server: the server.
         host: address on which it listens.
         more_hosts: further names by which clients may ask it, such as a proxy's.
     """
-    names = sorted({*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)})
-    hosts: list[str] = []
-    for name in names:
-        # An IPv6 address stands in brackets.
-        in_url = f"[{name}]" if ":" in name else name
-        # A client may name the host without a port, or with any.
-        hosts += [in_url, f"{in_url}:*"]
-    origins = [f"http://{name}" for name in hosts] + [f"https://{name}" for name in hosts]
     app = server.streamable_http_app(
         streamable_http_path=PATH,
         # A call has one answer, and games have ids: neither streams nor sessions are needed.
         json_response=True,
         stateless_http=True,
         max_request_body_size=LONGEST_BODY,  # arguments are short; memory is bounded
-        transport_security=TransportSecuritySettings(allowed_hosts=hosts, allowed_origins=origins),
+        transport_security=TransportSecuritySettings(enable_dns_rebinding_protection=False),
     )
-
     logging.getLogger("mcp.server.streamable_http").addFilter(_is_no_disconnection)
-
-    async def without_streams(scope: Scope, receive: Receive, send: Send) -> None:
-        # A GET would open a stream of events, and hold a connection without an end.
-        is_call = scope["type"] != "http" or scope["path"] != PATH or scope["method"] == "POST"
-        refusal = Response(status_code=405, headers={"Allow": "POST"})
-        answer = app if is_call else refusal
-        # The connection has answered a malformed request itself.
-        with suppress(LocalProtocolError):
-            await answer(scope, receive, send)
-
-    return without_streams
+    # POST alone: a GET would open a stream of events, and hold a connection without an end.
+    return Guard(
+        app, host, more_hosts, lambda _, text: text, methods=("POST",), media_type="text/plain"
+    )

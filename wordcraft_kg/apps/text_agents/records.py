@@ -153,8 +153,3 @@ class GameRecord(Record, frozen=True, kw_only=True):
     look_ups: Count = 0
     messages: tuple[str, ...] = ()
     pairs: tuple[tuple[str, ...] | None, ...]
-
-    @property
-    def last(self) -> tuple[str, ...] | None:
-        """Labels of the last combined pair or set; None without one and after a lost attempt."""
-        return self.pairs[-1] if self.pairs else None

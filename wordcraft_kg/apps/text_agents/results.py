@@ -7,13 +7,13 @@ machine may stop at any time.
 import logging
 import os
 import re
-import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from functools import cache
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 import numpy as np
@@ -28,7 +28,6 @@ from wordcraft_kg.apps.text_agents.records import (
     GamesHeader,
     PlayedSettings,
 )
-from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base import (
     MAX_SIZE,
     ArtefactError,
@@ -48,17 +47,13 @@ from wordcraft_kg.base.wording import for_file
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED, sampled_tasks
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Ids, OpenedGraph
+from wordcraft_kg.graphs import Ids
 from wordcraft_kg.runs.run_folder import locked_folder, sigterm_as_interrupt
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
-    from wordcraft_kg.apps.text_agents.chat_server import ChatServer
-    from wordcraft_kg.apps.text_agents.line_player import LinePlayer
     from wordcraft_kg.evaluation.agents import ExternalPlayer
 
-REPLACEMENT = "replacement"
-"""Folder beside games for those that replace them once complete."""
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
@@ -138,20 +133,6 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     return "no_right_part" if picks in game.world.outcomes else "no_recipe"
 
 
-def groups_of(opened: OpenedGraph, settings: PlayedSettings) -> Ids | None:
-    """Return the resampling group of each task of recorded games.
-
-    None for open-ended games, for the games of a track, and for another graph or split.
-    """
-    hashes = settings.graph_hash, settings.split_hash
-    if settings.track is not None or hashes != (opened.graph.hash, opened.split.hash):
-        return None
-    if settings.part is None or settings.depth is None or settings.distractors is None:
-        return None
-    games = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
-    return World(opened, games.environment).groups
-
-
 def evaluation_of(played: Sequence[GameRecord], groups: Ids | None = None) -> "Evaluation":
     """Convert the records of N tasks with D distractor seeds each to an evaluation, shape (N, D).
 
@@ -221,9 +202,17 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[GameRecord], bytes]:
     return header, parse_lines(records, GameRecord, f"{path} (after line 1)"), torn
 
 
-_HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
-_NO_OPTION = {"answer_grammar": "the answer grammar", "tasks": "the number of tasks"}
-_Speaker = Callable[[Conversation], Callable[[str], str]]
+class TextPlayer(Protocol):
+    """A program or a model that plays by text, several games one after another or at a time.
+
+    Attributes:
+        name: the player's name in results.
+    """
+
+    name: str
+
+    def speaker(self, talk: Conversation) -> Callable[[str], str]:
+        """Begin a game: return a function from a prompt in this conversation to the answer."""
 
 
 def _in_turn(
@@ -245,23 +234,24 @@ def _in_turn(
 
 
 def play_all(
-    player: str,
-    speak: _Speaker,
+    player: TextPlayer,
     play: Play,
     folder: Path,
     tasks: Sequence[int] | None = None,
     *,
     parallel: int = 1,
+    is_replacing: bool = False,
 ) -> list[GameRecord]:
     """Let a player play all games, or continue an interrupted evaluation.
 
     Args:
-        player: the player's name.
-        speak: from a conversation at its beginning to the function that answers its prompts.
+        player: the player.
         play: the games.
         folder: folder for the games.
         tasks: indices of the tasks; None for those of the settings.
         parallel: games at a time, each in a thread; they are recorded in the order of the tasks.
+        is_replacing: whether games of another player or other settings, and complete games, are
+            played anew.
 
     Returns:
         The records of all games, in the order in which they were played.
@@ -278,17 +268,19 @@ def play_all(
         tasks = [0]
         if isinstance(play.games, TaskGames):
             tasks = chosen_tasks(play.games.world, settings.tasks).tolist()
-    # An ordered set: games are played seed by seed.
-    missing: dict[tuple[int, int], None] = {}
-    for distractor_seed in range(settings.distractor_seeds):
-        for task in tasks:
-            missing[task, distractor_seed] = None
+    # A dict as an ordered set: games are played seed by seed.
+    missing = dict.fromkeys(
+        (task, seed) for seed, task in product(range(settings.distractor_seeds), tasks)
+    )
     # Two processes that play at once would play the same games.
     with locked_folder(folder, "written"):
         # Not to write through a link: the file that it names may be anyone's.
         if path.is_symlink():
             raise ArtefactError(f"{path} is a link; expected a file. Choose another `out`.")
-        played = open_games(path, GamesHeader(player=player, settings=settings))
+        header = GamesHeader(player=player.name, settings=settings)
+        if is_replacing and not _is_begun(path, header, len(missing)):
+            path.unlink(missing_ok=True)
+        played = open_games(path, header)
         for line, game in enumerate(played, 2):
             key = (game.task, game.distractor_seed)
             # A game twice would count twice; a game of other tasks is not part of the result.
@@ -302,13 +294,22 @@ def play_all(
 
         def finished(game: tuple[int, int]) -> GameRecord:
             talk = play.begin(*game)
-            converse(talk, speak(talk))
+            converse(talk, player.speaker(talk))
             return record_of(talk, game[1])
 
         for record in _in_turn(finished, list(missing), parallel):
             played.append(record)
             append_game(path, record)
     return played
+
+
+def _is_begun(path: Path, header: GamesHeader, most: int) -> bool:
+    """Return whether a file has the beginning of these games, and not all of them."""
+    try:
+        stored_header, played, _ = read_games(path)
+    except ArtefactError:  # missing or damaged
+        return False
+    return stored_header == header and len(played) < most
 
 
 @contextmanager
@@ -336,29 +337,6 @@ def continuable(folder: Path) -> Iterator[None]:
             if isinstance(error, WordCraftKGError) or not has_games:
                 raise
             raise ArtefactError(f"{folder}: {error.strerror or error}.{hint}") from None
-
-
-def play_program(
-    program: "LinePlayer | ChatServer",
-    play: Play,
-    folder: Path,
-    *,
-    is_replacing: bool,
-    parallel: int = 1,
-) -> None:
-    """Let a program or a model behind an address play all games, see :func:`play_all`.
-
-    Args:
-        program: the running program, or the model.
-        play: the games.
-        folder: folder for the games.
-        is_replacing: whether earlier games stay until the new games are complete.
-        parallel: games at a time; a program plays one.
-    """
-    header = GamesHeader(player=program.name, settings=play.settings)
-    games = replaced_games(folder, header) if is_replacing else nullcontext(folder)
-    with games as new:
-        play_all(program.name, program.speaker, play, new, parallel=parallel)
 
 
 def evaluate_program(
@@ -402,7 +380,7 @@ def evaluate_program(
                     ),
                 )
                 games = folder / f"distractors-{world.config.num_distractors}"
-                played = play_all(program.name, program.speaker, play, games, tasks.tolist())
+                played = play_all(program, play, games, tasks.tolist())
                 results.append(evaluation_of(played, world.groups))
                 _log_answers(program.name, played)
     return program.name, results
@@ -431,37 +409,6 @@ def _log_answers(name: str, played: Sequence[GameRecord]) -> None:
         logging.getLogger(__name__).warning(
             "%s: %s, %s lost", name, counted(invalid, "invalid answer"), counted(lost, "attempt")
         )
-
-
-@contextmanager
-def replaced_games(folder: Path, header: GamesHeader) -> Iterator[Path]:
-    """Yield a folder for new games, which replace the earlier games at the end of the block.
-
-    After an interruption the earlier games are as before; the new games are kept, and continued by
-    a later call with the same header.
-
-    Args:
-        folder: folder with earlier games, perhaps without any.
-        header: player and settings of the new games.
-
-    Raises:
-        ArtefactError: if another process plays in the folder.
-    """
-    with locked_folder(folder, "written"):
-        new = folder / REPLACEMENT
-        if not _has_header(new / GAMES_FILE, header):
-            shutil.rmtree(new, ignore_errors=True)
-        yield new
-        # Only now, and at once: before this line the earlier games are complete, after it the new.
-        os.replace(new / GAMES_FILE, folder / GAMES_FILE)
-        shutil.rmtree(new)
-
-
-def _has_header(path: Path, header: GamesHeader) -> bool:
-    try:
-        return read_games(path)[0] == header
-    except ArtefactError:  # missing or damaged
-        return False
 
 
 def open_games(path: Path, header: GamesHeader) -> list[GameRecord]:
@@ -534,21 +481,14 @@ def _check_header(path: Path, stored: GamesHeader, header: GamesHeader) -> None:
             f"'{path}' holds games by '{stored.player}', and the player is '{header.player}'. "
             "Choose another `out`."
         )
-    names = [field.name for field in msgspec.structs.fields(stored.settings)]
-    # Hashes first: another graph may also differ in settings, and is what the user has to know.
-    for name in sorted(names, key=_HASHES.__contains__, reverse=True):
-        before = _given(getattr(stored.settings, name))
-        value = _given(getattr(header.settings, name))
+    # Graph and split come first: another graph may also differ in settings.
+    for field in msgspec.structs.fields(PlayedSettings):
+        before = getattr(stored.settings, field.name)
+        value = getattr(header.settings, field.name)
         if before != value:
-            kind = GraphMismatchError if name in _HASHES else ConfigError
-            label = (_HASHES | _NO_OPTION).get(name, f"`{name}`")
+            is_graph = field.name in ("graph", "graph_hash", "split_hash")
+            kind = GraphMismatchError if is_graph else ConfigError
             raise kind(
-                f"'{path}' holds games with {label} {before}, and this command has {value}. "
+                f"'{path}' holds games with `{field.name}` {before}, and this command has {value}. "
                 "Choose another `out`, or use the same settings."
             )
-
-
-def _given(value: object) -> str:
-    if value is None:
-        return "none"
-    return ",".join(value) if isinstance(value, tuple) else str(value)

@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.benchmark import Track, edition_text, open_track, read_manifest
+from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GameRecord
@@ -235,7 +235,9 @@ def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
     Raises:
         EpisodeError: for decisions against the rules.
     """
-    task, seed = game_of_track(play, number)
+    # On tasks each game is another task with the first table; open-ended games are runs in one
+    # world, told apart by the seed alone.
+    task, seed = (0, number) if play.settings.is_open_ended else (number, 0)
     game = play.games.begin(task, seed)
     new_labels: list[tuple[str, ...]] = []
     for attempt, pair in enumerate(played.pairs, 1):
@@ -266,15 +268,6 @@ def replay(play: Play, number: int, played: GameRecord | GameLine) -> GameLine:
         ended=not game.is_over,
         **outcome,
     )
-
-
-def game_of_track(play: Play, number: int) -> tuple[int, int]:
-    """Return the task and the distractor seed with which a game of a track begins.
-
-    On tasks each game is another task with the first table; open-ended games are runs in one world,
-    told apart by the seed alone.
-    """
-    return (0, number) if play.settings.is_open_ended else (number, 0)
 
 
 def _check_counts(play: Play, played: GameRecord | GameLine) -> None:
@@ -448,8 +441,6 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     # The path is for messages: an archive is no folder, but reads like one.
     path = folder / SUBMISSION_FILE
     data = read_submission_file(folder, SUBMISSION_FILE)
-    # Before all other fields, which another edition may not have.
-    _check_edition(path, data)
     submission = parse_record(data, Submission, path)
     _check_versions(path, submission)
     track = open_track(submission.track)
@@ -513,51 +504,22 @@ def acceptable(text: str, longest: int = LONGEST_TEXT) -> str:
     return printable
 
 
-def check_kind(path: Path, submission: Submission) -> None:
-    """Check that a submission declares no people, also with more words: nobody could verify it.
-
-    Answers of people are in the folder of `people serve`, which checks them, and in
-    `people summary`.
-
-    Args:
-        path: the file, for the error.
-        submission: the submission.
-
-    Raises:
-        ArtefactError: if its kind is people.
-    """
-    if look_alike_key("people") in look_alike_key(submission.kind):
-        expected = "the kind of a program or model, since a submission cannot show who played"
-        raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
-
-
-class _Edition(msgspec.Struct):
-    """The edition in a submission of any format; other fields are left out."""
-
-    benchmark: str = ""
-
-
-def _check_edition(path: Path, data: bytes) -> None:
-    """Raise an ArtefactError for a submission to another edition of the benchmark."""
-    try:
-        edition = msgspec.json.decode(data, type=_Edition).benchmark
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return  # damaged, as the reader of records says
-    if edition and edition != read_manifest()[0].name:
-        raise ArtefactError(f"{path}: {edition_text(edition)}")
-
-
 def _check_versions(path: Path, submission: Submission) -> None:
     """Check versions and declarations; raises ArtefactError or ConfigError for the first fault."""
     manifest, manifest_hash = read_manifest()
     versions = {
+        "benchmark": manifest.name,
         "benchmark_hash": manifest_hash,
         "scoring": manifest.scoring,
     }
     for name, value in versions.items():
         if getattr(submission, name) != value:
             raise _refused(path, name, getattr(submission, name), value)
-    check_kind(path, submission)
+    # Nobody could verify who played: answers of people are in the folder of `people serve`, which
+    # checks them, and in `people summary`.
+    if look_alike_key("people") in look_alike_key(submission.kind):
+        expected = "the kind of a program or model, since a submission cannot show who played"
+        raise _refused(path, "kind", submission.kind, expected, "give the folder of `people serve`")
     for name in ("player", "kind", "training_data", "licence"):
         check_declared(f"{path}: {name}", getattr(submission, name))
     for key in (*submission.weights, *(submission.tokens or ())):
@@ -605,21 +567,13 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
     data = read_submission_file(folder, GAMES_FILE)
     # Counted before they are split: a file of line breaks would take eight times its size.
     num_lines = data.count(b"\n")
-    if num_lines > len(track):
+    if num_lines != len(track) or not data.endswith(b"\n"):
         raise ArtefactError(
-            f"{path}, line {len(track) + 1}: {num_lines:,} games; expected no more than "
-            f"{len(track)} games. Play the track again."
-        )
-    texts = data.split(b"\n")
-    # The last text is what follows the last line break.
-    if texts.pop():
-        raise ArtefactError(f"{path}, line {len(texts) + 1}, has no end. Play the track again.")
-    if len(texts) < len(track):
-        raise ArtefactError(
-            f"{path}: {len(texts)} of {len(track)} games. Play all games of {track.name}."
+            f"{path}: {num_lines:,} games, a line each; expected {len(track)}. Play all games of "
+            f"{track.name}."
         )
     lines = []
-    for number, text in enumerate(texts):
+    for number, text in enumerate(data.split(b"\n")[:-1]):
         place = f"{path}, line {number + 1}"
         line = parse_record(text, GameLine, f"{place},")
         if line.number != number:

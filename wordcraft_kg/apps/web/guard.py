@@ -75,7 +75,9 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
-        # Neither web sockets nor the lifespan: no page needs them.
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+        # No web sockets: no page needs them.
         if scope["type"] != "http":
             return
         guarded = _Sender(send)

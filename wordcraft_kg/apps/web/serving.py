@@ -2,7 +2,6 @@
 
 import asyncio
 import errno
-import logging
 import os
 import socket
 import sys
@@ -153,20 +152,6 @@ _ACCEPTED_AT_ONCE = 16
 """Connections accepted before older ones are closed: asyncio accepts as many as it lets wait."""
 
 
-class _Once(logging.Filter):
-    """Passes equal messages without traceback once, lest malformed requests fill the terminal."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.seen: set[str] = set()
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        # Errors with a traceback always pass: they are faults of the server.
-        is_new = record.getMessage() not in self.seen
-        self.seen.add(record.getMessage())
-        return is_new or record.exc_info is not None
-
-
 def listen(host: str, port: int) -> socket.socket:
     """Return a listening socket; port 0 takes a free port.
 
@@ -250,6 +235,7 @@ def serve(
     config = uvicorn.Config(
         app,
         log_config=None,
+        log_level="error",  # a warning for each malformed request would fill the terminal
         access_log=False,  # requests are private
         lifespan="on" if has_lifespan else "off",
         http=LimitedConnection,
@@ -261,15 +247,12 @@ def serve(
         server_header=False,
         timeout_graceful_shutdown=PATIENCE,
     )
-    signal_once = _Once()
-    logging.getLogger("uvicorn.error").addFilter(signal_once)
     try:
         with sigterm_as_interrupt():  # the server finishes requests and raises the signal again
             Server(config).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # the normal end
     finally:
-        logging.getLogger("uvicorn.error").removeFilter(signal_once)
         listening.close()
 
 

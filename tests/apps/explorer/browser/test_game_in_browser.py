@@ -5,7 +5,7 @@ import pytest
 
 from tests.apps.explorer.browser.conftest import served
 from wordcraft_kg import RecipeGraph, open_graph
-from wordcraft_kg.apps.people.game import export_game, make_game_app
+from wordcraft_kg.apps.text_agents.browser_game import export_game, make_game_app
 
 PHONE = {"viewport": {"width": 380, "height": 800}, "has_touch": True, "color_scheme": "dark"}
 RECIPES = [("water", "earth", "mud"), ("mud", "fire", "brick"), ("water", "fire", "steam")]

@@ -97,21 +97,22 @@ def elicit(
             model's weights.
         out: folder to write.
     """
-    from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts
-    from wordcraft_kg.graphs.folder import open_graph
-
     if random_weights is not None:
         whole("random_weights", random_weights, 0)
-    prompt_texts = read_prompts(prompts or DEFAULT)
-    recipes = open_graph(graph).graph
     check_output(out, force=force)
     check_extra("text")
     from wordcraft_kg.apps.elicitation.foreign_code import locate_model
     from wordcraft_kg.apps.elicitation.language_model import (
+        DEFAULT,
         elicit_knowledge,
         open_language_model,
+        read_prompts,
         strongest,
     )
+    from wordcraft_kg.graphs.folder import open_graph
+
+    prompt_texts = read_prompts(prompts or DEFAULT)
+    recipes = open_graph(graph).graph
 
     language_model = open_language_model(locate_model("model", model), random_weights)
     progress = output.progress("reading texts", unit="text")

@@ -5,13 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base import ConfigError, check_output
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Book, Force, Paths
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from wordcraft_kg.apps.explorer.explored import Explored
 
 GROUP = "In the browser"
@@ -61,38 +59,30 @@ def explore(  # noqa: PLR0913 - parameters are the command's options
     check_extra("explore")
     from wordcraft_kg.apps.explorer.explored import Explored
 
-    def opened() -> Explored:
-        return Explored.open(graph, model or (), run or ())
-
     if export is not None:
-        _export(opened, export, force, output)
+        # Before the work, which takes seconds.
+        check_output(export, force=force)
+        _export(Explored.open(graph, model or (), run or ()), export, force, output)
         return
-    from wordcraft_kg.apps.explorer.site import end_process, make_app, warm
+    from wordcraft_kg.apps.explorer.site import end_process, make_app
     from wordcraft_kg.apps.web.serving import listen, serve
 
-    # Before the work, which takes seconds: a port in use is reported at once.
-    listening = listen(host, port)
-    try:
-        explored = opened()
-    except BaseException:
-        listening.close()
-        raise
+    # The port first: if it is taken, nobody waits for the work, which takes seconds.
+    with listen(host, port) as listening:
 
-    def started(address: str) -> None:
-        output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
-        # After the address: the first page must not wait for all others.
-        warm(explored)
+        def started(address: str) -> None:
+            output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
 
-    serve(make_app(explored, host, allow_host or ()), listening, started, in_browser=not no_browser)
+        explored = Explored.open(graph, model or (), run or ())
+        app = make_app(explored, host, allow_host or ())
+        serve(app, listening, started, in_browser=not no_browser)
     end_process()
 
 
-def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Output) -> None:
+def _export(explored: "Explored", out: Path, force: bool, output: Output) -> None:
     from wordcraft_kg.apps.explorer.site import export_site
-    from wordcraft_kg.base.artefacts import check_output
 
-    check_output(out, force=force)
-    site = export_site(opened(), out, force=force)
+    site = export_site(explored, out, force=force)
     size = f"{site.bytes / 2**20:.1f} MiB"
     largest = f"{site.largest / 2**10:.0f} KiB"
     lines = [f"wrote {out}: {site.pages:,} pages, {size}, the largest {largest}"]

@@ -1,6 +1,6 @@
 """All pages, by their first address segment.
 
-Read ``entity`` first: a page with settings, a view, and a static form. ``runs``
+Read ``entities`` first: pages with settings, a view, and a static form. ``runs``
 also draws. A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here,
 an entry in :data:`CORE`, and a template of its name. Modules import ``page``, ``explored`` and
 ``predictor``, and other pages to link to them; no page imports the server. Other apps and
@@ -17,11 +17,9 @@ from typing import Any
 from wordcraft_kg.apps.explorer.page import Page
 from wordcraft_kg.apps.explorer.pages import (
     entities,
-    entity,
     episode,
     home,
     link,
-    pair,
     path,
     runs,
     suggestions,
@@ -34,11 +32,11 @@ HOME: Page[Any] = home.PAGE
 CORE: tuple[Page[Any], ...] = (
     HOME,
     entities.PAGE,
-    entity.PAGE,
-    entity.RECIPES,
+    entities.ENTITY,
+    entities.RECIPES,
     path.PAGE,
     link.PAGE,
-    pair.PAGE,
+    link.PAIR,
     suggestions.PAGE,
     tasks.PAGE,
     episode.PAGE,

@@ -1,21 +1,54 @@
-"""The entity list, and the search for entities by their labels."""
+"""Pages of entities: the list, an entity and its recipes; and the search by labels."""
 
 import unicodedata
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import lru_cache
+from itertools import chain
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
-from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.graphs import Ids, RecipeGraph, layers
+from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
+from wordcraft_kg.base import ConfigError, Count, Record
+from wordcraft_kg.evaluation.suggestions import Suggestion, is_set_model, suggest_recipes
+from wordcraft_kg.graphs import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    PARTS,
+    Ids,
+    Part,
+    RecipeGraph,
+    Split,
+    layers,
+)
+from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
+from wordcraft_kg.models.scorers.link_evidence import Side
 
 EntityOrder = Literal["label", "layer", "recipes", "uses"]
 """Ascending label or layer (entities that cannot be made come last), or descending number of
 recipes or uses."""
 ENTITIES_A_PAGE = 200
+NEAREST = 8
+"""Similar entities on an entity's page."""
+PREDICTED = 10
+"""Predictions for each query on an entity's page."""
+LISTED = 12
+"""Recipes of either kind on an entity's page."""
+RECIPES_A_PAGE = 100
+EXPORTED = 5_000
+"""Entities with pages in a static site."""
+OPEN_SLOTS: tuple[tuple[int, Side], ...] = (
+    (COMBINES_WITH, "tail"),
+    (COMPONENT_OF, "head"),
+    (COMPONENT_OF, "tail"),
+)
+"""Queries to a model: partners of the entity, ingredients, products."""
+Use = Literal["makes", "uses"]
+"""Whether recipes make an entity or use it."""
 
 
 class EntitiesState(PageState):
@@ -171,14 +204,244 @@ def layers_of(graph: RecipeGraph) -> Ids:
     return layers(graph)
 
 
-def _view(explored: Explored, state: EntitiesState) -> EntityList:
+def _view_list(explored: Explored, state: EntitiesState) -> EntityList:
     return list_entities(explored.opened.graph, state.q, state.sort, state.page)
 
 
-def _exported(explored: Explored) -> Iterator[EntitiesState]:
+def _exported_lists(explored: Explored) -> Iterator[EntitiesState]:
     pages = num_pages(explored.opened.graph.num_entities, ENTITIES_A_PAGE)
     for order in ("label", "layer", "recipes", "uses"):
         yield from (EntitiesState(sort=order, page=page) for page in range(1, pages + 1))
 
 
-PAGE = Page("entities", EntitiesState, _view, title="Entities", exported=_exported)
+PAGE = Page("entities", EntitiesState, _view_list, title="Entities", exported=_exported_lists)
+
+
+class EntityState(PageState):
+    """Page settings: an entity and a model.
+
+    Attributes:
+        entity: label; empty for the most used entity.
+        model: name of the model; empty for the first.
+        learned: whether predictions list training links, too.
+    """
+
+    entity: str = ""
+    model: str = ""
+    learned: bool = False
+
+
+class RecipesState(PageState):
+    """Page settings: recipes of an entity.
+
+    Attributes:
+        entity: label; the page needs one.
+        use: whether the recipes make or use the entity.
+        part: split part of the recipes; empty for all.
+        page: page number in the list.
+    """
+
+    entity: str = ""
+    use: Use = "uses"
+    part: Part | Literal[""] = ""
+    page: int = 1
+
+
+class EntityRecipes(Record):
+    """Recipes that make or use an entity.
+
+    Attributes:
+        entity: label.
+        use: whether the recipes make or use the entity.
+        parts: number of recipes by part, whatever part is chosen; parts without recipes are left
+            out.
+        paging: which recipes of the chosen part are on this page.
+        recipes: the recipes on this page.
+    """
+
+    entity: str
+    use: Use
+    parts: dict[Part, Count]
+    paging: Paging
+    recipes: tuple[PlacedRecipe, ...]
+
+
+class AlikeEntity(Record):
+    """A similar entity.
+
+    Attributes:
+        entity: label.
+        cosine: cosine similarity, from -1 to 1.
+    """
+
+    entity: str
+    cosine: float
+
+
+class EntityProfile(Record):
+    """An entity, with its recipes and predictions for partners, ingredients and products.
+
+    Attributes:
+        entity: label.
+        base: whether the entity is a base entity.
+        layer: crafting layer, 0 for the base; None if the entity cannot be made.
+        crafts: number of crafts in the cheapest derivation; None if the entity cannot be made.
+        made_by: some of the recipes that make the entity.
+        used_in: some of the recipes that use the entity.
+        model: name of the model; empty without one.
+        has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
+            model.
+        slots: predictions for the queries in :data:`OPEN_SLOTS`; empty without a model.
+        suggested: recipes that a model of sets suggests for the entity; it has no slots.
+        nearest: most similar entities by the model; empty without a model.
+        by_words: most similar entities by word vectors; None if no word of the label has a vector.
+    """
+
+    entity: str
+    base: bool
+    layer: Count | None
+    crafts: Count | None
+    made_by: EntityRecipes
+    used_in: EntityRecipes
+    model: str
+    has_seen_the_test_recipes: bool
+    slots: tuple[PredictedSlot, ...]
+    suggested: tuple[Suggestion, ...]
+    nearest: tuple[AlikeEntity, ...]
+    by_words: tuple[AlikeEntity, ...] | None
+
+    @property
+    def held_out(self) -> int:
+        """Number of recipes outside the train part."""
+        # Not a merged dict, which would keep one of two counts for a part.
+        parts = [*self.made_by.parts.items(), *self.used_in.parts.items()]
+        return sum(count for part, count in parts if part != "train")
+
+    @property
+    def has_probabilities(self) -> bool:
+        """Whether any prediction has a probability."""
+        rows = chain.from_iterable(slot.best for slot in self.slots)
+        return any(row.probability is not None for row in rows)
+
+
+def _view(explored: Explored, state: EntityState) -> EntityProfile:
+    split = explored.opened.split
+    graph = explored.opened.graph
+    if not graph.num_entities:
+        raise ConfigError("The graph has no entities.")
+    label = state.entity or graph.entities[int(graph.use_counts.argmax())]
+    entity = graph.id_of(label)
+    layer = int(layers_of(graph)[entity])
+    is_reachable = layer >= 0
+    # Reading word vectors takes seconds.
+    words = explored.once("words", lambda: glove_features(graph.entities))
+    by_words = _alike(graph.entities, near_by_words(words, entity))
+    predictor = explored.predictor(state.model) if explored.models else None
+    slots: tuple[PredictedSlot, ...] = ()
+    suggested: tuple[Suggestion, ...] = ()
+    nearest: tuple[AlikeEntity, ...] = ()
+    if predictor is not None and is_set_model(predictor.model):
+        # A base entity may have no likely recipe.
+        with suppress(ConfigError):
+            suggested = suggest_recipes(predictor.model, label, PREDICTED).suggestions
+    elif predictor is not None:
+        scored = [predictor.slot(entity, relation, side) for relation, side in OPEN_SLOTS]
+        slots = tuple(
+            predictor.best(slot, with_learned=state.learned, top=PREDICTED) for slot in scored
+        )
+        nearest = _alike(graph.entities, predictor.evidence.roles.nearest(entity, NEAREST))
+    return EntityProfile(
+        entity=label,
+        base=bool((graph.base_ids == entity).any()),
+        layer=layer if is_reachable else None,
+        crafts=len(explored.planner().derivation(entity).steps) if is_reachable else None,
+        made_by=_recipes(split, RecipesState(label, "makes"), LISTED),
+        used_in=_recipes(split, RecipesState(label, "uses"), LISTED),
+        model="" if predictor is None else predictor.name,
+        has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
+        slots=slots,
+        suggested=suggested,
+        nearest=nearest,
+        by_words=by_words if words.known[entity] else None,
+    )
+
+
+def _view_recipes(explored: Explored, state: RecipesState) -> EntityRecipes:
+    if not state.entity:
+        raise ConfigError("The address has no entity; expected an address such as /recipes/water.")
+    return _recipes(explored.opened.split, state, RECIPES_A_PAGE)
+
+
+def _recipes(split: Split, state: RecipesState, size: int) -> EntityRecipes:
+    """Return a page of ``size`` recipes."""
+    graph = split.graph
+    rows_of = graph.recipes_of if state.use == "makes" else graph.uses_of
+    rows = rows_of(state.entity)
+    # Counts of all parts, before the filter: the page links to the other parts.
+    counts = np.bincount(split.parts[rows], minlength=len(PARTS)).tolist()
+    part_rows = rows
+    if state.part:
+        part_rows = rows[split.parts[rows] == PARTS.index(state.part)]
+    shown = paging(len(part_rows), state.page, size)
+    return EntityRecipes(
+        entity=state.entity,
+        use=state.use,
+        parts={
+            name: count  # type: ignore[misc]
+            for name, count in zip(PARTS, counts, strict=True)
+            if count
+        },
+        paging=shown,
+        recipes=placed_recipes(split, part_rows[shown.rows]),
+    )
+
+
+def near_by_words(
+    words: EntityFeatures, entity: int, limit: int = NEAREST
+) -> list[tuple[int, float]]:
+    """Return the entities with the most similar word vectors.
+
+    Args:
+        words: word vectors of all E entities.
+        entity: id of the entity.
+        limit: most entities to return.
+
+    Returns:
+        ids and cosines, the largest cosine first, ties in the order of ids; entities without
+        vectors are left out, and the list is empty for one.
+    """
+    if not words.known[entity]:
+        return []
+    cosines: NDArray[np.float32] = words.unit_vectors @ words.unit_vectors[entity]
+    candidates = np.flatnonzero(words.known)
+    candidates = candidates[candidates != entity]
+    order = candidates[np.argsort(-cosines[candidates], kind="stable")]
+    return [(candidate, float(cosines[candidate])) for candidate in order[:limit].tolist()]
+
+
+def _alike(labels: tuple[str, ...], neighbours: list[tuple[int, float]]) -> tuple[AlikeEntity, ...]:
+    return tuple(AlikeEntity(labels[neighbour], cosine) for neighbour, cosine in neighbours)
+
+
+def _exported_recipes(explored: Explored) -> Iterator[RecipesState]:
+    graph = explored.opened.graph
+    counts: dict[Use, list[int]] = {
+        "makes": graph.recipe_counts.tolist(),
+        "uses": graph.use_counts.tolist(),
+    }
+    for entity, label in enumerate(graph.entities[:EXPORTED]):
+        for use, numbers in counts.items():
+            # The entity's page lists all recipes of a short list.
+            if numbers[entity] > LISTED:
+                for page in range(1, num_pages(numbers[entity], RECIPES_A_PAGE) + 1):
+                    yield RecipesState(label, use, page=page)
+
+
+ENTITY = Page(
+    "entity",
+    EntityState,
+    _view,
+    subject="entity",
+    exported=lambda explored: map(EntityState, explored.opened.graph.entities[:EXPORTED]),
+)
+RECIPES = Page("recipes", RecipesState, _view_recipes, subject="entity", exported=_exported_recipes)

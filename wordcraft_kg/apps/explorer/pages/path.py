@@ -1,6 +1,7 @@
 """The page for paths: from the base to a goal, and from any entity to another."""
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 from operator import attrgetter
 from typing import Literal
@@ -10,7 +11,7 @@ import numpy as np
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
-from wordcraft_kg.apps.explorer.predictor import recipes_giving
+from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, recipes_giving
 from wordcraft_kg.base import ConfigError, Count, Record, approximate
 from wordcraft_kg.graphs import COMPONENT_OF, PARTS, Part, Planner, Recipe, Split
 
@@ -19,7 +20,7 @@ STEPS_A_PAGE = 200
 EXAMPLES = 4
 """Example goals: the first is shown by default, the page links to the others."""
 LISTED = 20
-"""Maximum number of blocked recipes, and of missing entities."""
+"""Maximum number of blocked recipes."""
 Outcome = Literal["base", "made", "impossible"]
 
 
@@ -37,20 +38,6 @@ class PathState(PageState):
     start: str = ""
 
 
-class PathStep(Record):
-    """A craft.
-
-    Attributes:
-        number: number in execution order, from 1.
-        recipe: recipe by labels.
-        part: split part of the recipe.
-    """
-
-    number: Count
-    recipe: Recipe
-    part: Part
-
-
 class Chain(Record):
     """The shortest chain of recipes between two entities; each uses the result of the one before.
 
@@ -63,7 +50,7 @@ class Chain(Record):
 
     start: str
     end: str
-    steps: tuple[PathStep, ...]
+    steps: tuple[PlacedRecipe, ...]
 
 
 class Blocked(Record):
@@ -94,8 +81,6 @@ class PathView(Record):
         listed: the listed crafts.
         recipes: number of recipes that make the goal.
         blocked: some of the ``recipes`` for an impossible goal.
-        sources: some missing entities without a recipe; empty if recipes form a cycle.
-        num_sources: number of all missing entities without a recipe.
         chain: the way from another start than the base; None for the base.
     """
 
@@ -107,11 +92,9 @@ class PathView(Record):
     cost: str
     parts: dict[Part, Count]
     paging: Paging
-    listed: tuple[PathStep, ...]
+    listed: tuple[PlacedRecipe, ...]
     recipes: Count
     blocked: tuple[Blocked, ...]
-    sources: tuple[str, ...]
-    num_sources: Count
     chain: Chain | None
 
 
@@ -124,14 +107,12 @@ def _view(explored: Explored, state: PathState) -> PathView:
     goal = graph.id_of(state.entity) if state.entity else furthest[0]
     planner = explored.planner()
     cost = planner.costs[goal]
-    steps: tuple[PathStep, ...] = ()
+    steps: tuple[PlacedRecipe, ...] = ()
     blocked: tuple[Blocked, ...] = ()
-    sources: list[int] = []
     outcome: Outcome
     if cost == math.inf:
         outcome = "impossible"
         blocked = _blocked(planner, goal)
-        sources = _sources(planner, goal)
     else:
         steps = _steps(split, planner.derivation(goal).steps)
         outcome = "made" if steps else "base"
@@ -149,8 +130,6 @@ def _view(explored: Explored, state: PathState) -> PathView:
         listed=steps[shown.rows],
         recipes=len(graph.recipes_of(goal)),
         blocked=blocked,
-        sources=graph.labels(sources[:LISTED]),
-        num_sources=len(sources),
         chain=chain_between(explored, graph.id_of(state.start), goal) if state.start else None,
     )
 
@@ -187,17 +166,14 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
                 giving = recipes_giving(graph, head, COMPONENT_OF, tail)
                 # Part numbers ascend from train; argmin takes the first of equal ones.
                 rows.append(int(giving[split.parts[giving].argmin()]))
-            steps = _steps(split, tuple(graph.recipe_labels(graph.sets[rows])))
+            steps = _steps(split, graph.recipe_labels(graph.sets[rows]))
             return Chain(graph.entities[source], graph.entities[target], steps)
     return Chain(graph.entities[start], graph.entities[goal], ())
 
 
-def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
-    """Return the recipes of a derivation, in execution order, with their parts."""
-    return tuple(
-        PathStep(number=number, recipe=recipe, part=_part_of(split, recipe))
-        for number, recipe in enumerate(recipes, start=1)
-    )
+def _steps(split: Split, recipes: Iterable[Recipe]) -> tuple[PlacedRecipe, ...]:
+    """Return the recipes of a derivation with their parts."""
+    return tuple(PlacedRecipe(recipe, _part_of(split, recipe)) for recipe in recipes)
 
 
 def _part_of(split: Split, recipe: Recipe) -> Part:
@@ -222,27 +198,6 @@ def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
         missing = [entity for entity in ingredients if planner.costs[entity] == math.inf]
         blocked.append(Blocked(recipe, graph.labels(missing)))
     return tuple(blocked)
-
-
-def _sources(planner: Planner, goal: int) -> list[int]:
-    """Return the missing entities without recipes that a goal depends on, ascending."""
-    graph = planner.graph
-    sources = []
-    visited = {goal}
-    stack = [goal]
-    while stack:
-        entity = stack.pop()
-        recipes = graph.sets[graph.recipes_of(entity)]
-        if not len(recipes):
-            sources.append(entity)
-        # The padding of small recipes is no entity.
-        ingredients = set(recipes[:, :-1].ravel().tolist()) - {graph.num_entities}
-        # Recipes may form a cycle: an entity is followed once.
-        unreachable = {i for i in ingredients if planner.costs[i] == math.inf} - visited
-        visited |= unreachable
-        stack.extend(unreachable)
-    # The order of a set is not that of ids.
-    return sorted(sources)
 
 
 PAGE = Page(

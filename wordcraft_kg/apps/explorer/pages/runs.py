@@ -251,20 +251,14 @@ def _lambdas(records: AgentRun) -> dict[str, tuple[float | None, float | None]]:
 
 
 def _waits_for(records: AgentRun) -> str:
-    """Return a sentence about missing files, and the remedy; empty if nothing is missing."""
-    status = records.run.status
-    every = f"{records.config.trainer.checkpoint_every:,}"
-    if status == "done":
+    """Return a sentence about weights to come, and the remedy; empty for a finished run."""
+    if records.run.status == "done":
         return ""
-    if not records.checkpoint:
-        if status == "running":
-            writes = f"the run writes at the start and every {every} steps"
-            return f"Episodes need a checkpoint, which {writes}."
-        return "The run ended without a checkpoint. Train the agent again."
-    weights = f"Episodes use the weights of {records.checkpoint}"
-    if status == "running":
-        return f"{weights}; new weights follow every {every} steps."
-    return f"{weights}. Repeat the training command to resume and evaluate."
+    uses = f"Episodes use the last checkpoint ({records.checkpoint or 'none yet'})"
+    if records.run.status == "running":
+        every = f"{records.config.trainer.checkpoint_every:,}"
+        return f"{uses}, which the run writes at the start and every {every} steps."
+    return f"{uses}. Repeat the training command to resume and evaluate."
 
 
 def _draw(view: RunView, *_: object) -> dict[str, object]:

@@ -1,18 +1,16 @@
 """The task page: all tasks of a depth and part, and how often an agent solved each of them."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.records import PlayedTask
+from wordcraft_kg.agents.records import PlayedTask, TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.base import ArtefactError, Count, Record
-from wordcraft_kg.graphs import Ids, Recipe, TaskPart, TaskSet
+from wordcraft_kg.graphs import Recipe, TaskPart, TaskSet
 
 TASKS_A_PAGE = 50
 Won = Literal["any", "always", "sometimes", "never"]
@@ -107,57 +105,37 @@ class ShownTasks(Record):
     table: TaskTable
 
 
-@dataclass(frozen=True)
-class TaskResults:
-    """An agent's results for N tasks; an episode for each distractor seed.
+Outcomes = Sequence[tuple[TerminationReason, ...]]
+"""How an agent's episodes of each task ended, one for each distractor seed; empty if not played."""
 
-    Attributes:
-        won: shape (N,), int64, episodes that made the goal.
-        distractor_seeds: shape (N,), int64, played episodes; 0 for a task that the agent has not
-            played.
-    """
 
-    won: Ids
-    distractor_seeds: Ids
+def outcomes_of(tasks: TaskSet, episodes: Iterable[PlayedTask]) -> Outcomes:
+    """Return the outcomes of an agent's evaluated episodes for each task in a task set."""
+    played = {
+        (episode.goal, episode.start): episode.terminations
+        for episode in episodes
+        if episode.part == tasks.part
+    }
+    # Starting ingredients are padded with num_entities, here the index of the empty label.
+    labels = np.array([*tasks.graph.entities, ""], dtype=object)
+    outcomes = []
+    for goal, start in zip(labels[tasks.goals], labels[tasks.starts].tolist(), strict=True):
+        outcomes.append(played.get((goal, tuple(filter(None, start))), ()))
+    return outcomes
 
-    @classmethod
-    def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
-        """Count an agent's evaluated episodes for each task in a task set."""
-        played = {
-            (episode.goal, episode.start): episode.terminations
-            for episode in episodes
-            if episode.part == tasks.part
-        }
-        # Starting ingredients are padded with num_entities, here the index of the empty label.
-        labels = np.array([*tasks.graph.entities, ""], dtype=object)
-        goals = labels[tasks.goals].tolist()
-        starts = labels[tasks.starts].tolist()
-        counts = []
-        for goal, padded in zip(goals, starts, strict=True):
-            start = tuple(label for label in padded if label)
-            terminations = played.get((goal, start), ())
-            counts.append((terminations.count("goal"), len(terminations)))
-        # The reshape keeps two columns without tasks.
-        won, distractor_seeds = np.array(counts, dtype=np.int64).reshape(-1, 2).T
-        return cls(won, distractor_seeds)
 
-    def where(self, won: Won) -> NDArray[np.bool_]:
-        """Return which tasks the agent always, sometimes or never solves, shape (N,), bool."""
-        # Without episodes, 0 of 0 would be always and never at once.
-        is_played = self.distractor_seeds > 0
-        is_always = self.won == self.distractor_seeds
-        is_never = self.won == 0
-        return {
-            "any": np.ones_like(is_played),
-            "always": is_played & is_always,
-            "sometimes": is_played & ~is_always & ~is_never,
-            "never": is_played & is_never,
-        }[won]
+def _solved(outcomes: tuple[TerminationReason, ...]) -> Won:
+    """Return how often a task was solved; any for a task that was not played."""
+    if not outcomes:
+        return "any"
+    if "goal" not in outcomes:
+        return "never"
+    return "always" if set(outcomes) == {"goal"} else "sometimes"
 
 
 def view_task_table(
     tasks: TaskSet,
-    results: TaskResults | None = None,
+    results: Outcomes = (),
     *,
     goal: str = "",
     won: Won = "any",
@@ -167,7 +145,7 @@ def view_task_table(
 
     Args:
         tasks: all tasks of a depth and part.
-        results: an agent's results for these tasks; None for none.
+        results: an agent's results for each of these tasks; empty without an agent.
         goal: label of the goal; empty for all goals.
         won: which tasks are listed, by the results.
         page: page number, from 1.
@@ -179,19 +157,21 @@ def view_task_table(
         UnknownEntityError: if the graph does not have the goal.
         ConfigError: if the list has no such page.
     """
-    if results is None:
-        not_played = np.zeros(len(tasks), dtype=np.int64)
-        results = TaskResults(not_played, not_played)
-    if goal:
-        is_chosen = tasks.goals == tasks.graph.id_of(goal)
-    else:
-        is_chosen = np.ones(len(tasks), dtype=bool)
+    results = results or [()] * len(tasks)
+    goal_id = tasks.graph.id_of(goal) if goal else None
+    numbers = [
+        number
+        for number, task_goal in enumerate(tasks.goals.tolist())
+        if goal_id in (None, task_goal)
+    ]
+    solved = {number: _solved(results[number]) for number in numbers}
+    listed = [number for number in numbers if won in ("any", solved[number])]
+    shown = paging(len(listed), page, TASKS_A_PAGE)
     # Without results, no counts: zeros would say that the agent fails.
-    kinds: tuple[Won, ...] = ()
-    if results.distractor_seeds[is_chosen].any():
-        kinds = ("always", "sometimes", "never")
-    numbers = np.flatnonzero(is_chosen & results.where(won))
-    shown = paging(len(numbers), page, TASKS_A_PAGE)
+    counts: dict[Won, int] = {}
+    if any(results[number] for number in numbers):
+        for kind in ("always", "sometimes", "never"):
+            counts[kind] = list(solved.values()).count(kind)
     return TaskTable(
         part=tasks.part,
         depth=tasks.depth,
@@ -200,22 +180,21 @@ def view_task_table(
         mixed=tasks.mixed,
         goal=goal,
         won=won,
-        counts={kind: int((is_chosen & results.where(kind)).sum()) for kind in kinds},
+        counts=counts,
         paging=shown,
-        rows=tuple(_listed(tasks, results, number) for number in numbers[shown.rows].tolist()),
+        rows=tuple(_listed(tasks, results[number], number) for number in listed[shown.rows]),
     )
 
 
-def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
+def _listed(tasks: TaskSet, outcomes: tuple[TerminationReason, ...], number: int) -> ListedTask:
     task = tasks[number]
-    distractor_seeds = int(results.distractor_seeds[number])
     return ListedTask(
         number=number,
         goal=task.goal,
         start=task.start,
         plans=task.plans,
-        won=int(results.won[number]) if distractor_seeds else None,
-        distractor_seeds=distractor_seeds or None,
+        won=outcomes.count("goal") if outcomes else None,
+        distractor_seeds=len(outcomes) or None,
     )
 
 
@@ -235,7 +214,7 @@ def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
     config = explored.settings_of(explored.tasks_of(run), state.part, state.depth)
     tasks = explored.plain_world(config).tasks
     missing = ""
-    results: TaskResults | None = None
+    results: Outcomes = ()
     if run is not None:
         missing = _missing(name, run, tasks)
         if not missing:
@@ -250,11 +229,11 @@ def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
     )
 
 
-def _results(explored: Explored, name: str, run: FollowedRun, tasks: TaskSet) -> TaskResults:
+def _results(explored: Explored, name: str, run: FollowedRun, tasks: TaskSet) -> Outcomes:
     # A run may be trained and evaluated again while the server runs: the time of its end tells the
     # two apart.
     key = ("results", name, run.records().run.ended, tasks.hash)
-    return explored.once(key, lambda: TaskResults.of(tasks, run.episodes().values()))
+    return explored.once(key, lambda: outcomes_of(tasks, run.episodes().values()))
 
 
 def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:

@@ -8,15 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.people.config import CONSENT, LONGEST_CONSENT, StudyConfig
-from wordcraft_kg.base import ConfigError, counted
+from wordcraft_kg.apps.people.config import CONSENT, StudyConfig
+from wordcraft_kg.base import ConfigError, counted, read_small_file
 from wordcraft_kg.cli.console import Flag, Output, aligned, whole_numbers
 from wordcraft_kg.cli.options import Book, Force
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.people.answers_database import Stored
-    from wordcraft_kg.apps.people.protocol import AgentGame, Session, TableKey
-    from wordcraft_kg.apps.people.summary import AnswerRate, ExportedAnswers, HumanSummary
+    from wordcraft_kg.apps.people.study import Session, TableKey
+    from wordcraft_kg.apps.people.summary import (
+        AgentGame,
+        AnswerRate,
+        ExportedAnswers,
+        HumanSummary,
+    )
 
 GROUP = "Tasks and play"
 SUBJECT = "Run a study with people in the browser, and compare people with agents: serve, summary."
@@ -83,8 +88,7 @@ def people_serve(  # noqa: PLR0913 - parameters are the command's options
     amounts = whole_numbers("distractors", distractors) if distractors else StudyConfig.distractors
     config = StudyConfig(tasks, tuple(amounts), forms, seed, _consent(consent))
     # Before anything is written: a port in use must not leave a begun study.
-    listening = listen(host, port)
-    try:
+    with listen(host, port) as listening:
         study = HumanStudy(graph, config)
         with kept_answers(out, study) as answers:
 
@@ -98,8 +102,6 @@ def people_serve(  # noqa: PLR0913 - parameters are the command's options
             app = make_study_app(study, answers, host, allow_host or ())
             serve(app, listening, started, in_browser=not no_browser)
             stored = answers.stored()
-    finally:
-        listening.close()
     print(
         f"stopped; {_counts(stored)} stored in {out}; repeat the command to resume", file=sys.stderr
     )
@@ -108,14 +110,9 @@ def people_serve(  # noqa: PLR0913 - parameters are the command's options
 def _consent(path: Path | None) -> str:
     if path is None:
         return CONSENT
-    # A character has at most 4 bytes in UTF-8. The exact limit is that of StudyConfig.
-    if not path.is_file() or path.stat().st_size > 8 * LONGEST_CONSENT:
-        raise ConfigError(
-            f"--consent {path}: expected a text file of at most {LONGEST_CONSENT:,} characters."
-        )
     try:
         # Windows editors may add a byte order mark.
-        lines = path.read_text(encoding="utf-8-sig").strip().splitlines()
+        lines = read_small_file(path).decode("utf-8-sig").strip().splitlines()
     except UnicodeError:
         raise ConfigError(f"--consent {path}: expected UTF-8 text.") from None
     # Blanks at the end of a line must not hide the blank line between two paragraphs.
@@ -164,10 +161,10 @@ def people_summary(
         return
     if force:
         raise ConfigError("--force replaces an exported file; add --export FILE.")
-    sources = {path: read_study(path).sessions() for path in studies}
+    sources = {path: read_study(path) for path in studies}
     if len(sources) < len(studies):
         raise ConfigError("a path is given twice; give each path once.")
-    sessions = list(chain.from_iterable(sources.values()))
+    sessions = list(chain.from_iterable(study.sessions() for study in sources.values()))
     view = view_people(sources, _compared(run or [], sessions))
     output.result(view, _text(view))
 
@@ -194,7 +191,7 @@ def _compared(
         return {}
     # Imported late: without --run, the command plays no agent.
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.apps.people.comparison import agent_successes
+    from wordcraft_kg.apps.people.summary import agent_successes
 
     return {agent.name: agent_successes(agent, sessions) for agent in map(open_agent, runs)}
 

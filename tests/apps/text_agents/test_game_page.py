@@ -10,8 +10,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from wordcraft_kg import RecipeGraph, open_graph
-from wordcraft_kg.apps.people import game
-from wordcraft_kg.apps.people.game import export_game, icons_of, make_game_app
+from wordcraft_kg.apps.text_agents import browser_game as game
+from wordcraft_kg.apps.text_agents.browser_game import export_game, icons_of, make_game_app
 from wordcraft_kg.base.errors import ConfigError
 
 SETS = "examples/kitchen-sets.csv"

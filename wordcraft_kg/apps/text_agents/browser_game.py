@@ -22,7 +22,7 @@ from wordcraft_kg.graphs.book_files.words import RESULT, words_of
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.reports.pages import make_environment, policy_hash
 
-PACKAGE = "wordcraft_kg.apps.people"
+PACKAGE = "wordcraft_kg.apps.text_agents"
 FILES = ("game.css", "game.js")
 MOST_EXPORTED = 10_000
 """Recipes of an exported page: about 300 KB, which mail and a slow phone still take."""

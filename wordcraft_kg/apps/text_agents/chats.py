@@ -117,6 +117,7 @@ class ChatSettings:
         tasks: most tasks of each depth and number of distractors, evenly spaced; None for all.
         mistakes: probability of a mistake before each attempt of the player, from 0 to below 1.
         seed: seed of the player, the tables, the wordings and the orders.
+        difficulty: least and largest measured difficulty of the tasks; None for all.
     """
 
     style: Style = "tools"
@@ -125,6 +126,7 @@ class ChatSettings:
     tasks: int | None = None
     mistakes: float = 0.0
     seed: int = 0
+    difficulty: tuple[float, float] | None = None
 
 
 @dataclass
@@ -242,7 +244,7 @@ def _played(
     assert isinstance(play.games, TaskGames)
     world = play.games.world
     graph = world.graph
-    tasks = np.tile(chosen_tasks(world, settings.tasks), settings.tables)
+    tasks = np.tile(chosen_tasks(world, settings.tasks, settings.difficulty), settings.tables)
     # Each game has a seed of its own: with a seed for each table, a task would meet the same
     # distractors at every depth and number of distractors.
     seeds = rng.integers(MAX_SIZE, size=len(tasks))

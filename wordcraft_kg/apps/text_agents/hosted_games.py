@@ -23,7 +23,12 @@ from typing import Any
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.records import GameRecord, GamesHeader
-from wordcraft_kg.apps.text_agents.results import append_game, open_games, record_of
+from wordcraft_kg.apps.text_agents.results import (
+    append_game,
+    chosen_tasks,
+    open_games,
+    record_of,
+)
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, EvaluationSettings, LookUps
 from wordcraft_kg.base import (
     MAX_SIZE,
@@ -35,6 +40,8 @@ from wordcraft_kg.base import (
     one_of,
 )
 from wordcraft_kg.envs.config import REWARDS
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs import Ids
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.run_folder import locked
 
@@ -289,7 +296,7 @@ class GameList:
 
     Attributes:
         plays: for each offered part the games, one :class:`Play` for each depth and number of
-            distractors. The tasks of a part are numbered through all of them.
+            distractors. The offered tasks of a part are numbered through all of them.
 
     Example:
         >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2, None)]})
@@ -297,12 +304,20 @@ class GameList:
         ('kitchen-train-1-2-5-0', 7)
     """
 
-    def __init__(self, plays: Mapping[str, Sequence[Play]]):
+    def __init__(
+        self, plays: Mapping[str, Sequence[Play]], difficulty: tuple[float, float] | None = None
+    ):
+        """Take the games, or those of them whose tasks have a measured difficulty in a range."""
         self.plays = plays
+        self._tasks: dict[str, list[Ids]] = {}
+        for part, games in plays.items():
+            worlds = [_world(play) for play in games]
+            self._tasks[part] = [chosen_tasks(world, None, difficulty) for world in worlds]
 
     def count(self, part: str) -> int:
         """Return the number of tasks of a part; raises ConfigError for a part that is not there."""
-        return sum(_size(play) for play in self._plays_of(part))
+        self._plays_of(part)
+        return sum(map(len, self._tasks[part]))
 
     def at(self, part: str, index: int, distractor_seed: int = 0) -> NamedGame:
         """Return the game with an index in a part.
@@ -321,12 +336,11 @@ class GameList:
                 f"`index` {_shown(index)}: expected a whole number from 0 to {count - 1}, a task "
                 f"of the part {part}."
             )
-        task = index
-        for play in self._plays_of(part):
-            if task < _size(play):
+        for play, tasks in zip(self.plays[part], self._tasks[part], strict=True):
+            if index < len(tasks):
                 break
-            task -= _size(play)
-        return NamedGame(play, task, distractor_seed)
+            index -= len(tasks)
+        return NamedGame(play, int(tasks[index]), distractor_seed)
 
     def named(self, name: Any) -> NamedGame:
         """Return the game with a name.
@@ -335,14 +349,18 @@ class GameList:
             ConfigError: for another text, or a game that is not offered; a game of a part that is
                 not offered is refused by the name of the part.
         """
-        offered = chain.from_iterable(self.plays.values())
-        by_name = {_name_of_games(play): play for play in offered}
+        offered = zip(
+            chain.from_iterable(self.plays.values()),
+            chain.from_iterable(self._tasks.values()),
+            strict=True,
+        )
+        by_name = {_name_of_games(play): (play, tasks) for play, tasks in offered}
         match = _NAME.fullmatch(name) if isinstance(name, str) else None
         games = match["games"] if match else ""
         if match and games in by_name:
-            game = NamedGame(by_name[games], int(match["task"]), int(match["seed"]))
-            if game.task < _size(game.play):
-                return game
+            play, tasks = by_name[games]
+            if int(match["task"]) in tasks:
+                return NamedGame(play, int(match["task"]), int(match["seed"]))
         part = _PART.search(games)
         if part and part["part"] not in self.plays:
             # This raises the error for the part.
@@ -363,9 +381,9 @@ class GameList:
         return self.plays[part]
 
 
-def _size(play: Play) -> int:
+def _world(play: Play) -> World:
     assert isinstance(play.games, TaskGames)
-    return len(play.games.world.tasks)
+    return play.games.world
 
 
 def _shown(value: object) -> str:

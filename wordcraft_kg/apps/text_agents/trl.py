@@ -15,9 +15,9 @@ A row names a task and its table completely, so all rollouts of a group play the
 game can be replayed from its row and its pairs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import product
+from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
 from msgspec.structs import replace
@@ -212,6 +212,15 @@ class SetCraftingEnvironment(CraftingEnvironment):
         return talk.after_the_end or talk.combine(*map(str, items))
 
 
+class TableEnvironment(CraftingEnvironment):
+    """A crafting game with the tool ``table`` besides, for models that lose sight of the state."""
+
+    def table(self) -> str:
+        """Show the goal, the items on the table and the attempts left. This takes no attempt."""
+        talk = self._begun
+        return talk.after_the_end or talk.game.state
+
+
 class LookUpEnvironment(CraftingEnvironment):
     """A crafting game with the tool ``look_up`` besides, for rows with ``knowledge`` partial."""
 
@@ -240,6 +249,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     look_ups: int = LOOK_UPS,
     tables: int = 1,
     tasks: int | None = None,
+    difficulty: tuple[float, float] | None = None,
 ) -> list[dict[str, Any]]:
     """Return rows for :class:`CraftingEnvironment`: a game each, with a prompt.
 
@@ -254,6 +264,8 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
         look_ups: look-ups in a game.
         tables: tables for each task, with other distractors.
         tasks: number of tasks of each depth, evenly spaced over the part; None means all.
+        difficulty: least and largest measured difficulty of the tasks, such as ``(.2, .8)``: the
+            share of games that nearest words, a learner and a planner lose; None means all.
 
     Returns:
         dictionaries with the columns of :class:`CraftingRow`, ``task_id`` (a name of the game) and
@@ -273,7 +285,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
         num_attempts = each_depth if attempts is None else attempts
         play = open_play(graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups)
         assert isinstance(play.games, TaskGames)
-        task_numbers = chosen_tasks(play.games.world, tasks).tolist()
+        task_numbers = chosen_tasks(play.games.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
             talk = play.begin(task, seed)
@@ -295,6 +307,15 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
             prompt = [{"role": "user", "content": tool_opening(talk)}]
             rows.append({"task_id": name, **vars(row), "prompt": prompt})
     return rows
+
+
+def in_turn(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows with their depths in turn, 1, 2, 3, 1, 2, 3, as long as a depth has rows."""
+    by_depth: dict[int, list[dict[str, Any]]] = {}
+    for row in rows:
+        by_depth.setdefault(row["depth"], []).append(row)
+    turns = chain.from_iterable(zip_longest(*by_depth.values()))
+    return [row for row in turns if row is not None]
 
 
 def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Dataset":

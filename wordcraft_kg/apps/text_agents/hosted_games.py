@@ -14,9 +14,8 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +39,6 @@ from wordcraft_kg.base import (
     one_of,
 )
 from wordcraft_kg.envs.config import REWARDS
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import Ids
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.run_folder import locked
 
@@ -282,6 +279,11 @@ class NamedGame:
     distractor_seed: int = 0
 
     @property
+    def of_task(self) -> str:
+        """The game's name without the distractor seed, which all games of its task share."""
+        return f"{_name_of_games(self.play)}-{self.task}"
+
+    @property
     def name(self) -> str:
         """The game's name."""
         return name_of(self.play, self.task, self.distractor_seed)
@@ -309,15 +311,20 @@ class GameList:
     ):
         """Take the games, or those of them whose tasks have a measured difficulty in a range."""
         self.plays = plays
-        self._tasks: dict[str, list[Ids]] = {}
-        for part, games in plays.items():
-            worlds = [_world(play) for play in games]
-            self._tasks[part] = [chosen_tasks(world, None, difficulty) for world in worlds]
+        self._games: dict[str, list[NamedGame]] = {}
+        self._by_task: dict[str, NamedGame] = {}
+        for part, of_part in plays.items():
+            games = self._games[part] = []
+            for play in of_part:
+                assert isinstance(play.games, TaskGames)
+                for task in chosen_tasks(play.games.world, None, difficulty).tolist():
+                    game = NamedGame(play, task)
+                    games.append(game)
+                    self._by_task[game.of_task] = game
 
     def count(self, part: str) -> int:
         """Return the number of tasks of a part; raises ConfigError for a part that is not there."""
-        self._plays_of(part)
-        return sum(map(len, self._tasks[part]))
+        return len(self._of_part(part))
 
     def at(self, part: str, index: int, distractor_seed: int = 0) -> NamedGame:
         """Return the game with an index in a part.
@@ -336,11 +343,7 @@ class GameList:
                 f"`index` {_shown(index)}: expected a whole number from 0 to {count - 1}, a task "
                 f"of the part {part}."
             )
-        for play, tasks in zip(self.plays[part], self._tasks[part], strict=True):
-            if index < len(tasks):
-                break
-            index -= len(tasks)
-        return NamedGame(play, int(tasks[index]), distractor_seed)
+        return replace(self._of_part(part)[index], distractor_seed=distractor_seed)
 
     def named(self, name: Any) -> NamedGame:
         """Return the game with a name.
@@ -349,41 +352,28 @@ class GameList:
             ConfigError: for another text, or a game that is not offered; a game of a part that is
                 not offered is refused by the name of the part.
         """
-        offered = zip(
-            chain.from_iterable(self.plays.values()),
-            chain.from_iterable(self._tasks.values()),
-            strict=True,
-        )
-        by_name = {_name_of_games(play): (play, tasks) for play, tasks in offered}
         match = _NAME.fullmatch(name) if isinstance(name, str) else None
         games = match["games"] if match else ""
-        if match and games in by_name:
-            play, tasks = by_name[games]
-            if int(match["task"]) in tasks:
-                return NamedGame(play, int(match["task"]), int(match["seed"]))
+        if match and (game := self._by_task.get(f"{games}-{int(match['task'])}")):
+            return replace(game, distractor_seed=int(match["seed"]))
         part = _PART.search(games)
         if part and part["part"] not in self.plays:
             # This raises the error for the part.
-            self._plays_of(part["part"])
+            self._of_part(part["part"])
         example = self.at(next(iter(self.plays)), 0).name
         raise ConfigError(
             f"`task_id` {_shown(name)} is no game of this server; expected a graph, a depth, a "
             f"number of distractors and a task that it has, such as '{example}'."
         )
 
-    def _plays_of(self, part: Any) -> Sequence[Play]:
+    def _of_part(self, part: Any) -> list[NamedGame]:
         if not isinstance(part, str) or part not in self.plays:
             raise ConfigError(
                 f"the part {_shown(part)} is not offered here; expected {', '.join(self.plays)}. "
                 "Tasks of another part are for another use: those of the part test measure what "
                 "was learned on the part train."
             )
-        return self.plays[part]
-
-
-def _world(play: Play) -> World:
-    assert isinstance(play.games, TaskGames)
-    return play.games.world
+        return self._games[part]
 
 
 def _shown(value: object) -> str:

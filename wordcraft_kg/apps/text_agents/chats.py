@@ -20,7 +20,7 @@ from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import check_graph, decided_pairs
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import name_of
+from wordcraft_kg.apps.text_agents.hosted_games import NamedGame
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
 from wordcraft_kg.base import (
@@ -222,7 +222,7 @@ def chat_rows(
                 schema = COMBINE_SET if game.most_picks else COMBINE
                 tools = {"tools": [schema]} if settings.style == "tools" else {}
                 yield {
-                    "id": name_of(play, game.task, game.distractor_seed),
+                    "id": NamedGame(play, game.task, game.distractor_seed).name,
                     "messages": messages,
                     **tools,
                     "part": play.settings.part,

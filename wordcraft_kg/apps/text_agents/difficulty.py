@@ -5,58 +5,58 @@ five with eight distractors, on which it was solved by nearest words, by a learn
 training, and by a planner. ``data/make_difficulty.py`` measures and writes it.
 """
 
+import csv
+import gzip
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.base import ConfigError, number_in
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs import Ids
 
 FILE = Path(__file__).parent / "difficulty.csv.gz"
-KEY = ("split", "goal", "start")
-PLAYERS = ("words", "learner", "planner")
-COLUMNS = (*KEY, *PLAYERS)
+COLUMNS = ("split", "goal", "start", "words", "learner", "planner")
 TABLES = 5
 """Tables of a task on which each player was measured."""
-Range = tuple[float, float]
-"""The least and the largest difficulty of tasks, from 0 to 1."""
 
 
-def task_keys(world: World) -> Iterator[tuple[str, int, str]]:
+def task_keys(world: World) -> Iterator[tuple[str, ...]]:
     """Yield the key of each task in the file: split, goal and starting ingredients, by id."""
     split = world.split.hash[:12]
     for goal, start in zip(world.tasks.goals.tolist(), world.tasks.starts.tolist(), strict=True):
-        yield split, goal, " ".join(map(str, start))
+        yield split, str(goal), " ".join(map(str, start))
 
 
 def measured_success(world: World) -> NDArray[np.float64]:
-    """Return the measured success of :data:`PLAYERS` on each task, shape (T, 3), from 0 to 1.
+    """Return the success of words, learner and planner on each task, shape (T, 3), from 0 to 1.
 
-    Args:
-        world: a world with eight distractors or any other number: they were measured with eight.
+    It is that with eight distractors, whatever the world's number.
 
     Raises:
         ConfigError: if a task was not measured.
     """
-    measured = _file()
-    counts = [measured.get(key) for key in task_keys(world)]
+    counts = [_measured().get(key) for key in task_keys(world)]
     if None in counts:
         raise ConfigError(
             f"`difficulty`: {counts.count(None):,} of {len(counts):,} tasks of "
-            f"{world.graph.name} were not measured; expected tasks of depth 1 or 2 of everyday, by "
-            "its split or by-goal. Measure others with data/make_difficulty.py."
+            f"{world.graph.name} were not measured; expected tasks of depth 1 or 2 of everyday, or "
+            "of depth 1 of its split by-goal. data/make_difficulty.py measures tasks."
         )
     return np.array(counts) / TABLES
 
 
-def tasks_within(world: World, limits: Range) -> NDArray[np.int64]:
+def tasks_within(world: World, limits: tuple[float, float]) -> Ids:
     """Return the indices of the tasks whose difficulty is in a range, ascending.
 
     The difficulty of a task is the share of games that the three players lose, each counted alike.
+
+    Args:
+        world: the world of the tasks.
+        limits: least and largest difficulty, from 0 to 1.
 
     Raises:
         ConfigError: for another range, a task that was not measured, or if no task is left.
@@ -67,13 +67,11 @@ def tasks_within(world: World, limits: Range) -> NDArray[np.int64]:
     difficulty = 1 - measured_success(world).mean(axis=1)
     tasks = np.flatnonzero((difficulty >= low) & (difficulty <= high))
     if not len(tasks):
-        raise ConfigError(
-            f"`difficulty` {low:g}:{high:g}: no task is left; expected a wider range."
-        )
+        raise ConfigError(f"`difficulty` {low:g}:{high:g} leaves no task; expected a wider range.")
     return tasks
 
 
-def read_range(text: str | None) -> Range | None:
+def read_range(text: str | None) -> tuple[float, float] | None:
     """Parse a range of difficulty such as ``.2:.8``; None for none.
 
     Raises:
@@ -89,7 +87,8 @@ def read_range(text: str | None) -> Range | None:
 
 
 @cache
-def _file() -> dict[tuple[str, int, str], tuple[int, ...]]:
-    frame = pd.read_csv(FILE)
-    keys = frame[list(KEY)].itertuples(index=False, name=None)
-    return dict(zip(keys, frame[list(PLAYERS)].itertuples(index=False, name=None), strict=True))
+def _measured() -> dict[tuple[str, ...], list[int]]:
+    """Return the counts of solved tables by task."""
+    with gzip.open(FILE, "rt", encoding="utf-8") as file:
+        _, *rows = csv.reader(file)
+    return {tuple(row[:3]): list(map(int, row[3:])) for row in rows}

@@ -235,26 +235,6 @@ def open_play(
     return Play.open(graph, settings, reward=reward)
 
 
-def name_of(play: Play, task: int, distractor_seed: int) -> str:
-    """Return the name of a game on a task, such as ``everyday-train-2-8-17-0``.
-
-    Args:
-        play: the games: graph, part, depth and number of distractors, or a benchmark's track.
-        task: number of the task among those of the part or track, from 0.
-        distractor_seed: seed of the distractors, from 0.
-    """
-    return f"{_name_of_games(play)}-{task}-{distractor_seed}"
-
-
-def _name_of_games(play: Play) -> str:
-    settings = play.settings
-    # A track numbers its tasks anew: its third task is another than the third task of the part.
-    return (
-        settings.track
-        or f"{settings.graph}-{settings.part}-{settings.depth}-{settings.distractors}"
-    )
-
-
 def tool_opening(talk: Conversation) -> str:
     """Return the first message to a player with tools: rules, the offer of look-ups, the state."""
     lines = [talk.game.rules, "Use the tool `combine` for each attempt."]
@@ -281,12 +261,17 @@ class NamedGame:
     @property
     def of_task(self) -> str:
         """The game's name without the distractor seed, which all games of its task share."""
-        return f"{_name_of_games(self.play)}-{self.task}"
+        settings = self.play.settings
+        # A track numbers its tasks anew: its third task is another than the third of the part.
+        games = settings.track or (
+            f"{settings.graph}-{settings.part}-{settings.depth}-{settings.distractors}"
+        )
+        return f"{games}-{self.task}"
 
     @property
     def name(self) -> str:
-        """The game's name."""
-        return name_of(self.play, self.task, self.distractor_seed)
+        """The game's name, such as ``everyday-train-2-8-17-0``."""
+        return f"{self.of_task}-{self.distractor_seed}"
 
     def begin(self) -> Conversation:
         """Begin the game; raises ConfigError for a seed out of range."""

@@ -24,7 +24,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import name_of, open_play, tool_opening
+from wordcraft_kg.apps.text_agents.hosted_games import NamedGame, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
@@ -114,17 +114,17 @@ class CraftingRow:
                 f"the row is of another split of '{self.graph}', in which its task may be a test "
                 "task. Make the data set again with crafting_dataset."
             )
-        talk = play.begin(self.task, self.distractor_seed)
+        game = NamedGame(play, self.task, self.distractor_seed)
+        talk = game.begin()
         if talk.game.goal != self.goal:
             raise ConfigError(
                 f"task {self.task} of the part {self.part} makes {talk.game.goal!r}, and the row's "
                 f"goal is {self.goal!r}: the row was changed. Make the data set again."
             )
-        name = name_of(play, self.task, self.distractor_seed)
-        if task_id is not None and task_id != name:
+        if task_id is not None and task_id != game.name:
             raise ConfigError(
                 f"the row is named {str(task_id)[:100]!r}, and its columns are of the game "
-                f"'{name}': the row was changed. Make the data set again."
+                f"'{game.name}': the row was changed. Make the data set again."
             )
         return talk
 
@@ -288,7 +288,8 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
         task_numbers = chosen_tasks(play.games.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
-            talk = play.begin(task, seed)
+            game = NamedGame(play, task, seed)
+            talk = game.begin()
             row = CraftingRow(
                 graph=graph,
                 split_hash=play.settings.split_hash,
@@ -303,9 +304,8 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
                 distractor_seed=seed,
                 goal=str(talk.game.goal),
             )
-            name = name_of(play, task, seed)
             prompt = [{"role": "user", "content": tool_opening(talk)}]
-            rows.append({"task_id": name, **vars(row), "prompt": prompt})
+            rows.append({"task_id": game.name, **vars(row), "prompt": prompt})
     return rows
 
 

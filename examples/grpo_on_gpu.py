@@ -13,21 +13,14 @@ examples/reinforce_language_model.py does the same without TRL, in half an hour 
 
 import argparse
 import importlib.util
-from itertools import chain, zip_longest
 from typing import Any
 
 from datasets import Dataset
 from trl import GRPOConfig, GRPOTrainer
 
-from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
+from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows, in_turn
 
 HELD_OUT = 20
-
-
-def interleaved(graph: str, depths: list[int], **settings: Any) -> list[dict[str, Any]]:
-    """Return train games of several depths in turn: 1, 2, 3, 1, 2, 3."""
-    by_depth = [crafting_rows(graph, part="train", depth=[depth], **settings) for depth in depths]
-    return [row for row in chain.from_iterable(zip_longest(*by_depth)) if row is not None]
 
 
 def form(environments: list[CraftingEnvironment], **_: Any) -> list[float]:
@@ -41,8 +34,15 @@ def form(environments: list[CraftingEnvironment], **_: Any) -> list[float]:
 
 def make_trainer(model: Any, options: argparse.Namespace, **more: Any) -> GRPOTrainer:
     """Return a trainer; ``more`` are further arguments of it, such as a tokenizer."""
-    settings = {"distractors": options.distractors, "tasks": options.tasks}
-    rows = interleaved(options.graph, options.depths, **settings)
+    rows = in_turn(
+        crafting_rows(
+            options.graph,
+            depth=options.depths,
+            distractors=options.distractors,
+            tasks=options.tasks,
+            difficulty=options.difficulty and (options.difficulty[0], options.difficulty[1]),
+        )
+    )
     learned = [row for number, row in enumerate(rows) if number % HELD_OUT]
     config = GRPOConfig(
         output_dir=options.out,
@@ -82,6 +82,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--depths", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--distractors", type=int, default=8)
     parser.add_argument("--tasks", type=int, help="most tasks of each depth")
+    parser.add_argument("--difficulty", type=float, nargs=2, help="of tasks, such as .2 .8")
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--answers", type=int, default=8, help="rollouts of a game")
     parser.add_argument("--tokens", type=int, default=1024, help="most tokens of a rollout")

@@ -1,6 +1,7 @@
 """Own ideas in a file: from training to a comparison, and nothing runs that the user did not name."""
 
 import json
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +21,16 @@ from wordcraft_kg import (
     open_agent,
     open_book,
     open_graph,
+    plugins,
     save_policy,
     train_agent,
     write_graph_folder,
 )
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.base import ConfigError, NotRegisteredError, registry, sha256_of
+from wordcraft_kg.base import ConfigError, NotRegisteredError, registry, settings, sha256_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.config import REWARDS
+from wordcraft_kg.graphs.splits import SPLITS
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import make_plan
@@ -124,12 +128,18 @@ def test_without_its_plugin_a_command_says_which_one_is_needed(run, folder, wher
         ("def broken(:\n", "cannot be run (SyntaxError"),
         (
             "from wordcraft_kg.plugins import reward\nreward('sparse')(print)\n",
-            "'sparse' in plugin",
+            "'sparse' is built in",
         ),
         ("from wordcraft_kg.plugins import source\nsource('plan')(print)\n", "'plan' is built in"),
         ("from wordcraft_kg.plugins import policy\npolicy('mlp')(print)\n", "'mlp' is built in"),
         ("from wordcraft_kg.plugins import player\nplayer('random')(print)\n", "is built in"),
         ("from wordcraft_kg.plugins import source\nsource('a,b')(print)\n", "registers 'a,b'"),
+        (
+            "from wordcraft_kg.plugins import policy\n@policy('mine')\nclass Mine:\n"
+            "    def __init__(self):\n        pass\n",
+            "'mine' cannot be called with (dim): too many positional arguments",
+        ),
+        ("from wordcraft_kg.plugins import reward\nreward('mine')(lambda step: 1)\n", "(before, "),
         ("import sys\nsys.exit(0)\n", "line 2 cannot be run (SystemExit"),
         (None, "no such file"),
     ],
@@ -192,6 +202,7 @@ def mine(labels):
     [
         ("reward", "1.0", "--reward mine gives float of shape none"),
         ("reward", "step.reward[:3]", "of shape (3,)"),
+        ("reward", "step.reward / 0", "--reward mine gives NaN or infinity"),
         ("reward", "step.nothing", "plugin 'mine.py', line 6 cannot be run (AttributeError"),
         ("split", "[0.5] * graph.num_recipes", "a whole number for each recipe"),
         ("split", "[1, 2, 3]", "gives groups of shape (3,)"),
@@ -297,10 +308,39 @@ def test_a_corrected_file_takes_the_place_of_the_earlier_one(tmp_path):
 
 def test_a_study_knows_the_content_of_a_plugin(tmp_path, monkeypatch):
     load_plugin(FILES["haste"])
-    settings = {"book": "kitchen", "steps": 64, "reward": "haste"}
-    study = Study("An own reward", {"a": {}}, seeds=1, settings=settings)
+    values = {"book": "kitchen", "steps": 64, "reward": "haste"}
+    study = Study("An own reward", {"a": {}}, seeds=1, settings=values)
     (address,) = make_plan(study, "own").runs
     assert make_plan(study, "own").tasks[address].settings["plugins"] == [sha256_of(FILES["haste"])]
+
+
+def test_a_name_that_the_corrected_file_has_no_more_is_gone(tmp_path):
+    file = tmp_path / "mine.py"
+    for name in ("fast", "faster"):
+        file.write_text(f"from wordcraft_kg.plugins import reward\nreward('{name}')(print)\n")
+        load_plugin(file)
+    assert [name in REWARDS for name in ("fast", "faster", "sparse")] == [False, True, True]
+
+
+def test_a_package_cannot_replace_what_is_built_in(monkeypatch):
+    def load(self):
+        plugins.split("by-goal")(len)
+
+    monkeypatch.setattr(EntryPoint, "load", load)
+    point = EntryPoint("other", "other_package", registry.PLUGINS)
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: [point] * (group == registry.PLUGINS)
+    )
+    monkeypatch.setattr(SPLITS, "_points", None)
+    with pytest.raises(ConfigError, match=r"'other_package': 'by-goal' is built in.*uninstall"):
+        "mine" in SPLITS  # noqa: B015
+
+
+def test_one_hot_vectors_of_a_network_that_do_not_fit_are_refused(monkeypatch):
+    load_plugin(FILES["network"])
+    monkeypatch.setattr(settings, "memory", lambda: 10_000)
+    with pytest.raises(ConfigError, match="one-hot vectors of a network"):
+        make_policy(PolicyConfig("bilinear", features="one-hot"), open_graph("kitchen").graph, 2)
 
 
 @pytest.mark.slow

@@ -10,9 +10,10 @@ name the same file again.
 
 from collections.abc import Callable, MutableMapping
 from dataclasses import replace
-from inspect import getdoc
+from inspect import getdoc, signature
 from typing import Any, TypeVar
 
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.registry import load_plugin as load_plugin
 
 T = TypeVar("T", bound=Callable[..., Any])
@@ -27,7 +28,7 @@ def policy(name: str) -> Callable[[T], T]:
     """
     from wordcraft_kg.models.policies.config import POLICIES
 
-    return _adding(POLICIES, name)
+    return _adding(POLICIES, name, lambda thing: _called(name, thing, "dim"))
 
 
 def source(name: str) -> Callable[[T], T]:
@@ -43,7 +44,8 @@ def source(name: str) -> Callable[[T], T]:
     def made(thing: Any) -> Any:
         label = Label(name, name, name, meaning=_first_line(thing))
         if not isinstance(thing, type):
-            return type(name, (GoalTable,), {"label": label, "scores_of": staticmethod(thing)})
+            scores_of = staticmethod(_called(name, thing, "labels"))
+            return type(name, (GoalTable,), {"label": label, "scores_of": scores_of})
         # A class may have a label with a symbol of its own.
         kind: Any = thing
         kind.label = replace(getattr(thing, "label", label), name=name)
@@ -61,7 +63,8 @@ def reward(name: str) -> Callable[[T], T]:
     """
     from wordcraft_kg.envs.config import REWARDS
 
-    return _adding(REWARDS, name)
+    arguments = ("before", "after", "step")
+    return _adding(REWARDS, name, lambda thing: _called(name, thing, *arguments))
 
 
 def split(name: str) -> Callable[[T], T]:
@@ -73,9 +76,10 @@ def split(name: str) -> Callable[[T], T]:
     """
     from wordcraft_kg.graphs.splits import SPLITS, SplitKind
 
-    return _adding(
-        SPLITS, name, lambda groups: SplitKind(groups, _first_line(groups), unit="groups")
-    )
+    def made(groups: Any) -> SplitKind:
+        return SplitKind(_called(name, groups, "graph"), _first_line(groups), unit="groups")
+
+    return _adding(SPLITS, name, made)
 
 
 def player(name: str) -> Callable[[T], T]:
@@ -86,11 +90,11 @@ def player(name: str) -> Callable[[T], T]:
     """
     from wordcraft_kg.agents.players import PLAYERS
 
-    return _adding(PLAYERS, name)
+    return _adding(PLAYERS, name, lambda thing: _called(name, thing, "split"))
 
 
 def _adding(
-    registry: MutableMapping[str, Any], name: str, made: Callable[[Any], Any] = lambda thing: thing
+    registry: MutableMapping[str, Any], name: str, made: Callable[[Any], Any]
 ) -> Callable[[T], T]:
     """Return a decorator that adds what ``made`` makes of an object to a registry."""
 
@@ -99,6 +103,18 @@ def _adding(
         return thing
 
     return register
+
+
+def _called(name: str, thing: Any, *arguments: str) -> Any:
+    """Return an object that can be called with these arguments; refuse it before a training."""
+    try:
+        signature(thing).bind(*arguments)
+    except TypeError as error:
+        raise ConfigError(
+            f"'{name}' cannot be called with ({', '.join(arguments)}): {error}. Correct its "
+            "arguments."
+        ) from None
+    return thing
 
 
 def _first_line(thing: Any) -> str:

@@ -37,6 +37,22 @@ def test_names_in_markdown_are_neither_numbers_nor_markup(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("sign", ["=", "+", "-", "@"])
+def test_a_name_in_csv_is_no_formula_of_a_spreadsheet(tmp_path, sign):
+    out = tmp_path / "table.csv"
+    write_table(out, [{"agent": f"{sign}1+1", "success": -0.5}])
+    with out.open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row == {"agent": f"'{sign}1+1", "success": "-0.5"}
+
+
+def test_names_in_latex_are_no_commands(tmp_path):
+    out = tmp_path / "table.tex"
+    write_table(out, [{"agent": r"50% #1 $x_1 & {a} ~b ^c \d", "success": 0.5}])
+    escaped = r"50\% \#1 \$x\_1 \& \{a\} \textasciitilde b \textasciicircum c \textbackslash d"
+    assert f"{escaped} & 0.500" in out.read_text()
+
+
 def test_an_existing_table_is_named_by_its_option_before_any_work(run, tmp_path):
     (tmp_path / "t.tex").touch()
     failed = run("evaluate-agent", "kitchen", "--table", tmp_path / "t.tex")

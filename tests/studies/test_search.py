@@ -1,9 +1,11 @@
 """A search for settings: the best on validation tasks, which test tasks then measure."""
 
+import re
+
 import msgspec
 import pytest
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.studies.search import search
 from wordcraft_kg.studies.study import Range, Study, parse_study
 
@@ -34,6 +36,22 @@ def test_the_best_trial_wins_and_equal_searches_try_equal_settings():
     tried.clear()
     search(STUDY, score)
     assert tried == first
+
+
+def test_a_failed_trial_loses_and_a_search_without_another_fails(caplog):
+    def score(trial):
+        if trial.settings["policy"] == "pairs" or not survives:
+            raise TrainingError("the loss is no longer finite")
+        return 0.5
+
+    survives = True
+    best = search(STUDY, score)
+    assert best.settings["policy"] == "attention"
+    assert re.search(r"best of 15 trials, \d+ failed", best.title)
+    assert "the loss is no longer finite" in caplog.text
+    survives = False
+    with pytest.raises(TrainingError, match="no longer finite"):
+        search(STUDY, score)
 
 
 @pytest.mark.parametrize(

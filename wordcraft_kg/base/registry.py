@@ -47,6 +47,7 @@ class Plugin:
 # Also a name in lists with commas, and of a module of torch.
 _NAME = re.compile(r"\w[\w +-]*")
 _LOADED: dict[Path, Plugin] = {}
+_REGISTRIES: list["Registry[Any]"] = []
 _LOADING: ContextVar[Plugin | None] = ContextVar("loading", default=None)
 
 
@@ -72,12 +73,13 @@ class Registry(MutableMapping[str, T]):
 
         Args:
             group: the entry-point group that extends it.
-            own: built-in objects.
-            reserved: names of built-in objects elsewhere, which nothing may take.
+            own: built-in objects, whose names nothing may take.
+            reserved: names of built-in objects elsewhere, which nothing may take either.
         """
+        _REGISTRIES.append(self)
         self._group = group
-        self._reserved = tuple(reserved)
         self._known = dict(own or {})
+        self._reserved = (*reserved, *self._known)
         self._plugins: dict[str, Plugin] = {}
         self._points: dict[str, EntryPoint] | None = None
 
@@ -130,7 +132,7 @@ class Registry(MutableMapping[str, T]):
             points = sorted(entry_points(group=self._group), key=lambda point: point.name)
             for point in (*points, *entry_points(group=PLUGINS)):
                 if not point.attr:
-                    point.load()
+                    _import(point)
             # Not before: a failure is not forgotten.
             self._points = {point.name: point for point in points if point.attr}
         return self._points
@@ -149,14 +151,29 @@ class Registry(MutableMapping[str, T]):
         if not isinstance(name, str):
             raise refuse(setting, name, "a name")
         if name not in self._reserved and name not in self:
-            names = [*self._reserved, *self]
+            names = [*dict.fromkeys((*self._reserved, *self))]
             message = refuse(setting, name, f"one of {', '.join(names)}", nearest(name, names))
             raise NotRegisteredError(f"{message} {REMEDY}")
+
+    def forget_before(self, plugin: Plugin) -> None:
+        """Delete the names that an earlier state of a file registered, and this one does not."""
+        for name, earlier in [*self._plugins.items()]:
+            if earlier.path == plugin.path and earlier != plugin:
+                del self[name]
 
     def plugins(self, *names: str) -> dict[str, str]:
         """Return the hashes of the plugin files of some objects, by file name, for a record."""
         files = [self._plugins[name] for name in names if name in self._plugins]
         return {plugin.name: plugin.sha256 for plugin in files}
+
+
+def _import(point: EntryPoint) -> None:
+    """Import the module of a package that registers on import."""
+    try:
+        point.load()
+    except ConfigError as error:
+        package = point.dist.name if point.dist else point.value
+        raise ConfigError(f"the package '{package}': {error} Correct or uninstall it.") from error
 
 
 def load_plugin(path: str | Path) -> Plugin:
@@ -208,6 +225,8 @@ def load_plugin(path: str | Path) -> Plugin:
     finally:
         _LOADING.reset(token)
     _LOADED[plugin.path] = plugin
+    for registry in _REGISTRIES:
+        registry.forget_before(plugin)
     return plugin
 
 

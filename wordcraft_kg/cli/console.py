@@ -274,7 +274,7 @@ def write_table(
     )
     content = {
         ".tex": lambda: frame.to_latex(index=False, na_rep="", float_format="%.3f", escape=True),
-        ".csv": lambda: frame.to_csv(index=False, lineterminator="\n"),
+        ".csv": lambda: frame.map(_in_csv).to_csv(index=False, lineterminator="\n"),
         # Names such as 1e5 are no numbers.
         ".md": lambda: (
             frame.map(_in_markdown).to_markdown(index=False, disable_numparse=True) + "\n"
@@ -287,6 +287,12 @@ def write_table(
 def _interval(value: Any) -> Any:
     """Return an interval as text, and any other value as it is."""
     return "[{:.3f}, {:.3f}]".format(*value) if isinstance(value, tuple | list) else value
+
+
+def _in_csv(value: Any) -> Any:
+    """Return a cell that no spreadsheet takes for a formula: names come from anyone."""
+    is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@"))
+    return f"'{value}" if is_formula else value
 
 
 def _in_markdown(value: Any) -> str:

@@ -626,6 +626,10 @@ class BatchEngine:
                     f"{getattr(reward, 'shape', 'none')}; expected an array of shape "
                     f"{step.reward.shape}, as `step.reward`."
                 )
+            if not bool(self.arrays.xp.isfinite(reward).all()):
+                raise ConfigError(
+                    f"`reward` {self.config.reward} gives NaN or infinity; expected finite numbers."
+                )
             step = step._replace(reward=cast(reward, self._reward_dtype))
         return after, step
 

@@ -1,5 +1,6 @@
 """A search for settings by optuna: the best on validation tasks, so that test tasks stay unseen."""
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,11 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.agents.config import TaskConfig
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.studies.plan import Plan, defaults_of
 from wordcraft_kg.studies.study import OF_GRAPH, Study, Value, Values, check_study
+
+_LOG = logging.getLogger(__name__)
 
 
 def search(study: Study, score: Callable[[Study], float]) -> Study:
@@ -20,11 +23,13 @@ def search(study: Study, score: Callable[[Study], float]) -> Study:
 
     Args:
         study: a study with ``search``.
-        score: trains a study with the settings of a trial, and returns its validation success.
+        score: trains a study with the settings of a trial, and returns its validation success; a
+            TrainingError is a trial that lost.
 
     Raises:
         ConfigError: if nothing is to be searched, several variants are, or the split has no
             validation part.
+        TrainingError: if all trials failed.
     """
     # Imported here: it takes a second, and studies without a search do without.
     import optuna
@@ -32,10 +37,27 @@ def search(study: Study, score: Callable[[Study], float]) -> Study:
     check_searchable(study)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     trials = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=0))
-    trials.optimize(lambda trial: score(_with(study, _suggested(trial, study))), study.trials)
+    failures: list[TrainingError] = []
+
+    def scored(trial: Any) -> float:
+        try:
+            return score(_with(study, _suggested(trial, study)))
+        except TrainingError as error:
+            # Settings at the edge of the space may diverge; the search goes on without them.
+            failures.append(error)
+            _LOG.warning("trial %d: %s", trial.number + 1, error)
+            raise optuna.TrialPruned from error
+
+    trials.optimize(scored, study.trials)
+    if len(failures) == study.trials:
+        raise failures[-1]
     best = _with(study, trials.best_params)
     shown = ", ".join(f"{name} {value}" for name, value in trials.best_params.items())
-    outcome = f"best of {study.trials} trials, validation success {trials.best_value:.3f}: {shown}"
+    failed = f", {len(failures)} failed" if failures else ""
+    outcome = (
+        f"best of {study.trials} trials{failed}, validation success {trials.best_value:.3f}: "
+        f"{shown}"
+    )
     return msgspec.structs.replace(best, title=f"{study.title} ({outcome})")
 
 

@@ -1,7 +1,6 @@
 """The server of a Space: `wordcraft-kg serve openenv` on all addresses."""
 
 import os
-import subprocess
 import sys
 
 
@@ -12,7 +11,8 @@ def main() -> None:
     host = os.environ.get("SPACE_HOST")
     if host:
         command += ["--allow-host", host]
-    raise SystemExit(subprocess.call(command))
+    # In place of this process, so that the container's signals reach the server.
+    os.execv(sys.executable, command)
 
 
 if __name__ == "__main__":

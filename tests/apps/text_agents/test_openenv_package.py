@@ -2,6 +2,8 @@
 
 import json
 import re
+import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -43,3 +45,18 @@ def test_the_package_is_of_this_version_and_ships_no_oracle_in_its_image():
     assert f"\nversion: {__version__}\n" in declared
     copied = re.findall(r"^COPY (.*)", (PACKAGE / "Dockerfile").read_text(encoding="utf-8"), re.M)
     assert copied == ["*.whl ./", "server ./server"]
+
+
+def test_the_image_has_the_packages_of_the_small_installation_and_of_the_extra():
+    root = PACKAGE.parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    guide = (root / "docs" / "installation.md").read_text(encoding="utf-8")
+    small = re.findall(r"^pip install (cyclopts .*)$", guide, re.M)[0].split()
+    (command,) = re.findall(
+        r"pip install --no-cache-dir (cyclopts.*?) &&",
+        (PACKAGE / "Dockerfile").read_text(encoding="utf-8"),
+        re.S,
+    )
+    extra = project["optional-dependencies"]["openenv"]
+    # Sessions stand on pages' guard, whose messages are templates.
+    assert sorted(shlex.split(command.replace("\\\n", ""))) == sorted([*small, *extra, "jinja2"])

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -448,6 +449,54 @@ def test_few_open_files_bound_the_sessions_and_a_finished_one_makes_room(tmp_pat
     assert "48 sessions in place of 256" in errors
     assert "Traceback" not in errors
     assert len(read_games(path)[1]) == 48
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
+def test_no_finished_game_is_lost_when_clients_and_the_server_are_killed(tmp_path):
+    """Twenty players at once: some leave in the middle, and then the server is killed twice."""
+    from websockets.asyncio.client import connect
+    from websockets.exceptions import ConnectionClosed
+
+    finished = []
+
+    async def play(address, number):
+        async with connect(f"ws{address[4:]}/ws", proxy=None) as socket:
+
+            async def ask(kind, data):
+                await socket.send(json.dumps({"type": kind, "data": data}))
+                return json.loads(await socket.recv())["data"]
+
+            for game in range(50):
+                begun = await ask("reset", {"index": (number + 20 * game) % 63, "seed": game})
+                if number % 4 == 0 and game == 3:
+                    socket.transport.abort()
+                    return
+                answer = await ask("step", {"answer": "1 + 2"})
+                assert answer["done"]
+                finished.append((begun["observation"]["goal"], begun["observation"]["table"]))
+
+    async def all_play(process, address, enough):
+        players = [asyncio.create_task(play(address, number)) for number in range(20)]
+        while len(finished) < enough:
+            await asyncio.sleep(0.01)
+        process.kill()
+        ends = await asyncio.gather(*players, return_exceptions=True)
+        assert all(end is None or isinstance(end, ConnectionClosed) for end in ends), ends
+
+    path = tmp_path / "games.jsonl"
+    for enough in (200, 400):
+        with running("--part", "test", "--out", str(path)) as (process, address):
+            asyncio.run(all_play(process, address, enough))
+    with running("--part", "test", "--out", str(path)) as (process, _):
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0
+    played = Counter((game.goal, *game.table) for game in read_games(path)[1])
+    told = Counter((goal, *table) for goal, table in finished)
+    assert told.total() >= 400
+    # The last answer of a player may have been on its way.
+    assert not told - played
+    assert played.total() - told.total() <= 40
 
 
 @pytest.mark.slow

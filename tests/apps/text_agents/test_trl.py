@@ -12,6 +12,7 @@ from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
 from wordcraft_kg.apps.text_agents.text_env import LONGEST_ACTION, TextEnv
 from wordcraft_kg.apps.text_agents.trl import (
     CraftingEnvironment,
+    TableEnvironment,
     crafting_rows,
 )
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
@@ -91,6 +92,19 @@ def test_invalid_calls_are_counted_and_end_the_game_at_last():
     assert environment.combine("1", "2").startswith("This game is over.")
     assert environment.record == before
     assert environment.get_reward() == 0
+
+
+def test_the_tool_table_shows_the_state_and_takes_no_attempt():
+    environment = begun(rows_of(depth=2)[0], TableEnvironment())
+    for _ in range(5):
+        assert environment.table() == environment.talk.game.state
+    assert environment.talk.game.attempts_left == 2
+    first, *_ = plan_of(environment)
+    made = environment.combine(*first)
+    assert made.endswith(environment.table())
+    environment.combine("1", "1")
+    assert environment.table().startswith("This game is over.")
+    assert "table" not in dir(CraftingEnvironment)
 
 
 def test_a_row_of_another_split_or_a_changed_row_is_refused_by_name():

@@ -20,7 +20,7 @@ from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import check_graph, decided_pairs
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import Picks, TaskGame, TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import name_of
+from wordcraft_kg.apps.text_agents.hosted_games import NamedGame
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.base import (
     MAX_SIZE,
@@ -181,6 +181,7 @@ class ChatSettings:
         tasks: most tasks of each depth and number of distractors, evenly spaced; None for all.
         mistakes: probability of a mistake before each attempt of the player, from 0 to below 1.
         seed: seed of the player, the tables, the wordings and the orders.
+        difficulty: least and largest measured difficulty of the tasks; None for all.
     """
 
     style: Style = "tools"
@@ -189,6 +190,7 @@ class ChatSettings:
     tasks: int | None = None
     mistakes: float = 0.0
     seed: int = 0
+    difficulty: tuple[float, float] | None = None
 
 
 @dataclass
@@ -302,7 +304,7 @@ def chat_rows(
                 schema = COMBINE_SET if game.most_picks else COMBINE
                 tools = {"tools": [schema]} if settings.style == "tools" else {}
                 yield {
-                    "id": name_of(play, game.task, game.distractor_seed),
+                    "id": NamedGame(play, game.task, game.distractor_seed).name,
                     "messages": messages,
                     **tools,
                     "part": play.settings.part,
@@ -324,7 +326,7 @@ def _played(
     assert isinstance(play.games, TaskGames)
     world = play.games.world
     graph = world.graph
-    tasks = np.tile(chosen_tasks(world, settings.tasks), settings.tables)
+    tasks = np.tile(chosen_tasks(world, settings.tasks, settings.difficulty), settings.tables)
     # Each game has a seed of its own: with a seed for each table, a task would meet the same
     # distractors at every depth and number of distractors.
     seeds = rng.integers(MAX_SIZE, size=len(tasks))

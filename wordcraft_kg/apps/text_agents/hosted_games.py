@@ -14,16 +14,20 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.records import GameRecord, GamesHeader
-from wordcraft_kg.apps.text_agents.results import append_game, open_games, record_of
+from wordcraft_kg.apps.text_agents.results import (
+    append_game,
+    chosen_tasks,
+    open_games,
+    record_of,
+)
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, EvaluationSettings, LookUps
 from wordcraft_kg.base import (
     MAX_SIZE,
@@ -231,26 +235,6 @@ def open_play(
     return Play.open(graph, settings, reward=reward)
 
 
-def name_of(play: Play, task: int, distractor_seed: int) -> str:
-    """Return the name of a game on a task, such as ``everyday-train-2-8-17-0``.
-
-    Args:
-        play: the games: graph, part, depth and number of distractors, or a benchmark's track.
-        task: number of the task among those of the part or track, from 0.
-        distractor_seed: seed of the distractors, from 0.
-    """
-    return f"{_name_of_games(play)}-{task}-{distractor_seed}"
-
-
-def _name_of_games(play: Play) -> str:
-    settings = play.settings
-    # A track numbers its tasks anew: its third task is another than the third task of the part.
-    return (
-        settings.track
-        or f"{settings.graph}-{settings.part}-{settings.depth}-{settings.distractors}"
-    )
-
-
 def tool_opening(talk: Conversation) -> str:
     """Return the first message to a player with tools: rules, the offer of look-ups, the state."""
     lines = [talk.game.rules, "Use the tool `combine` for each attempt."]
@@ -275,9 +259,19 @@ class NamedGame:
     distractor_seed: int = 0
 
     @property
+    def of_task(self) -> str:
+        """The game's name without the distractor seed, which all games of its task share."""
+        settings = self.play.settings
+        # A track numbers its tasks anew: its third task is another than the third of the part.
+        games = settings.track or (
+            f"{settings.graph}-{settings.part}-{settings.depth}-{settings.distractors}"
+        )
+        return f"{games}-{self.task}"
+
+    @property
     def name(self) -> str:
-        """The game's name."""
-        return name_of(self.play, self.task, self.distractor_seed)
+        """The game's name, such as ``everyday-train-2-8-17-0``."""
+        return f"{self.of_task}-{self.distractor_seed}"
 
     def begin(self) -> Conversation:
         """Begin the game; raises ConfigError for a seed out of range."""
@@ -289,7 +283,7 @@ class GameList:
 
     Attributes:
         plays: for each offered part the games, one :class:`Play` for each depth and number of
-            distractors. The tasks of a part are numbered through all of them.
+            distractors. The offered tasks of a part are numbered through all of them.
 
     Example:
         >>> games = GameList({"train": [open_play("kitchen", "train", 1, 2, None)]})
@@ -297,12 +291,25 @@ class GameList:
         ('kitchen-train-1-2-5-0', 7)
     """
 
-    def __init__(self, plays: Mapping[str, Sequence[Play]]):
+    def __init__(
+        self, plays: Mapping[str, Sequence[Play]], difficulty: tuple[float, float] | None = None
+    ):
+        """Take the games, or those of them whose tasks have a measured difficulty in a range."""
         self.plays = plays
+        self._games: dict[str, list[NamedGame]] = {}
+        self._by_task: dict[str, NamedGame] = {}
+        for part, of_part in plays.items():
+            games = self._games[part] = []
+            for play in of_part:
+                assert isinstance(play.games, TaskGames)
+                for task in chosen_tasks(play.games.world, None, difficulty).tolist():
+                    game = NamedGame(play, task)
+                    games.append(game)
+                    self._by_task[game.of_task] = game
 
     def count(self, part: str) -> int:
         """Return the number of tasks of a part; raises ConfigError for a part that is not there."""
-        return sum(_size(play) for play in self._plays_of(part))
+        return len(self._of_part(part))
 
     def at(self, part: str, index: int, distractor_seed: int = 0) -> NamedGame:
         """Return the game with an index in a part.
@@ -321,12 +328,7 @@ class GameList:
                 f"`index` {_shown(index)}: expected a whole number from 0 to {count - 1}, a task "
                 f"of the part {part}."
             )
-        task = index
-        for play in self._plays_of(part):
-            if task < _size(play):
-                break
-            task -= _size(play)
-        return NamedGame(play, task, distractor_seed)
+        return replace(self._of_part(part)[index], distractor_seed=distractor_seed)
 
     def named(self, name: Any) -> NamedGame:
         """Return the game with a name.
@@ -335,37 +337,28 @@ class GameList:
             ConfigError: for another text, or a game that is not offered; a game of a part that is
                 not offered is refused by the name of the part.
         """
-        offered = chain.from_iterable(self.plays.values())
-        by_name = {_name_of_games(play): play for play in offered}
         match = _NAME.fullmatch(name) if isinstance(name, str) else None
         games = match["games"] if match else ""
-        if match and games in by_name:
-            game = NamedGame(by_name[games], int(match["task"]), int(match["seed"]))
-            if game.task < _size(game.play):
-                return game
+        if match and (game := self._by_task.get(f"{games}-{int(match['task'])}")):
+            return replace(game, distractor_seed=int(match["seed"]))
         part = _PART.search(games)
         if part and part["part"] not in self.plays:
             # This raises the error for the part.
-            self._plays_of(part["part"])
+            self._of_part(part["part"])
         example = self.at(next(iter(self.plays)), 0).name
         raise ConfigError(
             f"`task_id` {_shown(name)} is no game of this server; expected a graph, a depth, a "
             f"number of distractors and a task that it has, such as '{example}'."
         )
 
-    def _plays_of(self, part: Any) -> Sequence[Play]:
+    def _of_part(self, part: Any) -> list[NamedGame]:
         if not isinstance(part, str) or part not in self.plays:
             raise ConfigError(
                 f"the part {_shown(part)} is not offered here; expected {', '.join(self.plays)}. "
                 "Tasks of another part are for another use: those of the part test measure what "
                 "was learned on the part train."
             )
-        return self.plays[part]
-
-
-def _size(play: Play) -> int:
-    assert isinstance(play.games, TaskGames)
-    return len(play.games.world.tasks)
+        return self._games[part]
 
 
 def _shown(value: object) -> str:

@@ -57,7 +57,9 @@ if TYPE_CHECKING:
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
-def chosen_tasks(world: World, limit: int | None) -> Ids:
+def chosen_tasks(
+    world: World, limit: int | None, difficulty: tuple[float, float] | None = None
+) -> Ids:
     """Return the indices of the tasks to play, shape (T,), ascending.
 
     Tasks are evenly spaced, because enumerated tasks are sorted by goal: the first ones would be of
@@ -66,15 +68,23 @@ def chosen_tasks(world: World, limit: int | None) -> Ids:
     Args:
         world: the world.
         limit: number of tasks; None for all.
+        difficulty: least and largest difficulty of the tasks, see
+            :func:`~wordcraft_kg.apps.text_agents.difficulty.tasks_within`; None for all.
 
     Raises:
-        ConfigError: for a number below 1.
+        ConfigError: for a number below 1, or a range of difficulty in which no task was measured.
     """
     if limit is not None:
         whole("tasks", limit, 1, MAX_SIZE)
-    number = len(world.tasks)
+    tasks = np.arange(len(world.tasks))
+    if difficulty is not None:
+        # Imported here: it reads a file with pandas.
+        from wordcraft_kg.apps.text_agents.difficulty import tasks_within
+
+        tasks = tasks_within(world, difficulty)
+    number = len(tasks)
     limit = number if limit is None else min(limit, number)
-    return np.arange(limit) * number // limit
+    return tasks[np.arange(limit) * number // limit]
 
 
 def record_of(talk: Conversation, number: int = 0) -> GameRecord:

@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, PartialGraphKnowledge
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUps
 from wordcraft_kg.base import MAX_SIZE, ActionError, ConfigError, EpisodeError, one_of, whole
 from wordcraft_kg.envs.config import METADATA, check_mode
@@ -55,7 +56,7 @@ class TextEnv(gym.Env[str, str]):
 
     ## Arguments
     ``graph`` and settings as for ``WordCraft-v0``; ``knowledge`` (none or partial) and ``look_ups``
-    offer train recipes to look up.
+    offer train recipes to look up; ``difficulty`` chooses tasks, such as ``(.2, .8)``.
 
     Attributes:
         talk: the conversation; None before the first ``reset``.
@@ -70,6 +71,7 @@ class TextEnv(gym.Env[str, str]):
         render_mode: str | None = None,
         knowledge: LookUps = "none",
         look_ups: int = LOOK_UPS,
+        difficulty: tuple[float, float] | None = None,
         **settings: Any,
     ):
         """Open the graph and prepare the tasks.
@@ -79,6 +81,7 @@ class TextEnv(gym.Env[str, str]):
             render_mode: None, or ``ansi`` (the state).
             knowledge: look-ups: none, or partial (train recipes).
             look_ups: look-ups in a game.
+            difficulty: least and largest measured difficulty of the tasks to draw; None for all.
             settings: settings of :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
 
         Raises:
@@ -93,6 +96,7 @@ class TextEnv(gym.Env[str, str]):
         self.talk: Conversation | None = None
         self._look_ups = whole("look_ups", look_ups, 0, MAX_SIZE)
         self._games = TaskGames(self.world)
+        self._tasks = chosen_tasks(self.world, None, difficulty)
         facts = PartialGraphKnowledge(self.world.split) if knowledge == "partial" else None
         self._knowledge = facts
         charset = characters(self.world.graph).union(string.printable, _UNKNOWN)
@@ -122,7 +126,7 @@ class TextEnv(gym.Env[str, str]):
                 f"unknown reset option '{unknown[0]}'; expected task or distractor_seed."
             )
         # Both are always drawn, so that an option does not change the games that follow.
-        task = int(self.np_random.integers(len(self.world.tasks)))
+        task = int(self._tasks[self.np_random.integers(len(self._tasks))])
         distractor_seed = int(self.np_random.integers(MAX_SIZE))
         game = self._games.begin(
             choices.get("task", task), choices.get("distractor_seed", distractor_seed)

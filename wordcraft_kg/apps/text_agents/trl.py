@@ -15,16 +15,15 @@ A row names a task and its table completely, so all rollouts of a group play the
 game can be replayed from its row and its pairs.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from itertools import product
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain, product, zip_longest
 from typing import TYPE_CHECKING, Any, Literal
 
 from msgspec.structs import replace
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.hosted_games import name_of, open_play, tool_opening
+from wordcraft_kg.apps.text_agents.hosted_games import NamedGame, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.records import GameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
@@ -36,97 +35,64 @@ if TYPE_CHECKING:
     import datasets
 
 
-@dataclass(frozen=True)
-class CraftingRow:
-    """The part of a row that names a game: the rest of a row is for the trainer.
+_SETTINGS = (
+    "graph",
+    "part",
+    "depth",
+    "distractors",
+    "attempts",
+    "reward",
+    "knowledge",
+    "look_ups",
+)
+"""Columns with the arguments of :func:`~wordcraft_kg.apps.text_agents.hosted_games.open_play`."""
+COLUMNS = (*_SETTINGS, "split_hash", "task", "distractor_seed", "goal")
+"""The columns of a row that name a game: the rest of a row is for the trainer.
 
-    Attributes:
-        graph: graph folder, recipe book file, or name of a built-in book.
-        split_hash: content hash of the graph's split, so that a row never plays another task.
-        part: tasks of the split: train, valid, test or all.
-        depth: fewest attempts that solve the task, 1 to 5.
-        distractors: entities on the table that no plan needs.
-        attempts: attempts in the game.
-        reward: sparse (1 for the goal), or official (the paper's shaped reward besides).
-        knowledge: what can be looked up: none, or partial (train recipes that do not make the goal
-            from the table).
-        look_ups: look-ups in the game.
-        task: index of the task in its part.
-        distractor_seed: seed of the distractors on the table.
-        goal: label of the entity to make.
+``split_hash`` is the content hash of the graph's split, so that a row never plays another task;
+``task`` is the index of the task in its part, ``distractor_seed`` the seed of the distractors, and
+``goal`` the label of the entity to make.
+"""
+
+
+def begin_row(row: Mapping[str, Any]) -> Conversation:
+    """Begin the game that a row of a data set names.
+
+    A row may be years old, and come from elsewhere: each fact that it states is checked.
+
+    Raises:
+        ConfigError: if a column is missing, the graph, its split, the task or the name is not that
+            of the row, or a value is out of range.
+        RecipeFileError: if there is no such graph, or a book cannot be read.
+        TaskError: if the graph has no task for these settings.
+        LeakError: if look-ups would leak train recipes on train tasks.
     """
-
-    graph: str
-    split_hash: str
-    part: TaskPart
-    depth: int
-    distractors: int
-    attempts: int
-    reward: str
-    knowledge: LookUps
-    look_ups: int
-    task: int
-    distractor_seed: int
-    goal: str
-
-    @classmethod
-    def of(cls, row: Mapping[str, Any]) -> "CraftingRow":
-        """Return the game that a row of a data set names.
-
-        Raises:
-            ConfigError: if a column is missing.
-        """
-        names = [field.name for field in fields(cls)]
-        missing = [name for name in names if row.get(name) is None]
-        if missing:
-            raise ConfigError(
-                f"the row has no column '{missing[0]}'; expected the columns {', '.join(names)}. "
-                "Make the data set with crafting_dataset."
-            )
-        return cls(**{name: row[name] for name in names})
-
-    def begin(self, task_id: str | None = None) -> Conversation:
-        """Begin the game.
-
-        Args:
-            task_id: name of the game, as the row gives it; None to check none.
-
-        Raises:
-            ConfigError: if the graph, its split, the task or the name is not that of the row, or a
-                value is out of range.
-            RecipeFileError: if there is no such graph, or a book cannot be read.
-            TaskError: if the graph has no task for these settings.
-            LeakError: if look-ups would leak train recipes on train tasks.
-        """
-        play = open_play(
-            self.graph,
-            self.part,
-            self.depth,
-            self.distractors,
-            self.attempts,
-            self.reward,
-            self.knowledge,
-            self.look_ups,
+    missing = [name for name in COLUMNS if row.get(name) is None]
+    if missing:
+        raise ConfigError(
+            f"the row has no column '{missing[0]}'; expected the columns {', '.join(COLUMNS)}. "
+            "Make the data set with crafting_dataset."
         )
-        # A row may be years old, and come from elsewhere: each fact that it states is checked.
-        if play.settings.split_hash != self.split_hash:
-            raise ConfigError(
-                f"the row is of another split of '{self.graph}', in which its task may be a test "
-                "task. Make the data set again with crafting_dataset."
-            )
-        talk = play.begin(self.task, self.distractor_seed)
-        if talk.game.goal != self.goal:
-            raise ConfigError(
-                f"task {self.task} of the part {self.part} makes {talk.game.goal!r}, and the row's "
-                f"goal is {self.goal!r}: the row was changed. Make the data set again."
-            )
-        name = name_of(play, self.task, self.distractor_seed)
-        if task_id is not None and task_id != name:
-            raise ConfigError(
-                f"the row is named {str(task_id)[:100]!r}, and its columns are of the game "
-                f"'{name}': the row was changed. Make the data set again."
-            )
-        return talk
+    play = open_play(*(row[name] for name in _SETTINGS))
+    if play.settings.split_hash != row["split_hash"]:
+        raise ConfigError(
+            f"the row is of another split of '{row['graph']}', in which its task may be a test "
+            "task. Make the data set again with crafting_dataset."
+        )
+    named = NamedGame(play, row["task"], row["distractor_seed"])
+    talk = named.begin()
+    if talk.game.goal != row["goal"]:
+        raise ConfigError(
+            f"task {named.task} of the part {row['part']} makes {talk.game.goal!r}, and the row's "
+            f"goal is {row['goal']!r}: the row was changed. Make the data set again."
+        )
+    task_id = row.get("task_id")
+    if task_id is not None and task_id != named.name:
+        raise ConfigError(
+            f"the row is named {str(task_id)[:100]!r}, and its columns are of the game "
+            f"'{named.name}': the row was changed. Make the data set again."
+        )
+    return talk
 
 
 class CraftingEnvironment:
@@ -148,8 +114,7 @@ class CraftingEnvironment:
         """Begin the game of a row from :func:`crafting_rows`.
 
         Args:
-            row: the columns of :class:`CraftingRow`; others, such as ``prompt``, are for the
-                trainer.
+            row: the columns :data:`COLUMNS`; others, such as ``prompt``, are for the trainer.
 
         Returns:
             None if the row has a prompt, which contains the game's rules and state; else both.
@@ -157,7 +122,7 @@ class CraftingEnvironment:
         Raises:
             ConfigError: for a row that names no game, or another than it did when it was made.
         """
-        self.talk = CraftingRow.of(row).begin(row.get("task_id"))
+        self.talk = begin_row(row)
         return None if row.get("prompt") else tool_opening(self.talk)
 
     def combine(self, first: str, second: str) -> str:
@@ -212,6 +177,15 @@ class SetCraftingEnvironment(CraftingEnvironment):
         return talk.after_the_end or talk.combine(*map(str, items))
 
 
+class TableEnvironment(CraftingEnvironment):
+    """A crafting game with the tool ``table`` besides, for models that lose sight of the state."""
+
+    def table(self) -> str:
+        """Show the goal, the items on the table and the attempts left. This takes no attempt."""
+        talk = self._begun
+        return talk.after_the_end or talk.game.state
+
+
 class LookUpEnvironment(CraftingEnvironment):
     """A crafting game with the tool ``look_up`` besides, for rows with ``knowledge`` partial."""
 
@@ -240,6 +214,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     look_ups: int = LOOK_UPS,
     tables: int = 1,
     tasks: int | None = None,
+    difficulty: tuple[float, float] | None = None,
 ) -> list[dict[str, Any]]:
     """Return rows for :class:`CraftingEnvironment`: a game each, with a prompt.
 
@@ -254,9 +229,11 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
         look_ups: look-ups in a game.
         tables: tables for each task, with other distractors.
         tasks: number of tasks of each depth, evenly spaced over the part; None means all.
+        difficulty: least and largest measured difficulty of the tasks, such as ``(.2, .8)``: the
+            share of games that nearest words, a learner and a planner lose; None means all.
 
     Returns:
-        dictionaries with the columns of :class:`CraftingRow`, ``task_id`` (a name of the game) and
+        dictionaries with the columns :data:`COLUMNS`, ``task_id`` (a name of the game) and
         ``prompt`` (a list with a user's message), grouped by depth and number of distractors.
 
     Raises:
@@ -273,28 +250,38 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
         num_attempts = each_depth if attempts is None else attempts
         play = open_play(graph, part, each_depth, number, num_attempts, reward, knowledge, look_ups)
         assert isinstance(play.games, TaskGames)
-        task_numbers = chosen_tasks(play.games.world, tasks).tolist()
+        task_numbers = chosen_tasks(play.games.world, tasks, difficulty).tolist()
         for task, seed in product(task_numbers, range(tables)):
             # The game is begun for its goal and first message, and begun again from the row.
-            talk = play.begin(task, seed)
-            row = CraftingRow(
-                graph=graph,
-                split_hash=play.settings.split_hash,
-                part=part,
-                depth=each_depth,
-                distractors=number,
-                attempts=num_attempts,
-                reward=reward,
-                knowledge=knowledge,
-                look_ups=look_ups,
-                task=task,
-                distractor_seed=seed,
-                goal=str(talk.game.goal),
-            )
-            name = name_of(play, task, seed)
-            prompt = [{"role": "user", "content": tool_opening(talk)}]
-            rows.append({"task_id": name, **vars(row), "prompt": prompt})
+            named = NamedGame(play, task, seed)
+            talk = named.begin()
+            row = {
+                "task_id": named.name,
+                "graph": graph,
+                "split_hash": play.settings.split_hash,
+                "part": part,
+                "depth": each_depth,
+                "distractors": number,
+                "attempts": num_attempts,
+                "reward": reward,
+                "knowledge": knowledge,
+                "look_ups": look_ups,
+                "task": task,
+                "distractor_seed": seed,
+                "goal": str(talk.game.goal),
+                "prompt": [{"role": "user", "content": tool_opening(talk)}],
+            }
+            rows.append(row)
     return rows
+
+
+def in_turn(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows with their depths in turn, 1, 2, 3, 1, 2, 3, as long as a depth has rows."""
+    by_depth: dict[int, list[dict[str, Any]]] = {}
+    for row in rows:
+        by_depth.setdefault(row["depth"], []).append(row)
+    turns = chain.from_iterable(zip_longest(*by_depth.values()))
+    return [row for row in turns if row is not None]
 
 
 def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Dataset":

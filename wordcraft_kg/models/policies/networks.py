@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.func import functional_call
 from torch.nn.modules.dropout import _DropoutNd
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base import ConfigError, check_memory
 from wordcraft_kg.models.policies.attention import SourceWeights, mix_logits
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import (
@@ -140,6 +140,10 @@ class NetworkPolicy(Policy):
                     f"`policy` {config.policy} has a {type(module).__name__}, which acts otherwise "
                     "in training; expected a network that does not, such as one with LayerNorm."
                 )
+        if self.vectors.is_one_hot:
+            size = self.num_entities
+            what = "one-hot vectors of a network, which other `features` avoid,"
+            check_memory("entities", size, what, 4 * size * (size + 1))
         self.network = network.eval()
         if self.sources:
             self.lambdas = SourceWeights(self.first_lambdas()[-len(self.sources) :])

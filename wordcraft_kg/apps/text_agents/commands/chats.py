@@ -29,6 +29,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     attempts: int | None = None,
     tables: int = 1,
     tasks: int | None = None,
+    difficulty: str | None = None,
     keep: Literal["made", "shortest", "all"] = "made",
     style: Literal["tools", "text"] = "tools",
     mistakes: float = 0.0,
@@ -53,6 +54,8 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         attempts: attempts in a game. Default: the task's depth.
         tables: tables for each task, each with distractors of its own.
         tasks: most tasks for each depth and number of distractors, evenly spaced. Default: all.
+        difficulty: least and largest difficulty of tasks, such as .2:.8: the share of games that
+            nearest words, a learner and a planner lose; measured for everyday. Default: all.
         keep: games that made the goal (made), those of them in the fewest possible attempts
             (shortest), or all.
         style: calls of the tool combine (tools), or lines such as water + earth (text).
@@ -80,6 +83,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
         recipe_scorer,
         write_chats,
     )
+    from wordcraft_kg.apps.text_agents.difficulty import read_range
     from wordcraft_kg.apps.text_agents.games import TaskGames
     from wordcraft_kg.apps.text_agents.hosted_games import open_play
     from wordcraft_kg.graphs.folder import open_graph
@@ -92,7 +96,7 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     first = plays[0].games
     assert isinstance(first, TaskGames)
     title, played_by = named_player(player, source, first.world.tasks)
-    settings = ChatSettings(style, keep, tables, tasks, mistakes, seed)
+    settings = ChatSettings(style, keep, tables, tasks, mistakes, seed, read_range(difficulty))
     counts = ChatCounts()
     scorer = None if reasons is None else recipe_scorer(reasons, source)
     rows = chat_rows(plays, played_by, settings, counts, scorer)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.conversation import Play
 
 GROUP = "Text agents"
+FILE_ONLY = ("--attempts", "--look-ups")
 SUBJECT = "Serve games to programs that train language models: openenv."
 EXAMPLES = (
     "wordcraft-kg serve openenv everyday --depth 1,2 --port 8000",
@@ -38,6 +39,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     depth: Words = None,
     distractors: Words = None,
     attempts: int | None = None,
+    difficulty: str | None = None,
     reward: Literal["sparse", "official"] = "sparse",
     knowledge: LookUps = "none",
     look_ups: int = LOOK_UPS,
@@ -62,6 +64,8 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         depth: comma-separated depths of tasks, 1 to 5. Default: 1.
         distractors: comma-separated numbers of distractors on a table. Default: 8.
         attempts: attempts in a game. Default: the task's depth.
+        difficulty: least and largest difficulty of tasks, such as .2:.8: the share of games that
+            nearest words, a learner and a planner lose; measured for everyday. Default: all.
         reward: sparse (1 for the goal), or official (shaped as in the paper's released code).
         knowledge: look-up source: none, or partial (train recipes that do not make the goal from
             the table).
@@ -87,9 +91,10 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
     for task_depth in depths:
         whole("depth", task_depth, 1, MAX_DEPTH)
     numbers = whole_numbers("distractors", distractors or ["8"])
-    game_options = (graph, part, depth, distractors, attempts, reward, look_ups)
+    game_options = (graph, part, depth, distractors, attempts, difficulty, reward, look_ups)
     if track is not None and game_options != (
         "everyday",
+        None,
         None,
         None,
         None,
@@ -106,6 +111,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             "each, or leave --out out."
         )
     check_extra("openenv")
+    from wordcraft_kg.apps.text_agents.difficulty import read_range
     from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
     from wordcraft_kg.apps.text_agents.records import GamesHeader
@@ -134,7 +140,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
                     )
                     for task_depth, number in product(depths, numbers)
                 ]
-        games = GameList(plays)
+        games = GameList(plays, read_range(difficulty))
         keep = None
         if out is not None:
             ((play,),) = plays.values()

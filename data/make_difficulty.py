@@ -1,0 +1,72 @@
+"""Measure how difficult the tasks of the book everyday are, and write ``difficulty.csv.gz``.
+
+    python data/make_difficulty.py FOLDER
+
+For each task the file has the number of tables, out of five with eight distractors, on which it is
+solved by nearest words, by a learner (an agent without knowledge, after a short training) and by a
+planner (of a recipe scorer, which on train tasks has not seen the task's recipes). FOLDER keeps the
+trained models, so that the command can be repeated; they take about ten minutes of one core.
+"""
+
+import gzip
+import sys
+from pathlib import Path
+
+from wordcraft_kg import (
+    AgentConfig,
+    ImpalaConfig,
+    RecipesConfig,
+    SplitConfig,
+    TaskConfig,
+    WordCraftConfig,
+    World,
+    evaluate,
+    load_policy,
+    open_graph,
+    train_agent,
+    train_recipes,
+)
+from wordcraft_kg.agents.players import words_player
+from wordcraft_kg.apps.text_agents.benchmark_players import best_player
+from wordcraft_kg.apps.text_agents.difficulty import COLUMNS, FILE, TABLES, task_keys
+from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.models.folder import open_model
+
+WORLDS = (("by-recipe", 1), ("by-recipe", 2), ("by-goal", 1))
+"""Splits and depths of the benchmark's tracks."""
+STEPS = 300_000
+"""Environment steps of the learner: it is far from remembering all train tasks then."""
+
+
+def main(folder: Path) -> None:
+    """Train what is missing, play all tasks and write the file."""
+    lines = [",".join(COLUMNS)]
+    for split, depth in WORLDS:
+        opened = open_graph("everyday", SplitConfig(split))
+        model = folder / f"{split}-recipes"
+        if not model.exists():
+            train_recipes(RecipesConfig(opened), model)
+        run = folder / f"{split}-{depth}"
+        if not run.exists():
+            tasks = TaskConfig(depth=depth)
+            trainer = ImpalaConfig(steps=STEPS, eval_every=0)
+            train_agent(AgentConfig(opened, tasks=tasks, trainer=trainer), run)
+        for part in ("train", "test"):
+            world = World(opened, WordCraftConfig(part, depth))
+            ((_, words),) = words_player(opened.graph).items()
+            seen = world.tasks if part == "train" else None
+            _, planner = best_player(open_model(model), opened.graph, ["planner"], seen)
+            counts = [
+                evaluate(player, world, distractor_seeds=TABLES).success.sum(1)
+                for player in (words, load_policy(run), planner)
+            ]
+            rows = zip(task_keys(world), *counts, strict=True)
+            lines += [",".join(map(str, (*key, *solved))) for key, *solved in rows]
+            print(split, depth, part, len(world.tasks), [count.mean() / TABLES for count in counts])
+    # Without a time, so that equal measurements are equal bytes.
+    text = "\n".join(lines) + "\n"
+    write_atomically(FILE, gzip.compress(text.encode(), mtime=0))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -8,10 +8,9 @@ import pytest
 import torch
 from helpers import refuses
 
-from wordcraft_kg import ImpalaConfig, PolicyConfig, WordCraftConfig, World
+from wordcraft_kg import PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents import evaluation
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, play_all, player_of
-from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.records import TERMINATION_REASONS
 from wordcraft_kg.agents.states import states_of
@@ -202,15 +201,6 @@ def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind,
     assert len(set(expected.terminations.ravel().tolist())) > 2
 
 
-def test_of_equally_good_actions_the_first_is_taken(opened):
-    engine = BatchEngine(World(opened, WordCraftConfig(part="test", num_distractors=3)), 6)
-    policy = policy_for(opened, engine.num_slots)
-    with torch.no_grad():
-        for parameter in policy.attention.parameters():
-            parameter.zero_()
-    assert PolicyPlayer(policy)(engine.reset(), None).tolist() == [0] * 6
-
-
 def test_a_policy_plays_on_torch_environments_too(opened):
     config = WordCraftConfig(part="test", num_distractors=3)
     one, other = (
@@ -267,45 +257,6 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     assert set(graphs) == {False}
     np.testing.assert_array_equal(np.random.get_state()[1], states[0])  # noqa: NPY002
     assert torch.equal(torch.get_rng_state(), states[1])
-
-
-@pytest.mark.slow
-def test_an_evaluation_amid_training_sees_one_set_of_weights(opened, monkeypatch):
-    """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
-    config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
-    ends = []
-    for evaluates in (False, True):
-        engine = BatchEngine(World(opened, config), 8)
-        policy = policy_for(opened, engine.num_slots)
-        settings = ImpalaConfig(
-            steps=10**4, batch_size=8, unroll=3, policy_lag=1, learning_rate=0.02
-        )
-        impala = Impala(policy, engine.reset(1), settings)
-        world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
-        evaluator = Evaluator(world, distractor_seeds=1, limit=50)
-        player, used = PolicyPlayer(policy), []
-        for _ in range(4):
-            for _ in range(3):
-                impala.update()
-            if evaluates:
-                used.append(set())
-
-                def watched(state, rng, player=player, policy=policy, used=used):
-                    used[-1].add(
-                        b"".join(
-                            parameter.detach().numpy().tobytes()
-                            for parameter in policy.parameters()
-                        )
-                    )
-                    return player(state, rng)
-
-                result = evaluator(watched)
-                frozen = evaluator(PolicyPlayer(copy.deepcopy(policy)))
-                assert_equal(result, frozen)
-        ends.append(impala.state())
-    assert [len(weights) for weights in used] == [1] * 4
-    assert len(set().union(*used)) == 4
-    assert all(torch.equal(tensor, ends[1][name]) for name, tensor in ends[0].items())
 
 
 @pytest.mark.parametrize("limit", [1, 7, 50, 62, 63, 64, 1_000, None])

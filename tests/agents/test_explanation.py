@@ -30,7 +30,6 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.draws import EVALUATION_SEED
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.policies.folder import make_policy
-from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
@@ -449,26 +448,6 @@ def test_parallel_threads_get_the_same_explanations_as_one_thread(made):
     alone = list(map(ask, questions))
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(ask, questions * 2)) == alone * 2
-
-
-def test_a_source_keeps_the_scores_of_some_questions_apart_from_each_other(
-    opened, scorer, made, monkeypatch
-):
-    tasks = made("no scorer", "train")[0].tasks
-    kept, fresh = (make_sources(["w"], scorer, ScoreView(), tasks=tasks)[0] for _ in range(2))
-    nothing, task = torch.tensor([opened.graph.num_entities]), torch.tensor([0])
-    asked = []
-    monkeypatch.setattr(
-        kept, "pair_scores", lambda *inputs: asked.append(inputs) or fresh.pair_scores(*inputs)
-    )
-    questions = [
-        (goal, table) for goal in (3, 5) for table in ([1, 2, 6, 9], [4, 6, 7, 8], [4, 6, 7, 8, 2])
-    ]
-    for goal, table in questions * 2 + questions[::-1]:
-        question = States(torch.tensor([goal]), nothing, torch.tensor([table]), task)
-        fresh.kept.forget()
-        assert torch.equal(kept(question), fresh(question))
-    assert len(asked) == len(questions)
 
 
 def test_explaining_leaves_the_policy_as_it_is(made):

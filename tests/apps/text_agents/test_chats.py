@@ -15,7 +15,6 @@ from wordcraft_kg.apps.text_agents.chats import (
     chat_rows,
     recipe_scorer,
 )
-from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import GameList, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
 from wordcraft_kg.apps.text_agents.wordings import WORDINGS, worded_rules
@@ -88,30 +87,6 @@ def test_text_conversations_are_those_of_players_by_text():
             heard = talk.hear(answer["content"])
         assert talk.game.is_made
         assert "tools" not in row
-
-
-def test_no_conversation_shows_a_held_out_recipe():
-    """A player by chance tries some by accident, and they make nothing."""
-    rows, _ = rows_of(
-        kitchen_plays(2, attempts=6), random_distinct, kept="all", tables=2, tasks=200
-    )
-    assert isinstance(kitchen_plays(2)[0].games, TaskGames)
-    world = kitchen_plays(2)[0].games.world
-    graph = world.graph
-    unseen = {
-        (tuple(sorted(graph.labels((a, b)))), graph.entities[c])
-        for a, b, c in graph.recipes[~world.split.is_in("train")].tolist()
-    }
-    shown = 0
-    for row in rows:
-        for message in row["messages"]:
-            if message["role"] == "tool":
-                pair, _, made = message["content"].splitlines()[0].partition(" -> ")
-                made = made.removesuffix(" (already tried)")
-                for result in made.split(", ") if made != "nothing" else ():
-                    shown += 1
-                    assert (tuple(sorted(pair.split(" + "))), result) not in unseen
-    assert shown > 50
 
 
 @pytest.mark.slow
@@ -248,16 +223,6 @@ def test_players_of_pairs_refuse_a_book_of_sets(run, tmp_path, player):
     assert outcome.code == 1
     assert "expected a book of pairs, but kitchen-sets has recipes" in outcome.err
     assert not out.exists()
-
-
-@pytest.mark.slow
-def test_a_model_plays(run, tmp_path, recipes_folder):
-    for kind in ("scorer", "planner"):
-        out = tmp_path / f"{kind}.jsonl"
-        player = f"{kind}:{recipes_folder}"
-        outcome = run("chats", "kitchen", "--player", player, "--tasks", "40", "--out", out)
-        assert outcome.code == 0, outcome.err
-        assert len(out.read_text().splitlines()) > 10
 
 
 def test_a_model_that_has_learned_the_test_recipes_gives_no_reasons(recipes_folder, monkeypatch):

@@ -68,27 +68,6 @@ def test_the_learned_recipes_are_train_recipes_of_all_splits_and_not_left_out(sp
     assert everything == set(map(tuple, splits[0].recipes("train").tolist()))
 
 
-def test_the_texts_are_those_of_the_learned_recipes_alone(splits):
-    """Each text, and no other, is a learned recipe with its ingredients in one of two orders."""
-    recipes = SCRIPT["learned"](splits, 5)
-    names = splits[0].graph.entities
-    written = []
-
-    def record(text):
-        written.append(text)
-        return tokens(text)
-
-    SCRIPT["trees"](splits, recipes, record, np.random.default_rng(0))
-    pairs = {text for text in written if not text.startswith("Recipe")}
-    allowed = {
-        f" {names[a]} + {names[b]}"
-        for one, other, _ in recipes
-        for a, b in [(one, other), (other, one)]
-    }
-    assert pairs <= allowed
-    assert len(written) == len(recipes) + len(np.unique(recipes[:, 2]))
-
-
 @pytest.mark.parametrize("kind", [0, 1])
 def test_a_leaked_test_recipe_is_refused_by_name(splits, kind):
     leaked = splits[kind].recipes("test")[:1]
@@ -280,54 +259,6 @@ def reinforcing():
         return runpy.run_path(str(EXAMPLES / "reinforce_language_model.py"), run_name="script")
 
 
-class TinyReader:
-    """A reader of the tiny model, without a tokenizer: a text is its tokens' numbers."""
-
-    end = 1
-
-    def __init__(self):
-        self.model = tiny()
-        self.ids = []
-        self.tokenizer = self
-
-    def chat(self, messages, is_asked):
-        return [ord(letter) % 100 for letter in messages[1]["content"]][-20:]
-
-    def read(self, ids):
-        from transformers import DynamicCache
-
-        self.ids = list(ids)
-        self.cache = DynamicCache(config=self.model.config)
-        logits = self.model(input_ids=torch.tensor([ids]), past_key_values=self.cache).logits
-        self.next = logits[0, -1].log_softmax(-1)
-
-    def cut(self, length):
-        self.ids = self.ids[:length]
-
-    def decode(self, tokens, skip_special_tokens):
-        return " ".join(map(str, tokens))
-
-
-@pytest.mark.slow
-@torch.no_grad()
-def test_answers_are_drawn_from_the_models_probabilities(reinforcing):
-    """Each token is drawn as from a model that reads the whole text again."""
-    reader = TinyReader()
-    settings = reinforcing["Settings"](answers=6, new_tokens=5)
-    prompt = [3, 1, 4, 1, 5, 9]
-    drawn = reinforcing["draw_answers"](reader, prompt, settings, torch.Generator().manual_seed(0))
-    generator = torch.Generator().manual_seed(0)
-    texts = torch.tensor([prompt] * 6)
-    for _ in range(5):
-        probabilities = reader.model(texts).logits[:, -1].softmax(-1)
-        token = torch.multinomial(probabilities, 1, generator=generator)
-        texts = torch.cat([texts, token], dim=1)
-    for answer, text in zip(drawn, texts[:, len(prompt) :].tolist(), strict=True):
-        until = text.index(reader.end) + 1 if reader.end in text else 5
-        assert answer == text[:until]
-    assert reader.ids == []
-
-
 @pytest.mark.slow
 def test_a_first_answer_is_rewarded_as_in_the_game(reinforcing, written):
     games = reinforcing["Games"]("kitchen")
@@ -372,15 +303,3 @@ def test_low_rank_matrices_begin_as_no_change_and_merge_into_equal_weights(monke
         merged = tiny()
         script["add_changes"](merged, trained)
         torch.testing.assert_close(merged(ids).logits, changed)
-
-
-@pytest.mark.slow
-def test_padding_does_not_change_the_loss_of_answers(monkeypatch):
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    script = runpy.run_path(str(EXAMPLES / "finetune_on_gpu.py"), run_name="script")
-    model = tiny()
-    texts = [([3, 1, 4], [5, 9]), ([2, 7, 1, 8, 2, 8], [1, 8])]
-    with torch.no_grad():
-        alone = [script["loss_of"](model, [text]) for text in texts]
-        together = script["loss_of"](model, texts)
-    torch.testing.assert_close(together, torch.stack(alone).mean())

@@ -424,19 +424,6 @@ def running(*options):
 
 
 @pytest.mark.slow
-def test_clients_of_both_versions_of_the_protocol_play_at_once_over_http():
-    async def session(address, task):
-        async with Client(address, mode=MODES[task % 2]) as client:
-            return await transcript(partial(called, client), task)
-
-    async def together(address):
-        return await asyncio.gather(*(session(address, task) for task in range(4)))
-
-    with served(hosted()) as address:
-        assert asyncio.run(together(address)) == played_alone(range(4))
-
-
-@pytest.mark.slow
 def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path):
     path = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7"}
     command = StdioServerParameters(command=sys.executable, args=COMMAND, env=path, cwd=tmp_path)

@@ -1,7 +1,5 @@
 """The environment and data set for TRL, by what TRL 1.16 asks of them."""
 
-import json
-
 import gymnasium as gym
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -118,11 +116,6 @@ def test_the_prompt_is_complete_and_reset_adds_nothing_to_it():
     prompt = row.pop("prompt")[0]["content"]
     assert environment.reset(**row) == prompt
     assert environment.talk.game.state in prompt
-
-
-def test_rows_are_plain_json():
-    rows = rows_of(depth=[1, 2], tasks=3)
-    assert json.loads(json.dumps(rows)) == rows
 
 
 def made(**settings):

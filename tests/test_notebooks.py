@@ -52,16 +52,6 @@ def test_changed_code_is_refused_until_the_notebook_is_run_again(script, tmp_pat
             script(mode)
 
 
-def test_changed_text_is_written_without_a_run(script, tmp_path):
-    (tmp_path / "one.py").write_text(SOURCE.replace("Text.", "Other text."))
-    with pytest.raises(SystemExit, match="has other texts"):
-        script("--check")
-    script("--text")
-    script("--check")
-    assert "Other text." in (tmp_path / "one.ipynb").read_text()
-    assert "[1, 2]" in (tmp_path / "one.ipynb").read_text()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [path.stem for path in sorted((SCRIPT.parent / "notebooks").glob("*.py"))]

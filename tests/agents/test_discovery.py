@@ -99,16 +99,6 @@ def test_curves_begin_with_the_base_and_never_fall(kitchen, curves):
         assert run["known"].max() <= Discovery(kitchen).reachable
 
 
-def test_when_everything_is_known_the_curve_stays_there():
-    graph = RecipeGraph.from_recipes(
-        [("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"]
-    )
-    curves = curves_of(graph, everybody(graph), attempts=40, runs=2)
-    at_end = curves[curves["attempt"] == 40]
-    assert (at_end["known"] == 3).all()
-    assert not at_end["repeated"].any()
-
-
 def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
     alone = curves_of(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
     both = curves[curves["player"] == "greedy"].reset_index(drop=True)

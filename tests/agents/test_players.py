@@ -133,24 +133,6 @@ def test_train_uses_count_recipes_with_an_ingredient_and_weigh_distractors(opene
     assert weights.tolist() == [1 + number for number in uses]
 
 
-def test_fewest_uses_ignores_the_goal(opened):
-    """The two items with the fewest train uses are chosen whatever the goal."""
-    uses, size = opened.split.train_uses, opened.graph.num_entities
-    checked = []
-
-    def both(state, rng):
-        slots = fewest(state, rng)
-        for selection, table, slot in zip(state.selection, state.table, slots, strict=True):
-            others = set(table.tolist()) - {size, selection} or {selection}
-            checked.append(uses[table[slot]] == min(uses[entity] for entity in others))
-        return slots
-
-    fewest = fewest_uses(opened.split)
-    play(opened, {"fewest": both}, (1, 8))
-    assert len(checked) > 100
-    assert all(checked)
-
-
 def test_rare_items_are_a_shortcut_where_distractors_are_drawn_by_use():
     """Recipes are random, so nothing but the draw of distractors can help a player that ignores the
     goal."""

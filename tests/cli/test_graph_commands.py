@@ -303,52 +303,6 @@ def test_bad_input_is_refused_naming_its_place(not_built, book, home, line, name
     not_built(*line.format(home=home).split(), *given, says=says)
 
 
-@pytest.mark.parametrize(
-    ("name", "head", "letter", "tail", "says"),
-    [
-        (
-            "book.csv",
-            TABLE,
-            "a",
-            "\n",
-            "book.csv, line 2: a line of 20,000,001 characters; the limit is 100,000",
-        ),
-        pytest.param(
-            "book.csv",
-            "",
-            "a",
-            "",
-            "book.csv: no table: a line of 20,000,000 characters",
-            marks=pytest.mark.slow,
-        ),
-        (
-            "book.json",
-            '{"entities": ["',
-            "a",
-            '"], "recipes": []}',
-            "entities[0]: a label of 20,000,000 characters",
-        ),
-        ("book.json", '{"entities": ["', " ", '"], "recipes": []}', "entities[0]: "),
-    ],
-    ids=["csv", "csv without a header", "json", "json with blanks"],
-)
-def test_a_line_of_twenty_megabytes_is_refused_in_a_short_message(
-    run, out, home, name, head, letter, tail, says
-):
-    path = home / name
-    try:
-        with path.open("w", encoding="utf-8") as file:
-            file.writelines([head, *[letter * 1_000_000] * 20, tail])
-        before = contents(out)
-        outcome = run("build-graph", path, "--out", out / "earlier", "--force")
-    finally:
-        path.unlink()
-    assert outcome.code == 1
-    assert says in outcome.err
-    assert len(outcome.err) < 1000
-    assert contents(out) == before
-
-
 def test_an_output_that_exists_is_kept_until_it_is_forced(refused, run, out):
     before = contents(out)
     command = ("build-graph", "kitchen", "--out", out / "earlier")
@@ -492,13 +446,6 @@ def test_inferred_bases_and_unmakeable_entities_give_warnings(
     assert finding not in run("check-book", path, "--base", "a").out
 
 
-def test_labels_that_stand_for_nothing_are_warned_of(printed, book, home, caplog, monkeypatch):
-    path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Nothing\nearth,NA,ash\n")
-    monkeypatch.chdir(home)
-    printed("build-graph", path, "--split", "none", "--out", "kept")
-    assert "'NA', 'Nothing' kept as entities; leave such rows out" in caplog.messages[-1]
-
-
 def test_shares_that_differ_from_the_settings_are_named(run, home):
     """Shares of a split that differ from the settings are named with the remedy."""
     assert "note: split" not in run("describe", "kitchen").out
@@ -510,11 +457,6 @@ def test_shares_that_differ_from_the_settings_are_named(run, home):
     assert [round(100 * train / 326), round(100 * test / 326)] == [int(counts[1]), int(counts[2])]
     assert open_graph(home / "out").split.moved_for_coverage == int(counts[3])
     assert "--split by-recipe-plain" in text
-
-
-def test_a_graph_folder_is_a_recipe_book_too(built, kitchen, kitchen_folder):
-    opened = built(kitchen_folder, "--seed", "5")
-    assert (opened.graph.hash, opened.split.config.seed) == (kitchen.hash, 5)
 
 
 @pytest.mark.parametrize(
@@ -712,28 +654,6 @@ def test_describe_counts_all_and_shows_invisible_characters(run, book):
     assert note in run("check-book", path, "--limit", 99).out
 
 
-def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monkeypatch):
-    (home / "data").mkdir()
-    (home / "data" / "good.csv").write_text(TABLE + "a,b,c\n", encoding="utf-8")
-    (home / "data" / "bad.csv").write_text("no header\n", encoding="utf-8")
-    (home / "data" / "large.csv").write_text(TABLE + "a,b,c\n" * 200, encoding="utf-8")
-    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
-    monkeypatch.setattr("wordcraft_kg.evaluation.books.MAX_COUNTED", 500)
-    books = {book["name"]: book for book in printed("books")["books"]}
-    sizes = {name: (book["entities"], book["recipes"]) for name, book in books.items()}
-    assert sizes["good"] == (3, 1)
-    assert sizes["bad"] == sizes["large"] == sizes["little-alchemy-2"] == (None, None)
-    lines = run("books").out.splitlines()
-    assert lines[0].split() == ["book", "origin", "entities", "recipes"]
-    assert next(line for line in lines if line.startswith("good")).split()[:5] == [
-        "good",
-        "data",
-        "folder",
-        "3",
-        "1",
-    ]
-
-
 def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, book):
     """JSON has no further columns, so they are named."""
     rows = (
@@ -756,11 +676,6 @@ def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, b
 
 
 BOOK = Path(__file__).parents[2] / "examples" / "kitchen-sets.csv"
-
-SYNTHESIS = {
-    "train": {f"made {i}": [[f"part {i % 9}", f"part {i % 8}", "salt"]] for i in range(90)},
-    "test": {f"made {i}": [[f"part {i % 9}", f"part {i % 7}"]] for i in range(90, 120)},
-}
 
 
 @pytest.fixture
@@ -823,21 +738,3 @@ def test_open_ended_play_refuses_sets_with_one_line(run, folder):
     outcome = run("discover", folder)
     assert outcome.code == 1
     assert "-> pesto has 6 ingredients; the open-ended world" in outcome.err
-
-
-def test_published_parts_of_a_table_of_targets_are_a_split(run, tmp_path, caplog):
-    path = tmp_path / "targets.json"
-    path.write_text(json.dumps(SYNTHESIS))
-    told = ("build-graph", path, "--columns", "{}{}[][],{}{key}", "--json")
-    default = run(*told, "--out", tmp_path / "default")
-    assert json.loads(default.out)["split"]["kind"] == "by-goal"
-    assert "no split is named, so it is by-goal" in caplog.text
-    caplog.clear()
-    published = run(*told, "--split", path, "--out", tmp_path / "published")
-    split = json.loads(published.out)["split"]
-    assert (split["train_recipes"], split["test_recipes"]) == (90, 30)
-    assert split["published"]["file"] == "targets.json"
-    assert "so it is by-goal" not in caplog.text
-    wrong = run(*told, "--split", "by-gaol", "--out", tmp_path / "wrong")
-    assert wrong.code == 1
-    assert "by-goal" in wrong.err

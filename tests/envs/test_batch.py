@@ -490,31 +490,6 @@ def test_a_restored_state_goes_on_with_the_same_episodes(opened_kitchen, device,
     np.testing.assert_equal(other.saved(), one.saved())
 
 
-def test_a_posed_episode_can_be_restored_too(opened_kitchen, device):
-    first = batch(opened_kitchen, 5, 2, device=device, part="test", num_distractors=3)
-    posed = first.engine.pose(np.arange(5), 4, seed=2)
-    one, _ = first.engine.step(posed, first.engine.arrays.array(np.zeros(5, dtype=np.int64)))
-    other = first.restored(one.saved())
-    np.testing.assert_array_equal(np.asarray(other.task), np.arange(5))
-    assert (
-        played(one, np.random.default_rng(0), 30)[1]
-        == played(other, np.random.default_rng(0), 30)[1]
-    )
-
-
-def test_a_saved_state_is_a_copy_when_taken_and_when_restored(opened_kitchen, device):
-    state = batch(
-        opened_kitchen, 6, 3, device=device, depth=2, num_distractors=3, reward="official"
-    )
-    saved, again = state.saved(), state.saved()
-    other = state.restored(saved)
-    for array in saved.values():
-        assert isinstance(array, np.ndarray)
-        array += 1
-    np.testing.assert_equal(other.saved(), again)
-    np.testing.assert_equal(state.saved(), again)
-
-
 def test_a_state_of_another_engine_is_refused(opened_kitchen, device):
     state = batch(opened_kitchen, 4, device=device, num_distractors=3)
     more = batch(opened_kitchen, 5, 1, num_distractors=3).saved()
@@ -574,14 +549,6 @@ def test_drawn_episodes_follow_posed_ones(opened_kitchen, device):
             assert len(entities) == len(set(entities)) == 5
 
 
-def test_a_restart_goes_on_with_the_next_episodes(opened_kitchen, device):
-    first = batch(opened_kitchen, 30, 4, device=device, num_distractors=3)
-    again = first.engine.restart(first)
-    assert (again.table != first.table).any()
-    ended, _ = first.engine.step(first, empty_slots(first))
-    assert again.table.tolist() == ended.table.tolist()
-
-
 def test_with_repeat_the_first_episodes_come_again(opened_kitchen, device):
     world = batch(opened_kitchen, 1, 0, num_distractors=3).world
 
@@ -608,17 +575,6 @@ def test_what_is_on_a_table_stands_first_however_many_are_drawn(opened_kitchen):
     for episode in range(10):
         masks = engine.pose(np.full(20_000, task), episode).action_masks()
         np.testing.assert_array_equal(masks, np.arange(masks.shape[1]) < np.full((20_000, 1), 6))
-
-
-@pytest.mark.slow
-def test_large_tables_hold_each_entity_once():
-    rows = [(f"e{i:04d}", f"e{i + 1:04d}", f"e{i + 2:04d}") for i in range(1_300)]
-    opened = OpenedGraph(RecipeGraph.from_recipes(rows), None, "chain")
-    opened = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig()), "chain")
-    state = batch(opened, 2, part="all", num_distractors=1_100)
-    for row in state.table.tolist():
-        entities = [entity for entity in row if entity < state.nothing]
-        assert len(entities) == len(set(entities)) == 1_102
 
 
 @pytest.mark.parametrize(

@@ -219,17 +219,6 @@ def test_with_next_step_an_ended_environment_ignores_the_action_and_begins():
         before = over
 
 
-def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_on():
-    one, other = vector(), vector()
-    first = one.reset(seed=4)[0]["table"]
-    np.testing.assert_array_equal(first, other.reset(seed=4)[0]["table"])
-    assert (one.reset(seed=5)[0]["table"] != first).any()
-    one.reset(seed=4)
-    second = one.reset()[0]["table"]
-    assert (second != first).any()
-    np.testing.assert_array_equal(second, other.reset()[0]["table"])
-
-
 @pytest.mark.parametrize(
     ("call", "error", "says"),
     [

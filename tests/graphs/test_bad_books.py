@@ -2,8 +2,6 @@
 
 import gzip
 import io
-import json
-import os
 import stat
 import zipfile
 
@@ -196,20 +194,3 @@ def test_another_encoding_than_that_of_the_mark_is_refused(put):
     with pytest.raises(RecipeFileError, match="begins with the byte order mark of utf-8"):
         read_book(path, encoding="cp1252")
     assert read_book(path, encoding="UTF8").recipes == read_book(path).recipes
-
-
-@pytest.mark.slow
-def test_gzip_of_many_members_is_read_in_time_that_grows_with_its_size(put):
-    # Copying all that follows a member, for each member, takes time that grows with its square.
-    members = b"".join(gzip.compress(f"a{i},b,c{i}\n".encode()) for i in range(20_000))
-    book = read_book(put(gzip.compress(HEADER.encode()) + members, "book.csv.gz"))
-    assert len(book.recipes) == 20_000
-
-
-def test_a_pipe_among_recipe_files_is_passed_over(tmp_path):
-    folder = tmp_path / "recipes"
-    folder.mkdir()
-    os.mkfifo(folder / "pipe.json")
-    recipe = {"ingredients": ["water", "earth"], "result": "mud"}
-    (folder / "mud.json").write_text(json.dumps(recipe))
-    assert len(read_book(tmp_path).recipes) == 1

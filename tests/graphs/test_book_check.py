@@ -1,5 +1,4 @@
 import json
-from itertools import pairwise
 
 import pytest
 from graph_strategies import books
@@ -341,19 +340,6 @@ def test_long_lists_are_cut_and_equal_faults_are_one(check):
     assert one.message.startswith("'no,recipe,in,row 0' has 4 cells; the table has 3 columns")
     assert one.message.endswith("(99 more like this)")
     assert two.lines == (102,)
-
-
-@pytest.mark.slow
-def test_a_book_with_very_many_findings_is_read_to_its_end(check):
-    # Once, reading stopped at the 10,000th finding, and the figures were those of half a book.
-    names = ["fire", *(f"n{i}" for i in range(6_001))]
-    pairs = list(pairwise(names))
-    rows = [f"water,{b},water\nwater,{a},{b}\n" for a, b in reversed(pairs)]
-    found = check("# base: water, fire\n" + HEADER + "".join(rows))
-    assert found.figures.recipes == len(pairs)
-    assert found.figures.reachability.reachable == found.figures.entities == len(names) + 1
-    assert [kind for kind, severity, _ in kinds(found) if severity == "problem"] == ["self-result"]
-    assert message(found, "self-result").startswith("6,001 recipes make one of their ingredients")
 
 
 def test_lists_in_findings_quote_labels_with_commas(check):

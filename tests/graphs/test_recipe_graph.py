@@ -23,7 +23,7 @@ from wordcraft_kg.graphs import (
     recipe_triples,
     rounds,
 )
-from wordcraft_kg.graphs.arrays import are_among, distinct, recipe_keys, sorted_unique
+from wordcraft_kg.graphs.arrays import recipe_keys
 from wordcraft_kg.graphs.export import to_networkx, triples_frame
 from wordcraft_kg.graphs.folder import entities_frame
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys
@@ -345,35 +345,6 @@ def test_little_alchemy_2_takes_sixteen_rounds_with_time(alchemy):
     layer = layers(alchemy, ["air", "earth", "fire", "water"])
     assert (max(layer), rounds(layer)[-1]) == (16, 697)
     assert alchemy.labels(np.flatnonzero(layer < 0)) == ("archeologist", "ruins", "time")
-
-
-SMALL = st.integers(-3, 3)
-
-LARGE = st.integers(-(2**40), 2**40)
-
-
-@given(st.lists(LARGE))
-def test_distinct_numbers_are_those_of_numpy(numbers):
-    array = np.array(numbers, dtype=np.int64)
-    assert distinct(array).tolist() == np.unique(array).tolist()
-
-
-@pytest.mark.parametrize("numbers", [SMALL, LARGE], ids=["one number a row", "too large for one"])
-@given(data=st.data())
-def test_distinct_rows_are_sorted_by_the_columns(numbers, data):
-    rows = data.draw(st.lists(st.tuples(numbers, numbers, numbers)))
-    array = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    expected = sorted(set(rows), key=lambda row: (row[1], row[0], row[2]))
-    found = sorted_unique(array, (1, 0, 2))
-    assert list(map(tuple, found.tolist())) == expected
-    assert found.flags.c_contiguous
-
-
-@given(st.lists(SMALL), st.lists(SMALL))
-def test_numbers_among_known_ones_are_those_of_numpy(numbers, known):
-    asked = np.array(numbers, dtype=np.int64)
-    ordered = np.sort(np.array(known, dtype=np.int64))
-    assert are_among(asked, ordered).tolist() == np.isin(asked, ordered).tolist()
 
 
 def test_keys_of_recipes_sort_like_rows_and_ignore_the_order_of_ingredients():

@@ -6,7 +6,6 @@ from unittest.mock import patch
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
-import numpy as np
 import pytest
 from graph_strategies import books, labels
 from helpers import refuses
@@ -14,7 +13,6 @@ from hypothesis import example, given, strategies as st
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
-from wordcraft_kg.graphs.arrays import absent, json_recipes, row_text
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.book_files.reader import BookRows
 from wordcraft_kg.graphs.book_files.texts import Dialect, cells_of
@@ -362,13 +360,6 @@ def test_a_plain_table_is_read_at_once_like_row_by_row(put, keep_self_results):
     assert found[4][:2] == ((0, 1) if keep_self_results else (1, 1))
 
 
-@pytest.mark.parametrize("end", ["\n", ""])
-def test_the_last_line_needs_no_end(put, end):
-    path = put(PLAIN.removesuffix("\n") + end)
-    assert is_read_at_once(path)
-    assert outcome(path) == outcome_by_rows(path)
-
-
 @pytest.mark.parametrize("odd", ODD.values(), ids=ODD)
 @pytest.mark.parametrize("after", ["", "fire,water,steam\n"], ids=["last", "inside"])
 def test_an_odd_row_has_the_result_or_the_fault_of_its_line(put, odd, after):
@@ -382,14 +373,6 @@ def test_a_fault_behind_the_first_piece_has_its_line(put, monkeypatch, name):
     assert ", line 6: " in outcome(put(PLAIN + ODD[name]))
 
 
-def test_pieces_end_at_lines(put, monkeypatch):
-    path = put(PLAIN)
-    whole = outcome(path)
-    for size in range(1, len(PLAIN)):
-        monkeypatch.setattr("wordcraft_kg.graphs.book_files.texts._PIECE", size)
-        assert outcome(path) == whole
-
-
 def test_an_option_that_changes_labels_reads_row_by_row(put):
     path = put(PLAIN + "Water,earth,clay\n")
     assert outcome(path, case="fold") == outcome_by_rows(path, case="fold")
@@ -397,20 +380,6 @@ def test_an_option_that_changes_labels_reads_row_by_row(put):
 
 def test_a_table_of_a_header_alone_has_no_recipe(put):
     assert outcome(put(HEADER)) == outcome_by_rows(put(HEADER))
-
-
-@given(st.lists(st.tuples(labels(), labels(), labels()), min_size=1))
-def test_rows_with_ids_equal_their_tuple(rows):
-    recipes = [Recipe.of(*row) for row in rows]
-    numbered = RecipeRows.of(recipes)
-    assert numbered == tuple(recipes)
-    assert tuple(recipes) == numbered
-    assert hash(numbered) == hash(tuple(recipes))
-    assert numbered[1:] == tuple(recipes[1:])
-    assert numbered[-1] == recipes[-1]
-    assert (repr(numbered), len(numbered)) == (repr(tuple(recipes)), len(recipes))
-    assert numbered != tuple(recipes[1:])
-    assert numbered != recipes
 
 
 @given(st.lists(st.tuples(labels(), labels(), labels())))
@@ -421,21 +390,3 @@ def test_a_book_of_rows_with_ids_equals_a_book_of_labels(rows):
         assert RecipeBook.of("book", numbered, keep_self_results=keep) == book
         kept = {Recipe.of(*row) for row in rows}
         assert list(book.recipes) == sorted(r for r in kept if keep or not r.is_self_result)
-
-
-@given(st.lists(labels(), min_size=1, max_size=5, unique=True), st.data())
-def test_text_of_rows_equals_that_of_single_rows(names, data):
-    ids = st.integers(0, len(names) - 1)
-    rows = data.draw(st.lists(st.tuples(ids, ids, ids)))
-    columns = [[f"{name}, " for name in names], [f"{name}\t" for name in names], names]
-    with patch("wordcraft_kg.graphs.arrays._PIECE", data.draw(st.integers(1, 4))):
-        pieces = list(row_text(np.array(rows, dtype=np.int64).reshape(-1, 3), columns))
-        lines = "".join(json_recipes(np.array(rows, dtype=np.int64).reshape(-1, 3), names))
-    assert "".join(pieces) == "".join(f"{names[a]}, {names[b]}\t{names[c]}" for a, b, c in rows)
-    single = ",\n".join(f"[{names[a]}, {names[b]}, {names[c]}]" for a, b, c in rows)
-    assert lines == (single + "\n" if rows else "")
-
-
-def test_absent_ids_are_those_without_a_row():
-    assert absent(np.array([3, 0, 3]), 5).tolist() == [1, 2, 4]
-    assert absent(np.array([], dtype=np.int64), 2).tolist() == [0, 1]

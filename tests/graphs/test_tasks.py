@@ -336,9 +336,6 @@ BRANCHED_SPLIT = Split(
 )
 
 
-RECIPES = BRANCHED.recipe_labels()
-
-
 def pairs_of_results(recipes):
     """Return the pairs that make each result, without the recipes that keep an ingredient."""
     pairs = {}

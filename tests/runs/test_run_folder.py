@@ -7,14 +7,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from contextlib import nullcontext
 from typing import Any
 
-import numpy as np
 import plain_run
 import pytest
-from helpers import in_file
 
 from wordcraft_kg import (
     AgentConfig,
@@ -416,63 +413,6 @@ def test_a_run_that_another_process_has_finished_meanwhile_stays(tmp_path, monke
 
 
 # --- killed at any moment -------------------------------------------------------------------------
-
-COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
-LONG = {
-    "train-complex": (
-        "--epochs",
-        15,
-        "--dim",
-        32,
-        "--n3",
-        0.1,
-        "--folds",
-        2,
-        *in_file("train-complex", checkpoint_every=5),
-    ),
-    "train-recipes": ("--folds", 3, *in_file("train-recipes", train_fraction=0.3)),
-    "train-agent": (
-        "--distractors",
-        4,
-        "--steps",
-        200_000,
-        "--eval-every",
-        50_000,
-        *in_file("train-agent", checkpoint_every=5_000),
-    ),
-}
-
-
-def start(*arguments):
-    command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("command", "moments"), [("train-complex", 10), ("train-recipes", 5), ("train-agent", 20)]
-)
-def test_a_run_killed_at_random_ends_with_the_same_bits(tmp_path, command, moments):
-    """Several runs, if need be: one ends after a few kills. A process may also be killed when its work is done."""
-    rng, whole, began = np.random.default_rng(0), tmp_path / "whole", time.monotonic()
-    assert start(command, "everyday", *LONG[command], "--out", whole).wait() == 0
-    took = time.monotonic() - began
-    kills = 0
-    while kills < moments:
-        folder = tmp_path / f"from-{kills}"
-        while True:
-            process = start(command, "everyday", *LONG[command], "--out", folder)
-            try:
-                code = process.wait(took * rng.uniform(0.1, 0.9) if kills < moments else None)
-                break
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-                kills += 1
-        said = process.stderr.read().decode() if process.stderr else ""
-        assert code == 0 or f"'{folder}' exists" in said, said
-        assert learned(folder) == learned(whole)
-        assert {path.name for path in folder.iterdir()} == {path.name for path in whole.iterdir()}
 
 
 def test_a_training_through_a_link_fills_its_target_at_the_end(tmp_path):

@@ -73,23 +73,6 @@ def test_the_answer_is_the_most_probable_untried_pair(
 
 
 @torch.inference_mode()
-def test_the_answer_by_generation_is_that_of_a_model_without_a_kept_text(reader):
-    for text in ("flour is a part of", "flour is hot", "sugar is a part of flour"):
-        prompt = reader.tokens(text)
-        expected = reader.model.generate(
-            torch.tensor([prompt]),
-            do_sample=False,
-            max_new_tokens=5,
-            eos_token_id=reader.end,
-            pad_token_id=1,
-        )
-        written = [token for token in expected[0, len(prompt) :].tolist() if token != reader.end]
-        assert player()["by_generation"](reader, prompt, 5) == reader.tokenizer.decode(
-            written, skip_special_tokens=True
-        )
-
-
-@torch.inference_mode()
 def test_a_constrained_answer_goes_on_with_the_most_probable_allowed_token(reader):
     """Against a search that reads each beginning anew, without a cache, over all pairs."""
 
@@ -143,23 +126,6 @@ def test_the_answer_by_recipes_is_the_pair_of_the_most_probable_texts(reader, mo
         assert expected[pair] == pytest.approx(max(left or expected.values()), rel=1e-3)
         del expected[pair]
     assert not expected
-
-
-def test_games_without_a_goal_are_refused_by_recipes(reader, monkeypatch):
-    line = json.dumps({"goal": None, "table": ITEMS, "text": "", "new": True})
-    monkeypatch.setattr("sys.stdin", io.StringIO(line + "\n"))
-    with pytest.raises(SystemExit, match="has no goal"):
-        player()["play_by_recipes"](reader)
-
-
-def test_a_tokenizer_without_an_end_of_a_text_is_refused(model_folder):
-    with pytest.raises(ArtefactError, match="no token that ends a text"):
-        reader_of(model_folder)
-
-
-def test_a_tokenizer_without_chat_template_is_refused_by_name(model_folder):
-    with pytest.raises(ArtefactError, match="has no chat template"):
-        player()["Reader"](str(model_folder))
 
 
 def test_a_model_that_asks_for_far_more_than_its_weights_is_refused(model_folder, tmp_path):

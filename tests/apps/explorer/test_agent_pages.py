@@ -3,16 +3,14 @@
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from tests.apps.explorer.conftest import LEARNED, SHORT
-from tests.apps.explorer.shown import HOSTILE, look, page_of, state_of, view_of
-from wordcraft_kg import AgentConfig, TaskConfig, WordCraftConfig, World, open_agent, train_agent
+from tests.apps.explorer.shown import look, page_of, view_of
+from wordcraft_kg import WordCraftConfig, World, open_agent
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.players import random_entity
@@ -30,13 +28,7 @@ from wordcraft_kg.apps.explorer.pages.tasks import (
 )
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import (
-    RecipeBook,
-    RecipeGraph,
-    SplitConfig,
-    make_split,
     make_tasks,
-    open_book,
-    write_graph_folder,
 )
 
 
@@ -147,67 +139,6 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     assert view_of(agents, one).first.in_sample == ()
     text = look(agents, one).text
     assert ("in-sample This model" in text, "model trained without fold" in text) == (False, True)
-
-
-def explored_of(book, split, home, **tasks):
-    graph = RecipeGraph.from_book(book)
-    write_graph_folder(home / "graph", book, make_split(graph, split))
-    config = AgentConfig(
-        str(home / "graph"), None, TaskConfig(**tasks), LEARNED, replace(SHORT, steps=64)
-    )
-    train_agent(config, home / "run")
-    return Explored.open(home / "graph", [], [home / "run"])
-
-
-@pytest.fixture(scope="module")
-def hostile_agents(tmp_path_factory):
-    rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
-    book = RecipeBook.of("<b>hostile", rows)
-    return explored_of(book, SplitConfig("none"), tmp_path_factory.mktemp("hostile"), distractors=4)
-
-
-def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents):
-    explored, episode = hostile_agents, PAGES["episode"]
-    rows = view_of(explored, TasksState()).table.rows
-    assert {row.goal for row in rows} == {*HOSTILE}
-    pages = [look(explored, TasksState()), look(explored, RunsState())]
-    for row in rows:
-        state = EpisodeState(task=row.number)
-        page, table = look(explored, state), view_of(explored, state).table
-        sent = page.form("selection")
-        again = episode.read("", sent)
-        assert view_of(explored, again).table == table
-        selection = [(name, table[0] if name == "selection" else value) for name, value in sent]
-        assert view_of(explored, episode.read("", selection)).selection == table[0]
-        assert state_of(episode.address(again)) == ("episode", again)
-        goal = view_of(explored, state_of(PAGES["tasks"].address(TasksState(goal=row.goal)))[1])
-        assert [one.goal for one in goal.table.rows] == [row.goal]
-        pages += [page, look(explored, again)]
-    for page in pages:
-        tags = [tag for tag, _ in page.tags]
-        assert (tags.count("img"), tags.count("script")) == (0, 1)  # the site's own script
-        assert "<b>hostile" not in page.page
-    assert any("alert(1)" in page.text for page in pages)
-
-
-@pytest.mark.parametrize(
-    ("kind", "part"),
-    [
-        ("none", "train"),
-        ("by-goal", "test"),
-        pytest.param("by-recipe", "test", marks=pytest.mark.slow),
-    ],
-)
-def test_pages_fit_any_split(tmp_path, kind, part):
-    explored = explored_of(open_book("kitchen"), SplitConfig(kind), tmp_path, distractors=3)  # type: ignore[arg-type]
-    shown = view_of(explored, TasksState())
-    assert (shown.table.part, shown.usual) == (part, part)
-    assert shown.table.counts
-    assert view_of(explored, EpisodeState()).part == part
-    rows = view_of(explored, RunsState()).runs
-    assert set(rows[0].success) == ({"train"} if kind == "none" else {"train", "test"})
-    for name in ("tasks", "episode", "runs", "run"):
-        assert look(explored, PAGES[name].state()).page
 
 
 def lines_of(folder):

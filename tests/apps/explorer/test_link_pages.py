@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
-from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, open_model, train_links
+from wordcraft_kg import RecipeGraph
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
 from wordcraft_kg.apps.explorer.pages.link import LinkState
 from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
-from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving
+from wordcraft_kg.apps.explorer.predictor import NEW, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
 from wordcraft_kg.models.scorers.ranking import rank_triples
-
-MANY = [(f"part {i % 7}", f"other {i % 5}", f"thing {i}") for i in range(35)]
 
 
 def held_out(predictor):
@@ -95,13 +93,6 @@ def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers
     assert [row.part for row in view.makes if row.recipe.result == result] == ["test"]
 
 
-def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers):
-    a, b, result = rankers.graph.labels(rankers.split.recipes("train")[0])
-    view = view_by(rankers, PairState(a, b))
-    assert {row.result for row in view.results if row.in_sample} >= {result}
-    assert (view.link.status, view.link.probability) == ("learned", None)
-
-
 def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     _, link = held_out(kernel)
     view = view_by(kernel, PairState(link.head, link.tail))
@@ -133,19 +124,6 @@ def test_an_example_offers_others_and_a_choice_does_not(explored, page):
     )
     chosen = Goal("bread") if isinstance(page, Goal) else PairState("flour", "water")
     assert "try another" not in look(explored, chosen).text
-
-
-def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes):
-    explored = explored_by(of_recipes(MANY, kg="full", kind="by-recipe-plain"))
-    assert "was trained on all recipes" in look(explored, EntityState("part 1")).text
-    a, b, result = explored.opened.graph.labels(explored.opened.split.recipes("test")[0])
-    assert (
-        "was trained on this link: the score is in-sample"
-        in look(explored, LinkState(a, "combinesWith", b)).text
-    )
-    pair = look(explored, PairState(a, b))
-    assert "recipes in the book are in-sample" in pair.text
-    assert result in pair.text
 
 
 def test_a_book_without_a_split_has_pages_too(of_recipes):
@@ -204,37 +182,6 @@ def test_each_entity_of_a_slot_has_its_part_and_learned_mark(neighbours):
     assert seen == {0, 1, 2, NEW}
 
 
-def test_ranks_are_those_of_reports_whether_a_link_is_true_or_not(neighbours):
-    graph = neighbours.graph
-    for entity, relation, side in SLOTS:
-        slot = neighbours.slot(entity, relation, side)
-        triples = slot.triples(np.arange(graph.num_entities))
-        ranked = rank_triples(neighbours.model.scorer, triples, graph.triples)
-        expected = ranked[ranked["side"] == side]
-        assert slot.ranks(np.arange(graph.num_entities)).tolist() == expected["rank"].tolist()
-        for other in (0, 17, 40):
-            found = slot.rank(other)
-            assert (found.rank, found.candidates) == (
-                expected["rank"].iloc[other],
-                expected["candidates"].iloc[other],
-            )
-
-
-def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours):
-    flour = neighbours.graph.id_of("flour")
-    slot = neighbours.slot(flour, COMBINES_WITH, "tail")
-    labels = neighbours.graph.entities
-    by_score = sorted(range(len(labels)), key=lambda i: (-slot.scores[i], i))
-    for with_learned in (False, True):
-        answers = neighbours.best(slot, with_learned=with_learned, top=12)
-        listed = [labels[i] for i in by_score if with_learned or not slot.learned[i]]
-        assert [(row.entity, row.position) for row in answers.best] == list(
-            zip(listed, range(1, 13), strict=False)
-        )
-        assert ("learned" in {row.status for row in answers.best}) == with_learned
-        assert (answers.head, answers.relation, answers.tail) == ("flour", "combinesWith", None)
-
-
 def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
     compared = 0
     for entity, relation, side in SLOTS:
@@ -288,46 +235,6 @@ def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours):
             named += 1
     assert named > 10
     assert neighbours.best(slot, witnesses=0).best[0].reason is None
-
-
-@pytest.fixture
-def with_train_sample(parted_kitchen, tmp_path):
-    """Train a tiny ComplEx on a dose of the train recipes."""
-
-    def with_train_sample(**settings):
-        config = LinksConfig(
-            parted_kitchen.source, ComplExConfig(dim=2, epochs=1, n3=0.1, **settings)
-        )  # type: ignore[arg-type]
-        return LinkPredictor(
-            "with_train_sample",
-            tmp_path,
-            open_model(train_links(config, tmp_path / "model").folder),
-        )
-
-    return with_train_sample
-
-
-def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample):
-    predictor = with_train_sample(folds=0, train_fraction=0.5)
-    slots = [
-        predictor.best(predictor.slot(*slot), with_learned=True, top=80, witnesses=0)
-        for slot in SLOTS
-    ]
-    statuses = {(row.status, row.known) for slot in slots for row in slot.best}
-    assert {("not learned", "train"), ("learned", "train"), ("held out", "test")} <= statuses
-    assert ("learned", "test") not in statuses
-
-
-def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_sample):
-    predictor = with_train_sample(folds=2, label_noise=0.5)
-    train_sample = predictor.model.train_sample
-    a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
-    found = predictor.best(
-        predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0
-    )
-    (wrong,) = [row for row in found.best if row.entity == predictor.graph.entities[result]]
-    assert (wrong.status, wrong.known, wrong.probability) == ("learned", "new", None)
-    assert any(row.probability is not None for row in found.best)
 
 
 def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours):

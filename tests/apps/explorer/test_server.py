@@ -3,11 +3,7 @@
 import json
 import re
 import shutil
-import signal
 import socket
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from urllib.parse import quote, unquote
 
@@ -232,39 +228,6 @@ def test_looking_writes_nothing(client, kitchen_folder, links_folder, run_folder
 
 def test_the_json_of_a_page_is_json_whatever_its_labels_are(hostile_client):
     assert hostile_client.get("/entities?format=json").json()["paging"]["total"] == len(HOSTILE) + 3
-
-
-SLOW_PAGE = """
-import sys, time
-from wordcraft_kg.apps.explorer.pages import entities
-from wordcraft_kg.cli import main
-
-def list_entities(*_):
-    print("computing", flush=True)
-    time.sleep(60)
-
-entities.list_entities = list_entities
-sys.exit(main(["explore", "kitchen", "--no-browser", "--port", "0", "--json"]))
-"""
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_the_server_within_3_s_while_a_page_is_computed():
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, "-c", SLOW_PAGE], **pipes) as server:
-        try:
-            address = json.loads(server.stdout.readline())["address"].removeprefix("http://")
-            host, port = address.split(":")
-            with socket.create_connection((host, int(port))) as visitor:
-                visitor.sendall(b"GET /entities HTTP/1.1\r\nHost: localhost\r\n\r\n")
-                assert server.stdout.readline() == "computing\n"
-                began = time.monotonic()
-                server.send_signal(signal.SIGINT)
-                _, err = server.communicate(timeout=30)
-                assert time.monotonic() - began < 3
-            assert (server.returncode, "Traceback" in err) == (0, False)
-        finally:
-            server.kill()
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-import time
-from collections import Counter
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +16,7 @@ import pytest
 
 from tests.apps.people.stored import go_on, refused, unchanged
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import HumanStudy, kept_answers, read_study
+from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
 
 CLIENT = httpx2.Client(follow_redirects=True, timeout=30)
 ROOT = Path(__file__).parents[3]
@@ -70,16 +67,6 @@ def answer(address, code, task):
 def summary(run):
     """Summarise studies, with options."""
     return lambda *arguments: run("people", "summary", *arguments)
-
-
-@pytest.fixture(autouse=True)
-def nothing_waits(monkeypatch):
-    """A command that should be refused, and is not, would wait for people in this process."""
-
-    def serve(*_):
-        raise AssertionError("it serves")
-
-    monkeypatch.setattr("wordcraft_kg.apps.web.serving.serve", serve)
 
 
 def test_who_asks_is_private_and_a_manager_ends_it_like_ctrl_c(tmp_path):
@@ -211,42 +198,3 @@ def test_a_summary_refuses_what_it_cannot_sum_up(summary, begun, tmp_path):
     assert "expected a study" in refused(summary())
     for path in (begun / "study.json", tmp_path, tmp_path / "nowhere"):
         refused(summary(path), "ArtefactError")
-
-
-@pytest.mark.slow
-def test_no_answer_is_lost_or_double_with_a_killed_server(tmp_path):
-    """Of people at once and a killed server no answer is lost and none is double."""
-    out, acknowledged, failed = tmp_path / "study", [], []
-
-    def take_part(address):
-        try:
-            while True:
-                code = begin(address)
-                for task in range(4):
-                    answer(address, code, task)
-                    acknowledged.append((code, task))
-        except httpx2.TransportError as error:  # the server is away
-            failed.append(error)
-
-    with served(out) as (process, address):
-        people = [threading.Thread(target=take_part, args=(address,)) for _ in range(6)]
-        for person in people:
-            person.start()
-        while len(acknowledged) < 30:
-            time.sleep(0.01)
-        process.kill()
-        for person in people:
-            person.join(30)
-    assert len(failed) == 6
-    study = read_study(out)  # a task that was answered twice would be out of its order
-    stored = sum(len(given) for given in study.answers.values())
-    assert len(acknowledged) <= stored <= len(acknowledged) + 6
-    cells = Counter(person.cell for person in study.people)
-    assert max(cells.values()) - min(cells.values()) <= 1
-    with served(out) as (_, address):
-        for code in {code for code, _ in acknowledged}:
-            done = 1 + max(task for other, task in acknowledged if other == code)
-            shown = page(address, "/return", code=code)
-            assert re.search(
-                f"({done}|{done + 1}) of 4 tasks completed|Thank you for participating", shown
-            )

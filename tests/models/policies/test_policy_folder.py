@@ -284,24 +284,6 @@ def test_weights_that_overflow_are_refused_when_they_are_used(tmp_path):
         loaded.act(0, [1, 2])
 
 
-@any_kind
-def test_training_changes_the_parameters_and_not_the_constants(make, kind, tmp_path):
-    policy = make(kind)
-    before = written(tmp_path / "before", policy)
-    train_a_step(policy)
-    after = written(tmp_path / "after", policy)
-    changed = {
-        name for name in FILES if (before / name).read_bytes() != (after / name).read_bytes()
-    }
-    assert changed == {"policy.safetensors"}
-    constants, parameters = (
-        set(safetensors.torch.load_file(after / f"{name}.safetensors"))
-        for name in ("constants", "policy")
-    )
-    assert parameters == {name for name, _ in policy.named_parameters()}
-    assert constants == set(policy.state_dict()) - parameters
-
-
 @pytest.fixture
 def folder(tmp_path):
     """A finished run with nothing in it but a policy."""

@@ -27,7 +27,6 @@ from wordcraft_kg.models.recipes.config import (
 )
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
-from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
 from wordcraft_kg.models.scorers import config as limits
 from wordcraft_kg.models.scorers.features import EntityFeatures
@@ -60,16 +59,6 @@ def trained(book, tmp_path_factory):
     """A recipe scorer with an encoder; read only."""
     folder = tmp_path_factory.mktemp("models") / "with"
     return train_recipes(RecipesConfig(str(book), WITH), folder).folder
-
-
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_the_same_settings_give_the_same_bytes(book, trained, monkeypatch, workers):
-    state = torch.get_rng_state()
-    monkeypatch.setattr(training, "cores", lambda: workers)
-    folder = trained.parent / f"workers-{workers}"
-    train_recipes(RecipesConfig(str(book), WITH), folder)
-    assert same_files(folder, trained, "calibration.json")
-    assert torch.equal(torch.get_rng_state(), state)
 
 
 @pytest.mark.parametrize(
@@ -325,35 +314,6 @@ def test_results_of_a_pair_have_probabilities(trained, book):
     assert len(view.top) == 4
     probabilities = [recipe.probability for recipe in view.top]
     assert probabilities == sorted(probabilities, reverse=True)
-
-
-@pytest.mark.slow
-def test_entities_outside_the_graph_are_scored_by_words(book, trained, tmp_path):
-    vectors = np.random.default_rng(0).normal(size=(12, 5)).astype(np.float32)
-    np.save(tmp_path / "words.npy", vectors)
-    labels = [f"e{number}" for number in range(12)]
-    (tmp_path / "words.labels.txt").write_text("\n".join(labels))
-    settings = replace(WITH, features=str(tmp_path / "words.npy"))
-    folder = train_recipes(RecipesConfig(str(book), settings), tmp_path / "words").folder
-    scorer = load_scorer(folder)
-    unit = vectors[:1] / np.linalg.norm(vectors[:1])
-    longer = extended(scorer, ["new thing"], unit)
-    old = scorer.score_recipes(0, 1, [2, 3])
-    torch.testing.assert_close(longer.score_recipes(0, 1, [2, 3]), old, rtol=1e-4, atol=1e-4)
-    assert longer.score_recipes("new thing", 1, 2).isfinite()
-
-
-@pytest.mark.slow
-def test_a_small_book_is_without_an_encoder_unless_it_is_asked_for(book, tmp_path):
-    plain = RecipeScorerConfig(folds=3, features="one-hot")
-    folders = [
-        train_recipes(RecipesConfig(str(book), replace(plain, encoder=use)), tmp_path / use).folder
-        for use in ("auto", "off")
-    ]
-    assert same_files(*folders, "calibration.json")
-    assert "covered" not in json.loads((folders[0] / "calibration.json").read_text())
-    tensors = load_scorer(folders[0]).whole.tensors()
-    assert not any(name.startswith(("encoder", "results")) for name in tensors)
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,6 @@ from wordcraft_kg.models.recipes.committee import (
     fit_committee,
 )
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorers
-from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.scorers import config, config as limits
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
@@ -120,16 +119,6 @@ def fitted(folds, vectors, wanted):
 
 def same_tensors(one, other):
     return all(torch.equal(one[name], other[name]) for name in one)
-
-
-@pytest.mark.slow
-@compares_fits
-def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
-    folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
-    vectors = np.random.default_rng(0).normal(size=(12, 5))
-    together = fitted(folds, vectors, [(), (0,), (1,), (2,)])
-    for left_out in ((), (1,), (2,)):
-        assert same_tensors(fitted(folds, vectors, [left_out])[left_out], together[left_out])
 
 
 @compares_fits
@@ -294,26 +283,6 @@ def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     assert not (tmp_path / "model").exists()
 
 
-@pytest.mark.slow
-def test_w_is_restored_from_its_constants(recipes_folder):
-    """W is restored from its constants and a kept table is not mistaken for another."""
-    from wordcraft_kg.models.policies.sources.registry import source_class
-
-    scorer = load_scorer(recipes_folder)
-    world = World.open("kitchen", WordCraftConfig(num_distractors=2))
-    (full,) = make_sources(["w"], scorer, tasks=world.tasks)
-    restored = source_class("w").restored(full.num_entities, full.state_dict())
-    nothing = full.num_entities
-    goal, held = torch.tensor([3, 4]), torch.tensor([nothing, 1])
-    table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
-    states = States(goal, held, table)
-    expected = full(states)
-    assert torch.equal(restored(states), expected)
-    wider = torch.cat([table, torch.full((2, 3), nothing)], dim=1)
-    assert torch.equal(full(States(goal, held, wider)), torch.nn.functional.pad(expected, (0, 3)))
-    assert not full(States(goal, held, torch.full_like(table, nothing))).any()
-
-
 def test_a_recipe_scorer_plays_as_pairs_too(recipes_folder):
     from wordcraft_kg.agents.players import scorer_players
     from wordcraft_kg.models.folder import open_model
@@ -380,24 +349,6 @@ def test_a_plan_may_make_an_entity_that_no_known_recipe_makes():
     # 6, from which nothing leads there.
     assert {*found[:2]} == {2, 7}
     assert found[2] == 6
-
-
-@pytest.mark.slow
-@compares_fits
-def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path):
-    settings = RecipeScorerConfig(kg="full", folds=2, features="glove")
-    folder = train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model").folder
-    scorer = load_scorer(folder)
-    wider = with_words(folder, scorer, ["goulash", "lemonade"])
-    assert wider.entities == (*kitchen.entities, "goulash", "lemonade")
-    recipe = "flour", "water", "dough"
-    torch.testing.assert_close(
-        wider.score_recipes(*recipe), scorer.score_recipes(*recipe), rtol=1e-4, atol=1e-4
-    )
-    assert wider.score_recipes("flour", "milk", "goulash").isfinite()
-    assert wider.score("flour", "componentOf", "goulash").isfinite()
-    with pytest.raises(ConfigError, match="exists already"):
-        with_words(folder, scorer, ["flour"])
 
 
 def test_fewer_sets_of_lists_are_made_at_once_where_memory_is_short(monkeypatch):

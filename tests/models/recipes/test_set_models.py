@@ -20,7 +20,6 @@ from wordcraft_kg import load_scorer, open_model
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entity import EntityState
-from wordcraft_kg.apps.explorer.pages.suggestions import SuggestionsState
 from wordcraft_kg.apps.explorer.site import Site
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
@@ -493,14 +492,6 @@ def test_goals_whose_parts_no_other_recipe_brings_are_refused():
         )
 
 
-def test_rows_of_sets_have_a_padding_and_the_goal_last(opened_kitchen):
-    graph = opened_kitchen.graph
-    rows = rows_of_sets(graph, np.arange(graph.num_recipes) < 2)
-    assert rows.shape == (2, 9)
-    assert rows[:, 2:8].tolist() == [[-1] * 6] * 2
-    np.testing.assert_array_equal(rows[:, [0, 1, 8]], graph.sets[:2])
-
-
 @pytest.mark.parametrize("setting", [{"label_noise": 0.1}, {"kg": "none", "with_": ("kitchen",)}])
 def test_settings_of_models_of_pairs_are_refused(book, tmp_path, setting):
     settings = RecipeScorerConfig(parts=str(book / "parts.csv"), **setting)
@@ -713,13 +704,6 @@ def test_files_of_recipes_and_links_of_new_entities_are_refused_with_the_reason(
     assert "links of the graph's entities alone" in outcome.err
 
 
-def test_words_of_minilm_are_of_built_in_books(scorer):
-    with pytest.raises(ConfigError, match="no words for 'zzqx': a model of minilm words"):
-        with_new_entities(scorer, ["zzqx"], "none", "minilm")
-    with pytest.raises(ConfigError, match="glove has no vector for its words"):
-        with_new_entities(scorer, ["zzqx"], "none", "glove")
-
-
 RULES = """
 def no_dx(ingredients, goal):
     return "dx" not in ingredients
@@ -804,14 +788,6 @@ def test_the_explorer_lists_suggested_sets_on_the_page_of_a_goal(book, model):
     assert "Suggestions of model" in html
     # No other card has an a: the page says nothing, and does not fail.
     assert PAGES["entity"].view(explored, EntityState("ax")).suggested == ()
-
-
-def test_the_form_for_suggestions_stays_beside_the_reason_why_there_are_none(book, model):
-    explored = Explored.open(book / "graph", [book / "model"])
-    site = Site(explored, lambda page, state: page.address(state), str, is_static=False)
-    html = site.page(PAGES["suggestions"], SuggestionsState(item="ax", goal="Gab"))
-    assert "goal and item together" in html
-    assert 'value="ax"' in html
 
 
 @pytest.mark.parametrize(

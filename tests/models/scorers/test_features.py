@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import example, given, strategies as st
-from link_helpers import flip_bit
 from small_scorers import cosine
 
 from wordcraft_kg.base.errors import ConfigError
@@ -415,22 +414,6 @@ def test_labels_get_their_vectors_from_unusual_files(case, vectors_file):
 def test_a_damaged_text_file_is_refused_with_its_line(content, expected, vectors_file):
     path = vectors_file(content)
     assert refused(path).startswith(path + expected)
-
-
-@pytest.mark.parametrize("cut", [5, 15, 30, -1, None])
-def test_a_gzip_file_that_is_cut_off_or_has_a_wrong_bit_is_refused(cut, vectors_file):
-    path = vectors_file(gzip.compress(GLOVE_TEXT.encode())[:cut], "vectors.txt.gz")
-    if cut is None:
-        flip_bit(Path(path), -6)  # in its check sum
-    assert refused(path).startswith(f"{path} is damaged: ")
-
-
-def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
-    def forbidden(path):
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(features_module, "_lines", forbidden)
-    assert "cannot be read: [Errno 13] Permission denied" in refused(vectors_file(GLOVE_TEXT))
 
 
 @given(

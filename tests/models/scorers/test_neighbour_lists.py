@@ -504,26 +504,6 @@ def test_recipes_with_the_most_similar_results_support_a_goal():
     assert (lists.support[goal] >= 0).sum() == min(len(known.recipes), lists.support.shape[1])
 
 
-@pytest.mark.slow
-def test_10000_results_of_a_pair_and_a_hub_of_5000_recipes_are_cheap():
-    size = 10_200
-    results = np.arange(100, 10_100)
-    many = np.column_stack([np.zeros_like(results), np.ones_like(results), results])
-    partners = np.arange(2, 5_002)
-    hub = np.column_stack([np.zeros_like(partners), partners, partners % 90 + 100])
-    recipes = np.concatenate([many, hub]).astype(np.int64)
-    vectors = np.zeros((size, 0), dtype=np.float32)
-    lists = make_lists(recipes, vectors, nearest_words(vectors), rank=8)
-    goals = np.array([100, 10_099, 10_150])
-    tables = np.array([[0, 1]] * 3)
-    features = features_of_tables(lists, goals, tables)
-    assert np.isfinite(features).all()
-    # The pair of both slots, between those of a slot with itself.
-    assert features[:, 1, FEATURES.index("makes")].tolist() == [1, 1, 0]
-    for relation, entities in ((COMBINES_WITH, [0, 1]), (COMPONENT_OF, [0, 100])):
-        assert link_features(lists, relation, np.array(entities)).isfinite().all()
-
-
 @pytest.mark.parametrize("recipes", [[], [[0, 0, 0]], [[0, 1, 2]]])
 def test_books_with_hardly_a_recipe_have_features(recipes):
     rows = np.array(recipes, dtype=np.int64).reshape(-1, 3)
@@ -606,20 +586,6 @@ def test_a_damaged_file_is_made_again_with_one_line(call, tmp_path, kind, damage
     assert "damaged machine code" in warning
     assert hits == 0
     assert call() == ([], 1)
-
-
-def test_a_damaged_file_that_cannot_be_replaced_costs_time_only(call, tmp_path, monkeypatch):
-    (path,) = (tmp_path / "cache").rglob("*.nbi")
-    path.write_bytes(b"")
-
-    def refused(*arguments):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(compiling._Files, "_save_index", refused)
-    for _ in range(2):
-        (warning,), hits = call()
-        assert "damaged machine code" in warning
-        assert hits == 0
 
 
 def test_machine_code_of_another_loop_never_runs(call, tmp_path):

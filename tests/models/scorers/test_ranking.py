@@ -180,17 +180,6 @@ def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen):
                 assert getattr(ours, name) == pytest.approx(expected, rel=1e-6, abs=1e-6), name
 
 
-def test_metrics_by_hand():
-    ranks = pd.DataFrame({"rank": [1.0, 2.0, 3.5, 11.0], "candidates": [5, 5, 7, 21]})
-    metrics = ranking_metrics(ranks)
-    assert metrics.mrr == pytest.approx((1 + 1 / 2 + 1 / 3.5 + 1 / 11) / 4)
-    assert (metrics.hits_at_1, metrics.hits_at_3, metrics.hits_at_10) == (0.25, 0.5, 0.75)
-    assert metrics.mean_rank == 17.5 / 4
-    # Expected ranks minus one: 2, 2, 3 and 10; reached: 0, 1, 2.5 and 10.
-    assert metrics.amri == pytest.approx(1 - 13.5 / 17)
-    assert metrics.queries == 4
-
-
 def test_a_field_of_one_candidate_has_no_chance_to_beat():
     ranks = pd.DataFrame({"rank": [1.0, 1.0], "candidates": [1, 1]})
     assert ranking_metrics(ranks).amri == 0

@@ -110,15 +110,6 @@ def test_queries_of_both_relations_have_the_scores_of_each(scorer, has_table, mo
     torch.testing.assert_close(heads, torch.cat(reversed_), rtol=2e-3, atol=1e-3)
 
 
-def test_single_links_have_the_scores_of_the_table(scorer):
-    generator = torch.Generator().manual_seed(4)
-    heads, tails = torch.randint(len(scorer.entities), (2, 60), generator=generator)
-    for relation in (COMBINES_WITH, COMPONENT_OF):
-        single = scorer.knowledge.link_scores(relation, tails, heads[:, None], heads=True)[:, 0]
-        expected = scorer.table(relation)[heads, tails]
-        torch.testing.assert_close(single, expected, rtol=2e-3, atol=1e-3)
-
-
 def test_a_sample_of_a_fold_stands_for_all_its_recipes(cross_fitted, opened_kitchen, monkeypatch):
     folds = make_folds(opened_kitchen.split, cross_fitted.count)
     left_out = cross_fitted.left_out(0)
@@ -257,18 +248,6 @@ def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
     np.testing.assert_allclose(scorer.table("combinesWith").numpy(), combines, atol=1e-3)
     np.testing.assert_allclose(scorer.table("componentOf").numpy(), component, atol=1e-3)
     assert (scorer.name, scorer.graph_hash) == ("recipe kernel", graph.hash)
-
-
-@any_recipes
-def test_scorers_of_any_recipes_are_finite_and_the_same_again(recipes):
-    graph = graph_of(recipes)
-    for vectors in (None, drawn_vectors(0)):
-        tables = [
-            torch.stack([KernelScorer(graph, recipes, vectors).table(r) for r in (0, 1)])
-            for _ in range(2)
-        ]
-        assert torch.isfinite(tables[0]).all()
-        assert torch.equal(*tables)
 
 
 def test_large_tables_and_foreign_vectors_are_refused(kitchen, monkeypatch):

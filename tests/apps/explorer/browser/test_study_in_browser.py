@@ -152,13 +152,6 @@ def test_the_rest_of_a_double_click_is_no_pick_but_a_key_is(page):
     page.wait_for_url("**/feedback/1")
 
 
-def test_early_keys_are_not_another_first_pick(page):
-    """Keys that come before the next page are not taken for another first pick."""
-    press = "document.body.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }))"
-    page.evaluate(f"for (const key of ['1', '2', '3']) {press}")
-    page.wait_for_url("**first=1")
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page, study, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()

@@ -670,27 +670,6 @@ def test_the_generated_files_are_those_of_the_book(monkeypatch):
     assert {recipe: row["kind"] for recipe, row in recipes.items()} == kinds
 
 
-def test_votes_ranks_are_those_of_counting():
-    graph = RecipeGraph.from_book(open_book("kitchen"))
-    rows, ranks = graph.recipes.tolist(), MAKER["votes_ranks"](graph)
-    for index in range(0, len(rows), 30):
-        a, b, result = rows[index]
-        votes = [
-            sum(
-                x in other[:2] and other[2] == entity
-                for x in {a, b}
-                for i, other in enumerate(rows)
-                if i != index
-            )
-            for entity in range(graph.num_entities)
-        ]
-        own = votes[result]
-        expected = (
-            sum(count > own for count in votes) + (sum(count == own for count in votes) + 1) / 2
-        )
-        assert ranks[index] == expected
-
-
 @pytest.mark.slow
 def test_croissant_metadata_are_valid_and_their_records_can_be_read():
     dataset = mlcroissant.Dataset(str(DATA / "croissant.json"))

@@ -15,7 +15,6 @@ from wordcraft_kg import RecipeGraph, load_scorer
 from wordcraft_kg.agents import recipe_discovery
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
-    NEVER,
     BookDiscoverer,
     EmpowermentDiscoverer,
     GreedyDiscoverer,
@@ -186,17 +185,6 @@ def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
     single = summarise_curves(curves[curves["run"] == 0])
     assert single["low"].isna().all()
     assert single["mean"].tolist() == [6, 6]
-
-
-def test_plays_record_the_attempt_of_each_entity(kitchen):
-    players = make_discoverers(["random", "greedy"], kitchen)
-    plays = play_runs(kitchen, players, ATTEMPTS, runs=4, seed=2)
-    is_base = np.isin(np.arange(kitchen.num_entities), kitchen.base_ids)
-    assert ((plays.learnt == 0) == is_base).all()
-    assert (plays.learnt == NEVER).any()
-    for attempt in range(ATTEMPTS + 1):
-        by_now = ((plays.learnt != NEVER) & (plays.learnt <= attempt)).sum(axis=2)
-        np.testing.assert_array_equal(by_now, plays.known[:, :, attempt])
 
 
 def test_book_votes_tries_the_pair_of_the_highest_value():
@@ -453,13 +441,3 @@ def test_a_thought_names_the_rule_the_chance_and_the_expected_result(labelled, w
             is_cover = (attempt + 1) % COVER == 0
             assert thought.reason == ("cover" if is_cover else "value")
     assert reasons[:FREE] == ["random start"] * FREE
-
-
-def test_a_variant_shares_scores_and_has_other_numbers(labelled, world):
-    player = RecipeDiscoverer(labelled)
-    log = play(player, world, 25)
-    trusting = player.variant(0)
-    assert play(trusting, world, 25) == play(RecipeDiscoverer(labelled, doubt=0), world, 25)
-    assert play(player, world, 25) == log
-    assert play(player.variant(20 * DOUBT), world, 25) != log
-    assert trusting._scored is player._scored

@@ -6,7 +6,6 @@ from collections import Counter
 import numpy as np
 import pytest
 import torch
-from helpers import refuses
 
 from wordcraft_kg import PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents import evaluation
@@ -201,18 +200,6 @@ def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind,
     assert len(set(expected.terminations.ravel().tolist())) > 2
 
 
-def test_a_policy_plays_on_torch_environments_too(opened):
-    config = WordCraftConfig(part="test", num_distractors=3)
-    one, other = (
-        BatchEngine(World(opened, config), 6, device=device) for device in ("cpu", "torch:cpu")
-    )
-    player = PolicyPlayer(policy_for(opened, one.num_slots))
-    slots, same = player(one.reset(), None), player(other.reset(), None)
-    assert isinstance(slots, np.ndarray)
-    assert isinstance(same, torch.Tensor)
-    np.testing.assert_array_equal(slots, same.numpy())
-
-
 def test_every_player_meets_the_same_tables_every_time(opened):
     config = WordCraftConfig(part="test", num_distractors=4, max_attempts=2)
     evaluator = Evaluator(World(opened, config), distractor_seeds=3)
@@ -280,14 +267,6 @@ def test_a_number_that_is_no_slot_is_an_action_error(opened, slot):
         Evaluator(world, distractor_seeds=1, limit=5)(wrong)
     with pytest.raises(ActionError, match=str(slot)):
         play_all(world, {"wrong": wrong}, distractor_seeds=1, limit=5)
-
-
-def test_no_table_for_a_task_is_refused_by_each_way_to_play(opened):
-    world = World(opened, WordCraftConfig(part="test"))
-    with refuses("distractor_seeds"):
-        Evaluator(world, distractor_seeds=0)
-    with refuses("distractor_seeds"):
-        play_all(world, {"random": random_entity}, distractor_seeds=0)
 
 
 def test_figures_are_means_over_tasks_and_draws(opened):

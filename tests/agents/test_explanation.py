@@ -10,17 +10,13 @@ import numpy as np
 import pytest
 import torch
 from helpers import refuses
-from short_fits import short_fits
 
 from wordcraft_kg import (
     PolicyConfig,
-    RecipesConfig,
-    RecipeScorerConfig,
     WordCraftConfig,
     World,
     load_scorer,
     make_sources,
-    train_recipes,
 )
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
@@ -404,34 +400,6 @@ def test_a_scorer_without_folds_has_in_sample_recipes(made, kg, model):
         assert (found.model, found.fold) == (model, None)
         for way in found.ways:
             assert all(one.is_in_sample == (kg == "full" or one.part == "train") for one in way)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("in_sample", [False, True])
-def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once, in_sample):
-    with_train_sample = RecipeScorerConfig(folds=3, train_fraction=0.6, label_noise=0.2)
-    config = RecipesConfig("kitchen", with_train_sample)
-    with short_fits():
-        folder = made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out))
-    guide = load_scorer(folder)
-    world, _ = made("no scorer", "train")
-    settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)
-    policy, _ = make_policy(
-        settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks
-    )
-    explainer, told = Explainer(policy, world), set()
-    for task in range(0, len(world.tasks), 4):
-        found = explainer.task(task)
-        assert (found.model == "train_recipes") == in_sample
-        model = guide.whole if found.fold is None else guide.left_out(found.fold)
-        trained_on = {tuple(recipe) for recipe in model.recipes.tolist()}
-        if found.model == "no_knowledge":
-            trained_on = set()
-        for one in (recipe for way in found.ways for recipe in way):
-            ids = tuple(map(opened.graph.id_of, (*one.ingredients, one.result)))
-            assert one.is_in_sample == (ids in trained_on)
-            told.add((one.part, one.is_in_sample))
-    assert told >= {("train", False), *([("train", True)] if in_sample else [])}
 
 
 @pytest.mark.slow

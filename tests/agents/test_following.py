@@ -23,7 +23,6 @@ from wordcraft_kg import (
     train_agent,
     train_links,
 )
-from wordcraft_kg.agents import following
 from wordcraft_kg.agents.agent_folder import read_agent_run
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import read_episodes
@@ -87,17 +86,6 @@ def test_what_a_training_writes_is_seen(interrupted, opened):
     after = run.explainer(world).task(3).episode.steps[0]
     assert [slot.entity for slot in before.slots] == [slot.entity for slot in after.slots]
     assert before.value != after.value
-
-
-def test_explainers_of_few_worlds_are_kept(interrupted, opened, monkeypatch):
-    monkeypatch.setattr(following, "EXPLAINERS", 2)
-    run = FollowedRun(interrupted, opened)
-    worlds = [World(opened, CONFIG.tasks.environment("test", amount)) for amount in range(3)]
-    first, second = run.explainer(worlds[0]), run.explainer(worlds[1])
-    assert run.explainer(worlds[0]) is first
-    run.explainer(worlds[2])
-    assert run.explainer(worlds[0]) is first
-    assert run.explainer(worlds[1]) is not second
 
 
 def test_what_cannot_be_read_is_an_error_each_time_until_it_can(interrupted, opened, tmp_path):

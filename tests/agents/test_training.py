@@ -228,14 +228,6 @@ def test_a_policy_of_other_entities_than_the_run_is_refused(done, tmp_path, chan
         open_agent(folder)
 
 
-@pytest.mark.slow
-def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(interrupted):
-    folder = interrupted()
-    (folder / "metrics.jsonl").write_bytes(b"")
-    with pytest.raises(ArtefactError, match=r"metrics\.jsonl is shorter"):
-        resume(folder)
-
-
 SELF_PAIRS = "a,a,c\nb,b,d\na,b,e\n"
 
 

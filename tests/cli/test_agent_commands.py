@@ -131,23 +131,6 @@ def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
     assert same("policy.safetensors", tmp_path / "again", world / "guided")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("depth", [1, 3])
-def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path, depth):
-    """Agents with another task weighting are compared only if it does not decide the tasks."""
-    small = ("--depth", depth, "--distractors", 1)
-    runs = [train(*moment(task_weighting=name), *small, name=name) for name in ("task", "goal")]
-    options = (*in_file("compare", episodes=0), "--distractor-seeds", 1, "--distractors", 1)
-    report = tmp_path / "report"
-    outcome = run("compare", *runs, *options, "--part", "train", "--out", report)
-    if depth == 1:  # all tasks are enumerated, and all are played
-        assert outcome.code == 0, outcome.err
-    else:
-        assert outcome.code == 1
-        assert "'goal' plays with task_weighting goal and 'task' with task" in outcome.err
-        assert not report.exists()
-
-
 SLOW_CHOICES = [
     ("--features one-hot", {"value_readout": "logits", "policy_lag": 1, "unroll": 4}),
     ("--features random --depth 2 --max-attempts 3 --reward official", {"pooling": "max"}),

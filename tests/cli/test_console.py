@@ -6,11 +6,9 @@ import json
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
 import pytest
 from helpers import in_file, write_graph
@@ -19,7 +17,6 @@ from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
 from wordcraft_kg.cli.console import aligned, lines_of
 from wordcraft_kg.cli.failures import OPTIONS, with_options
 from wordcraft_kg.cli.options import Force
-from wordcraft_kg.graphs import open_book
 from wordcraft_kg.runs.progress import MIN_BAR, ProgressBar, Stages
 from wordcraft_kg.runs.record import end_run, start_run
 
@@ -388,65 +385,10 @@ def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):
     assert set(lines) == {name.format(folder) for name in offered}
 
 
-SHORTER = {
-    **{
-        "train-complex": "--dim 8 --epochs 2 --n3 0.1 --folds 0",
-        "train-links": "--dim 8 --epochs 1 --folds 0",
-    },
-    **{
-        "train-agent": "--steps 320",
-        "discover": "--attempts 20",
-    },
-}
 """What is added to examples that would take minutes; recipe scorers are trained on the smaller
 book, too."""
 
-IN_ORDER = (
-    *(
-        "books",
-        "check-book",
-        "build-graph",
-        "describe",
-        "export",
-        "train-complex",
-        "train-links",
-    ),
-    *(
-        "train-recipes",
-        "evaluate-links",
-        "score",
-        "discover",
-        "train-agent",
-        "evaluate-agent",
-        "explain",
-    ),
-)
 """Commands whose examples need nothing but the files of earlier examples; play needs a player."""
-
-
-@pytest.mark.slow
-def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "recipes.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,dough\n")
-    player = Path(__file__).parents[2] / "examples" / "line_player.py"
-    (tmp_path / "examples").mkdir()
-    shutil.copy(player, tmp_path / "examples")
-    (tmp_path / "recipes.json").write_text(
-        '{"dough": [["flour", "water"]], "bread": [["dough", "fire"]]}'
-    )
-    (tmp_path / "folds.csv").write_text("part,result\ntrain,dough\ntest,bread\n")
-    (tmp_path / "pairs.csv").write_text("head,relation,tail\nflour,combinesWith,water\n")
-    rows = ["item1;item2;product", *(";".join(recipe) for recipe in open_book("kitchen").recipes)]
-    (tmp_path / "recipes.txt").write_text("\n".join(rows))
-    for name in IN_ORDER:
-        for example in manual_of(name).examples:
-            if re.search(
-                "--fetch|--with|little-alchemy-2|inorganic|materials|runs/deep", example
-            ):  # needs a network, or knowledge
-                continue
-            example = example.replace("train-recipes everyday", "train-recipes kitchen")
-            outcome = run(*shlex.split(f"{example} {SHORTER.get(name, '')}")[1:])
-            assert outcome.code == 0, (example, outcome.err)
 
 
 BAD_VALUES = {

@@ -1,7 +1,6 @@
 """The commands of graphs and recipe books as a user runs them: output, exit codes, and a disk left
 as it was."""
 
-import io
 import json
 import os
 import re
@@ -16,7 +15,6 @@ from quick import QUICK, contents, text_of
 
 from wordcraft_kg.graphs import (
     SplitConfig,
-    library,
     make_split,
     open_graph,
     read_book,
@@ -365,20 +363,6 @@ def test_an_interrupted_swap_brings_the_earlier_folder_back(not_built, monkeypat
     not_built("kitchen", says="interrupted; nothing was written", codes=(130,))
 
 
-def test_an_interrupted_export_leaves_nothing_half_written(run, out, monkeypatch):
-    def interrupt(*arguments):
-        yield "half a line"
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("wordcraft_kg.graphs.export.triple_lines", interrupt)
-    (out / "earlier.tsv").write_text(KEPT, encoding="utf-8")
-    before = contents(out)
-    for name in ("earlier.tsv", "new.tsv"):
-        outcome = run("export", "kitchen", "--format", "tsv", "--out", out / name, "--force")
-        assert (outcome.code, outcome.out) == (130, "")
-        assert contents(out) == before
-
-
 def test_build_graph_prints_what_it_made(printed, run, home, kitchen):
     command = (
         "build-graph",
@@ -540,20 +524,6 @@ def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     assert f"{DATA_VARIABLE} names (not set)" in text
 
 
-def test_fetch_reports_the_real_book_that_the_cache_holds(
-    printed, run, home, alchemy_path, monkeypatch
-):
-    monkeypatch.setattr(library, "_opened", lambda url: io.BytesIO(alchemy_path.read_bytes()))
-    result = printed("books", "--fetch", "little-alchemy-2")
-    assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
-    monkeypatch.setattr(library, "_opened", None)
-    assert (
-        "next: wordcraft-kg build-graph little-alchemy-2"
-        in run("books", "--fetch", "little-alchemy-2").out
-    )
-    assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
-
-
 @pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error(tmp_path):
     reader, writer = os.pipe()
@@ -708,30 +678,6 @@ def test_sets_are_built_described_exported_trained_on_and_ranked(run, folder, tm
     ranked = json.loads(text_of("evaluate-links", model, "--json", "--quiet"))
     assert ranked["checks_passed"] is False  # by-recipe-plain covers not all entities
     assert set(ranked["baselines"]) == {"frequency", "votes", "neighbours", "random"}
-
-
-def test_commands_play_sets(run, folder, tmp_path, monkeypatch):
-    """Tasks, scripted players, a program and the terminal, on one book."""
-    text = run("describe", folder, "--tasks", "--part", "test").out
-    assert "plan" in text
-    assert " + " in text
-    options = ("--distractors", "1", "--distractor-seeds", "1", "--json", "--quiet")
-    players = json.loads(run("evaluate-agent", folder, *options).out)
-    assert "recipe oracle" in json.dumps(players)
-    out = tmp_path / "chats.jsonl"
-    run("chats", folder, "--tasks", "3", "--out", out)
-    calls = [
-        message["tool_calls"][0]["function"]["arguments"]
-        for line in out.read_text().splitlines()
-        for message in json.loads(line)["messages"]
-        if message.get("tool_calls")
-    ]
-    assert calls
-    assert all(list(call) == ["items"] for call in calls)
-    monkeypatch.setattr("sys.stdin", io.StringIO("1 + 2 + 2\nq\n"))
-    played = run("play", folder, "--seed", "3", "--episodes", "1")
-    assert played.code == 0
-    assert "Name the items to combine" in played.out
 
 
 def test_open_ended_play_refuses_sets_with_one_line(run, folder):

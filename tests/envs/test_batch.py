@@ -525,17 +525,6 @@ def test_a_posed_episode_ends_and_stays(opened_kitchen):
         engine.step_once(state, np.zeros(50, dtype=np.int64))
 
 
-def test_an_episode_that_is_over_stays_while_others_go_on(opened_kitchen):
-    engine = batch(opened_kitchen, 2, part="all", depth=2, num_distractors=3).engine
-    state = engine.pose(np.array([0, 1]))
-    for _ in range(2):  # the first environment loses both attempts, the second picks and picks
-        state, _ = engine.step_once(state, np.array([engine.num_slots - 1, 0]))
-    assert (state.attempts_left > 0).tolist() == [False, True]
-    after, step = engine.step_once(state, np.array([0, 0]))
-    np.testing.assert_array_equal(after.table[0], state.table[0])
-    assert not any((step.over[0], step.illegal[0], after.attempts_left[0]))
-
-
 def test_drawn_episodes_follow_posed_ones(opened_kitchen, device):
     engine = batch(opened_kitchen, 20, device=device, num_distractors=3).engine
     state = engine.pose(np.arange(20))

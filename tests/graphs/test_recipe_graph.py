@@ -1,4 +1,3 @@
-import itertools
 import re
 from collections import Counter
 from itertools import combinations_with_replacement
@@ -23,7 +22,6 @@ from wordcraft_kg.graphs import (
     recipe_triples,
     rounds,
 )
-from wordcraft_kg.graphs.arrays import recipe_keys
 from wordcraft_kg.graphs.export import to_networkx, triples_frame
 from wordcraft_kg.graphs.folder import entities_frame
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys
@@ -345,14 +343,3 @@ def test_little_alchemy_2_takes_sixteen_rounds_with_time(alchemy):
     layer = layers(alchemy, ["air", "earth", "fire", "water"])
     assert (max(layer), rounds(layer)[-1]) == (16, 697)
     assert alchemy.labels(np.flatnonzero(layer < 0)) == ("archeologist", "ruins", "time")
-
-
-def test_keys_of_recipes_sort_like_rows_and_ignore_the_order_of_ingredients():
-    every = np.array(list(itertools.product(range(4), repeat=3)))
-    keys = recipe_keys(*every.T, num_entities=4)
-    mirrored = recipe_keys(*every[:, [1, 0, 2]].T, num_entities=4)
-    assert np.array_equal(keys, mirrored)
-    ordered = every[every[:, 0] <= every[:, 1]]
-    of_ordered = recipe_keys(*ordered.T, num_entities=4)
-    assert np.all(np.diff(of_ordered) > 0)
-    assert len(np.unique(keys)) == len(ordered)

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
 import pytest
-from graph_strategies import books, labels
+from graph_strategies import books
 from helpers import refuses
 from hypothesis import example, given, strategies as st
 
@@ -16,7 +16,7 @@ from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, writ
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.book_files.reader import BookRows
 from wordcraft_kg.graphs.book_files.texts import Dialect, cells_of
-from wordcraft_kg.graphs.recipes import RecipeRows, alike_labels, case_variants, check_label
+from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 
@@ -71,27 +71,6 @@ def test_a_book_is_not_written_under_another_ending(tmp_path):
     ):
         write_book(RecipeBook.of("book", [("a", "b", "c")]), tmp_path / "book.xml")
     assert not list(tmp_path.iterdir())
-
-
-def test_the_layouts_of_one_book_give_equal_graphs(tmp_path):
-    rows = [["b", "a", "c"], ["a", "a", "d"], ["a", "b", "d"]]
-    official = {"entities": {label: {"id": 1, "recipes": []} for label in "abcd"}}
-    for a, b, result in rows:
-        official["entities"][result]["recipes"].append([a, b])
-    texts = {
-        "own.json": json.dumps({"entities": list("abcd"), "recipes": rows}),
-        "official.json": json.dumps(official),
-        "commas.csv": TABLE + "".join(",".join(row) + "\n" for row in rows),
-        "tabs.tsv": TABLE.replace(",", "\t") + "".join("\t".join(row) + "\n" for row in rows),
-        "tabs.tab": TABLE.replace(",", "\t") + "".join("\t".join(row) + "\n" for row in rows),
-        "upper.CSV": TABLE + "".join(",".join(row) + "\n" for row in rows),
-    }
-    graphs = []
-    for name, text in texts.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-        graphs.append(RecipeGraph.from_book(read_book(tmp_path / name)))
-    assert len({graph.hash for graph in graphs}) == 1
-    assert graphs[0].recipe_labels() == [("a", "a", "d"), ("a", "b", "c"), ("a", "b", "d")]
 
 
 SAVED = {
@@ -380,13 +359,3 @@ def test_an_option_that_changes_labels_reads_row_by_row(put):
 
 def test_a_table_of_a_header_alone_has_no_recipe(put):
     assert outcome(put(HEADER)) == outcome_by_rows(put(HEADER))
-
-
-@given(st.lists(st.tuples(labels(), labels(), labels())))
-def test_a_book_of_rows_with_ids_equals_a_book_of_labels(rows):
-    numbered = RecipeRows.of([Recipe.of(*row) for row in rows])
-    for keep in (False, True):
-        book = RecipeBook.of("book", rows, keep_self_results=keep)
-        assert RecipeBook.of("book", numbered, keep_self_results=keep) == book
-        kept = {Recipe.of(*row) for row in rows}
-        assert list(book.recipes) == sorted(r for r in kept if keep or not r.is_self_result)

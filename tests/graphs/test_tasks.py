@@ -1,13 +1,11 @@
 import itertools
 from collections import Counter
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
 from graph_strategies import graphs, graphs_of_sets
 from hypothesis import given, strategies as st
-from scipy.stats import chisquare
 
 from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, task_search
@@ -18,7 +16,7 @@ from wordcraft_kg.graphs.task_search import (
     SolutionSearch,
     make_tasks,
 )
-from wordcraft_kg.graphs.tasks import CraftingTask, replay
+from wordcraft_kg.graphs.tasks import replay
 
 
 def outcomes(graph):
@@ -336,104 +334,6 @@ BRANCHED_SPLIT = Split(
 )
 
 
-def pairs_of_results(recipes):
-    """Return the pairs that make each result, without the recipes that keep an ingredient."""
-    pairs = {}
-    for a, b, result in recipes:
-        if result not in (a, b):
-            pairs.setdefault(result, []).append((a, b))
-    return pairs
-
-
-def accepted_draws(graph, reached, depth, part):
-    """Return the draws that are tasks of the part, with their probabilities."""
-    accepted = {}
-    tasks = tasks_by_trying(graph, depth)
-    for (goal, start), probability in reached.items():
-        if (goal, start) in tasks:
-            plans = tuple(
-                tuple(graph.recipe_labels(graph.recipes[list(rows)]))
-                for rows in SolutionSearch(graph).plans(goal, start, depth)
-            )
-            if part in ("all", part_of(CraftingTask(goal, start, depth, plans), BRANCHED_SPLIT)):
-                accepted[goal, start] = probability
-    return accepted
-
-
-def drawn_distribution(depth, part, weighting):
-    """Follow every choice of the draw with its probability; leave out what is no task of the part,
-    and renormalise."""
-    graph = BRANCHED if part != "train" else train_book(BRANCHED_SPLIT)
-    makes = pairs_of_results(graph.recipe_labels())
-    last = makes
-    reached = Counter()
-
-    def replace_leaves(goal, made, leaves, left, probability):
-        if not left:
-            reached[goal, tuple(sorted(leaves))] += probability
-            return
-        open_leaves = leaves & makes.keys()
-        for leaf in open_leaves:
-            for pair in makes[leaf]:
-                if not (made | {leaf}) & set(pair):
-                    share = probability / len(open_leaves) / len(makes[leaf])
-                    replace_leaves(
-                        goal, made | {leaf}, (leaves | set(pair)) - {leaf}, left - 1, share
-                    )
-
-    num_last = sum(map(len, last.values()))
-    for goal, ends in last.items():
-        for pair in ends:
-            probability = (
-                Fraction(1, num_last) if weighting == "task" else Fraction(1, len(last) * len(ends))
-            )
-            replace_leaves(goal, {goal}, set(pair), depth - 1, probability)
-    accepted = accepted_draws(graph, reached, depth, part)
-    assert 0 < sum(accepted.values()) < 1  # some draws are refused
-    return {
-        key: float(probability / sum(accepted.values())) for key, probability in accepted.items()
-    }
-
-
-@pytest.mark.parametrize(
-    ("part", "weighting"),
-    [
-        pytest.param("all", "task", marks=pytest.mark.slow),
-        ("train", "goal"),
-        pytest.param("test", "task", marks=pytest.mark.slow),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (("all", "goal"), ("train", "task"), ("test", "goal"))
-        ),
-    ],
-)
-def test_the_first_task_drawn_has_the_probability_of_the_ways_to_draw_it(part, weighting):
-    expected = drawn_distribution(3, part, weighting)
-    draws = 1_000
-    counts = Counter()
-    for seed in range(draws):
-        [task] = make_tasks(
-            BRANCHED,
-            3,
-            BRANCHED_SPLIT,
-            part,
-            weighting=weighting,
-            limit=1,
-            seed=seed,
-            twice_share=None,
-        )
-        counts[task.goal, task.start] += 1
-    assert counts.keys() <= expected.keys()
-    assert len(expected) >= 4
-    assert min(expected.values()) * draws >= 5  # for the chi-square approximation
-    assert (
-        chisquare(
-            [counts[key] for key in expected], [draws * share for share in expected.values()]
-        ).pvalue
-        > 0.001
-    )
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "says"),
     [
@@ -473,29 +373,6 @@ def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
         TaskError, match=r"graph has no task of depth 2 in the test part \(1 belong to no part\)"
     ):
         make_tasks(graph, 2, split, "test")
-
-
-@pytest.mark.parametrize(
-    ("depth", "number", "train", "test", "mixed"),
-    [
-        (1, 3_417, 2_745, 653, 46),
-        pytest.param(2, 26_859, 17_867, 9_434, 990, marks=pytest.mark.slow),
-    ],
-)
-def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed):
-    # All tasks of the book, whatever share of them uses an entity twice.
-    everything = make_tasks(alchemy, depth, twice_share=None)
-    split = make_split(alchemy, SplitConfig())
-    assert len(everything) == number
-    made = [make_tasks(alchemy, depth, split, part, twice_share=None) for part in ("train", "test")]
-    assert [(len(tasks), tasks.mixed) for tasks in made] == [(train, 0), (test, mixed)]
-    # Those of depth 2 beyond a chain of two different ingredients.
-    kinds = Counter()
-    for task in everything if depth == 2 else ():
-        doubled = all(plan[-1][0] == plan[-1][1] for plan in task.plans)
-        by_product = all(len(plan) > task.depth for plan in task.plans)
-        kinds["doubled" if doubled else "by-product" if by_product else "chain"] += 1
-    assert depth == 1 or kinds == {"chain": 26_502, "doubled": 355, "by-product": 2}
 
 
 def test_tasks_of_depth_two_are_drawn_where_too_many_plans_lead_to_them(kitchen, monkeypatch):

@@ -195,16 +195,6 @@ def test_a_batch_has_the_values_of_single_states():
         torch.testing.assert_close(values[row], single, rtol=0, atol=1e-4)
 
 
-def test_tried_pairs_are_not_planned_again():
-    search = random_search(1)
-    state = torch.tensor([0]), torch.tensor([[1, 2, 3]]), torch.tensor([0])
-    tried = torch.zeros(1, 3, 3, dtype=torch.bool)
-    tried[0, 0, 1] = tried[0, 1, 0] = True
-    values = search.values(*state, torch.tensor([3]), tried)[0]
-    assert values[0, 1] == values[1, 0] == NO_PLAN
-    assert (values[2] > NO_PLAN).all()
-
-
 def test_a_plan_avoids_tried_pairs_as_its_value_does():
     search = random_search(1)
     goal, table = 0, [1, 2, 3]

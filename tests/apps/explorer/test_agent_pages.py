@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.apps.explorer.shown import look, page_of, view_of
+from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg import WordCraftConfig, World, open_agent
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.explanation import Explainer
@@ -183,60 +183,6 @@ def test_a_run_shows_curves_and_settings_but_no_folders(agents, tmp_path):
     assert page.count("<svg") >= 6
 
 
-@pytest.fixture
-def unfinished(agents, tmp_path):
-    """Open `plain` as its training left it after some lines of metrics, the last one half written:
-    `live`."""
-    done, live = agents.runs["plain"], tmp_path / "live"
-
-    def unfinished(status, lines, *others):
-        live.mkdir()
-        for name in ("config.toml", "policy.json", "constants.safetensors"):
-            shutil.copy(done / name, live / name)
-        record = json.loads((done / "run.json").read_text())
-        record |= {
-            "status": status,
-            "ended": None if status == "running" else record["ended"],
-            "outputs": {},
-        }
-        (live / "run.json").write_text(json.dumps(record))
-        if lines:
-            text = (done / "metrics.jsonl").read_text().splitlines(keepends=True)
-            (live / "metrics.jsonl").write_text("".join(text[:lines]) + text[lines][:25])
-        return Explored.open(agents.opened.source, [], [live, *others]), live
-
-    return unfinished
-
-
-@pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
-@pytest.mark.parametrize("lines", [0, 1, 4])
-def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents, unfinished, status, lines):
-    explored, _ = unfinished(status, lines)
-    view, page = view_of(explored, RunState()), look(explored, RunState())
-    written = lines_of(agents.runs["plain"])[:lines]
-    assert view.row.steps == (written[-1]["step"] if written else 0)
-    assert (view.row.status, view.row.is_live, view.outcomes) == (status, status == "running", {})
-    assert (view.row.success == {}) == (lines == 0)
-    live = [
-        attributes["data-live"]
-        for tag, attributes in page.tags
-        if tag == "section" and "data-live" in attributes
-    ]
-    assert live == (["3"] if status == "running" else [])
-    assert "checkpoint" in view.waits_for
-    assert view.waits_for in page.text
-    assert ("<svg" in page.page) == (lines > 0)
-    assert ('data-live="3"' in look(explored, RunsState()).page) == (status == "running")
-    # What needs its weights or its evaluation says what it waits for.
-    tasks = view_of(explored, TasksState())
-    assert tasks.missing == f"live is {status}: results per task follow the evaluation."
-    with pytest.raises(Exception, match="no checkpoint yet"):
-        view_of(explored, EpisodeState())
-    for state in (RunState(), RunsState(), TasksState(), EpisodeState()):
-        assert page_of(state).is_live(explored, state)
-        assert not page_of(state).is_live(agents, state)
-
-
 BREAK: dict[str, Callable[[Path], object]] = {
     "run.json": lambda folder: (folder / "run.json").write_text("{"),
     "config.toml": lambda folder: (folder / "config.toml").write_text("[train-agent]\n"),
@@ -246,8 +192,9 @@ BREAK: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("what", BREAK)
-def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, unfinished, what):
-    explored, folder = unfinished("running", 3, agents.runs["guided"])
+def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, tmp_path, what):
+    folder = shutil.copytree(agents.runs["plain"], tmp_path / "live")
+    explored = Explored.open(agents.opened.source, [], [folder, agents.runs["guided"]])
     BREAK[what](folder)
     rows = view_of(explored, RunsState()).runs
     assert [row.status for row in rows] == [None, "done"]

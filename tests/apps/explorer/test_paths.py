@@ -162,18 +162,6 @@ def test_a_path_without_a_goal_leads_to_an_entity_of_the_last_layer(explored):
     assert view == view_of(explored, PathState(entity=view.entity))
 
 
-@pytest.mark.slow
-def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
-    explored = explored_graph(chain(15_000))
-    for state, text in (
-        (EntityState("15000"), "15,000 crafts"),
-        (PathState("15000"), "about 2.8 × 10^4515"),
-    ):
-        assert text in look(explored, state).text
-        checked_values(view_of(explored, state))
-    assert "about 2.8 × 10^4515" in repr(Planner(explored.opened.graph).derivation("15000"))
-
-
 def test_a_graph_without_entities_has_no_path():
     """A graph without entities has no path in the menu and is no error of the program."""
     explored = explored_graph([])

@@ -50,7 +50,7 @@ from wordcraft_kg.base import (
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import table_labels
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import SplitConfig, make_split
 
 SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
 
@@ -134,12 +134,6 @@ def test_the_tasks_of_a_form_are_those_of_the_protocol(study, kitchen):
         protocol = HumanProtocol(kitchen, cell.distractors, 5 + cell.form, tasks=3)
         assert study.tasks(cell) == tuple(protocol.task(*turn) for turn in protocol.turns)
         assert study.protocol(cell).header == protocol.header == study.record.header(cell)
-
-
-def test_several_threads_get_the_same_tasks(kitchen):
-    fresh, found = HumanStudy(kitchen, SMALL), []
-    at_once(lambda: found.append(fresh.tasks(fresh.cells[0])), 8)
-    assert set(found) == {HumanStudy(kitchen, SMALL).tasks(fresh.cells[0])}
 
 
 @pytest.mark.parametrize(
@@ -362,21 +356,11 @@ def test_a_study_with_other_settings_is_refused(kitchen, folder, changes, messag
         check_study_folder(folder, HumanStudy(kitchen, replace(SMALL, **changes)).record)
 
 
-def test_a_study_with_other_page_texts_is_refused(study, folder):
-    with unchanged(folder), pytest.raises(ConfigError, match="other texts"):
-        check_study_folder(folder, msgspec.structs.replace(study.record, texts_hash="0" * 64))
-
-
 @pytest.mark.slow
 def test_a_study_of_another_graph_or_split_is_refused(kitchen, folder):
     for other in ("everyday", other_world(kitchen, "split")):
         with pytest.raises(GraphMismatchError):
             check_study_folder(folder, HumanStudy(other, SMALL).record)
-
-
-def test_the_same_study_under_another_name_of_its_graph_goes_on(kitchen, folder):
-    renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
-    assert check_study_folder(folder, HumanStudy(renamed, SMALL).record)
 
 
 def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study, tmp_path):
@@ -478,23 +462,6 @@ def test_answers_that_cannot_be_are_refused(study, folder, change):
         connection.executescript(CHANGES[change])
     with pytest.raises(ArtefactError, match="is damaged"):
         read_study(folder)
-
-
-@pytest.mark.parametrize(
-    "foreign",
-    [
-        "CREATE TRIGGER t AFTER INSERT ON answers BEGIN DELETE FROM answers; END",
-        "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS "
-        "number, 'a' AS goal, '[]' AS slots, '[]' AS actions, '[]' AS made, 0 AS success, 0.0 AS "
-        "seconds, 1 AS loads",
-        "CREATE TABLE more (thing TEXT)",
-    ],
-)
-def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder, foreign):
-    opened(folder).close()
-    with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
-        connection.executescript(foreign)
-    refuses_all(folder, read_study, opened, match="expected the tables of a study")
 
 
 def test_a_database_that_was_not_finished_is_made_again(study, folder):

@@ -404,31 +404,6 @@ def test_the_machine_s_time_does_not_count(monkeypatch):
         assert 0 <= clock() - began < 5
 
 
-@pytest.mark.slow
-def test_on_a_full_disk_an_answer_can_be_sent_again(kitchen, tmp_path, caplog):
-    """On a full disk an answer is not acknowledged and can be sent again."""
-    study = HumanStudy(kitchen, StudyConfig(tasks=40, forms=1))
-    with browsing(study, tmp_path / "study") as browser:
-        connection, code = browser.answers._connection, browser.begin()
-        (pages,) = connection.execute("PRAGMA page_count").fetchone()
-        connection.execute(f"PRAGMA max_page_count = {pages}")
-        acknowledged = 0
-        while browser.status != 500:
-            browser.get(f"/s/{code}/task")
-            if browser.status != 500:
-                browser.answer(code, 1, 2)
-                acknowledged += browser.status != 500
-            assert acknowledged < 80
-        assert "Something went wrong" in browser.page
-        assert [
-            (record.exc_info, "disk is full" in record.message) for record in caplog.records
-        ] == [(None, True)]
-        assert len(browser.lines()) == acknowledged
-        connection.execute("PRAGMA max_page_count = 1000000")
-        browser.take(code, 1, 2)
-        assert [line.number for line in browser.lines()] == list(range(1, acknowledged + 2))
-
-
 def test_labels_stay_text(tmp_path):
     rows = [
         (one, other, made)

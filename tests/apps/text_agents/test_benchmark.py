@@ -61,8 +61,6 @@ from wordcraft_kg.base import (
     ConfigError,
     GraphMismatchError,
     OutputExistsError,
-    PlayerError,
-    WordCraftKGError,
     sha256_of,
 )
 from wordcraft_kg.envs.draws import EvaluationTables
@@ -477,39 +475,6 @@ def test_a_submission_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space"):
         bench_run("craft-1-lite", player="random", out=tmp_path / "new" / "out")
     assert not [*tmp_path.iterdir()]
-
-
-@pytest.mark.slow
-def test_a_forced_run_keeps_the_earlier_until_it_is_complete(submitted, tmp_path):
-    """A forced run keeps the earlier submission until the new one is complete."""
-    out = tmp_path / "out"
-    three = FIRST_TWO.replace("sys.stdin", "(sys.stdin.readline() for _ in range(3))")
-    other = FIRST_TWO.replace("1 + 2", "3 + 4")
-    player, stops, differs = (
-        f"program:{PYTHON} -c {shlex.quote(code)}" for code in (FIRST_TWO, three, other)
-    )
-    bench_run("craft-8-lite", player=differs, out=out)
-    before = {path.name: path.read_bytes() for path in out.rglob("*.json*")}
-    for refused in (
-        {"player": "program:no-such-program"},
-        {"player": player, "price": -1.0},
-        {"player": "scorer:no-such-model"},
-    ):
-        with pytest.raises(WordCraftKGError):
-            bench_run("craft-8-lite", out=out, force=True, **refused)
-        assert {path.name: path.read_bytes() for path in out.rglob("*.json*")} == before
-    with pytest.raises(
-        PlayerError, match=r"Finished games are in .*; repeat the command to continue\.$"
-    ):
-        bench_run("craft-8-lite", player=stops, out=out, force=True)
-    assert verify(out).games_hash == sha256_of(out / "games.jsonl")
-    assert (out / "submission.json").read_bytes() == before["submission.json"]
-    kept = (out / "messages" / "replacement" / "games.jsonl").read_bytes()
-    assert kept.count(b"\n") > 1
-    bench_run("craft-8-lite", player=player, out=out, force=True)
-    assert (out / "messages" / "games.jsonl").read_bytes().startswith(kept)
-    assert not (out / "messages" / "replacement").exists()
-    assert verify(out) == verify(submitted(player=PROGRAM))
 
 
 @pytest.fixture

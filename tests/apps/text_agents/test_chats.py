@@ -122,14 +122,6 @@ def test_orders_wordings_and_distractors_vary():
     assert max(tables.values()) == 1
 
 
-def test_a_task_meets_other_distractors_at_each_number_of_them():
-    plays = [open_play("kitchen", "train", 1, number, None) for number in (2, 3)]
-    rows, _ = rows_of(plays, style="text", tasks=40)
-    few, many = ({*row["messages"][1]["content"].split()} for row in (rows[0], rows[40]))
-    assert rows[0]["goal"] == rows[40]["goal"]
-    assert not few <= many
-
-
 def test_mistakes_are_marked_and_made_good_or_lost():
     rows, counts = rows_of(kitchen_plays(1, attempts=2), kept="all", mistakes=0.6, style="text")
     assert counts.lost == sum(not row["made"] for row in rows)

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -49,7 +49,6 @@ CLIENT = {
     "clientInfo": {"name": "test", "version": "1"},
 }
 HELLO = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "initialize", "params": CLIENT}).encode()
-PING = b'{"jsonrpc": "2.0", "id": 8, "method": "ping"}'
 
 
 @pytest.fixture
@@ -428,47 +427,6 @@ def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path
     path = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7"}
     command = StdioServerParameters(command=sys.executable, args=COMMAND, env=path, cwd=tmp_path)
     assert connect(command, transcripts((0, 40)), "legacy") == played_alone((0, 40))
-
-
-@pytest.mark.slow
-def test_malformed_messages_on_stdin_are_passed_over():
-    """Malformed messages on stdin are passed over and the last ones answered though the input ends."""
-    malformed = (
-        b"nonsense",
-        b'{"jsonrpc": "2.0"}',
-        b'"\xff\xfe"',
-        b"[" * 100_000,
-        b"x" * 3_000_000,
-    )
-    ready = b'{"jsonrpc": "2.0", "method": "notifications/initialized"}'
-    with running("--quiet") as process:
-        out, err = process.communicate(
-            b"\n".join((*malformed, HELLO, ready, PING, PING)), timeout=20
-        )
-    begun, *answers = map(json.loads, out.splitlines())
-    assert (begun["id"], begun["result"]["serverInfo"]["name"]) == (7, "wordcraft-kg")
-    assert ([answer["id"] for answer in answers], err, process.returncode) == ([8, 8], b"", 0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number):
-    with running() as process:
-
-        def write():
-            with suppress(BrokenPipeError):
-                process.stdin.write(b"\n".join([PING] * 5_000))
-
-        process.stdin.write(HELLO + b"\n")
-        process.stdin.flush()
-        assert process.stdout.readline()
-
-        writing = threading.Thread(target=write)
-        writing.start()
-        writing.join(3)
-        process.send_signal(number)
-        assert process.wait(5) == -number
-        writing.join()
 
 
 def test_a_client_that_leaves_within_its_request_is_no_error(caplog):

@@ -1,10 +1,8 @@
 """The OpenEnv server: messages in this process, real web sockets, and OpenEnv's own client."""
 
-import asyncio
 import importlib.util
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -406,48 +404,6 @@ def running(*options, files=None):
     finally:
         process.kill()
         process.communicate()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
-def test_few_open_files_bound_the_sessions_and_a_finished_one_makes_room(tmp_path):
-    from websockets.asyncio.client import connect
-    from websockets.exceptions import InvalidStatus
-
-    async def ask(socket, kind, data):
-        await socket.send(json.dumps({"type": kind, "data": data}))
-        return json.loads(await socket.recv())
-
-    async def flood(address):
-        sockets = []
-        refused = []
-        for _ in range(150):
-            try:
-                sockets.append(await connect(f"ws{address[4:]}/ws", proxy=None))
-            except InvalidStatus as error:
-                refused.append(error.response.status_code)
-        # Those who are told that there is no room may keep their sockets, but not without end.
-        playing = sockets[:48]
-        assert len(sockets) + len(refused) == 150
-        assert {*refused} <= {503}
-        for number, socket in enumerate(playing):
-            assert (await ask(socket, "reset", {"index": number}))["type"] == "observation"
-            assert (await ask(socket, "step", {"answer": "1 + 2"}))["data"]["done"]
-        for socket in sockets:
-            socket.transport.abort()
-        async with connect(f"ws{address[4:]}/ws", proxy=None) as socket:
-            assert (await ask(socket, "reset", {"index": 0}))["type"] == "observation"
-
-    path = tmp_path / "games.jsonl"
-    with running("--out", str(path), files=256) as (process, address):
-        asyncio.run(flood(address))
-        assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        errors = process.stderr.read().decode()
-        assert process.wait(10) == 0
-    assert "48 sessions in place of 256" in errors
-    assert "Traceback" not in errors
-    assert len(read_games(path)[1]) == 48
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ and bad settings."""
 import json
 import re
 import shutil
-import threading
 import tomllib
 import warnings
 from contextlib import nullcontext
@@ -225,17 +224,6 @@ def test_the_full_graph_trains_on_all_triples_and_remembers_them(opened_kitchen,
     assert trained.metrics.train_mrr > 0.9
     assert open_model(trained.folder).kg == "full"
     assert "test recipes" in (trained.folder / "README.md").read_text()
-
-
-def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, complex_folder):
-    found = []
-    config = ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0)
-    thread = threading.Thread(
-        target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model"))
-    )
-    thread.start()
-    thread.join()
-    assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
 
 
 @EACH
@@ -782,23 +770,6 @@ def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
         )
         is None
     )
-
-
-@pytest.mark.slow
-def test_with_popularity_alone_the_choice_equals_counting():
-    """Where there is nothing but popularity to learn the choice keeps up with counting."""
-    rng = np.random.default_rng(0)
-    parts = (rng.random((400, 2)) ** 2 * 60).astype(int)
-    graph = RecipeGraph.from_recipes(
-        [
-            (f"e{a}", f"e{b}", f"e{c}")
-            for (a, b), c in zip(parts, rng.integers(60, size=400), strict=True)
-        ]
-    )
-    found = choose(opened(graph), replace(OPEN, dim=32, epochs=50), silent_of_regularisation)
-    without = max(row.mrr for row in found.candidates if row.popularity == 0)
-    assert without < found.frequency_mrr
-    assert found.mrr > 0.97 * found.frequency_mrr
 
 
 @pytest.mark.slow

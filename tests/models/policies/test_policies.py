@@ -582,20 +582,6 @@ def test_the_vector_of_nothing_stays_zero():
     assert not vectors.weights()["vectors"][NUM_ENTITIES].any()
 
 
-def test_constant_vectors_are_padded_once_and_anew_after_loading_others():
-    vectors = EntityVectors(SIZE, normal(SIZE, 4))
-    with torch.inference_mode():
-        padded = vectors.weights()["vectors"]
-    assert vectors.weights()["vectors"] is padded
-    assert not padded.is_inference()
-    assert torch.equal(padded, torch.cat([vectors.vectors, torch.zeros(1, 4)]))
-    others = EntityVectors(SIZE, normal(SIZE, 4) + 1)
-    vectors.load_state_dict(others.state_dict())
-    assert torch.equal(vectors.weights()["vectors"][:-1], others.vectors)
-    vectors.double()
-    assert vectors.weights()["vectors"].dtype == torch.float64
-
-
 HIDDEN = 4
 
 

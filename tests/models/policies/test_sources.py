@@ -187,42 +187,6 @@ def test_a_source_is_restored_from_its_constants(name, scale, by_factors, monkey
     assert torch.equal(restored(States(*states())), full(States(*states())))
 
 
-@pytest.mark.parametrize(
-    ("name", "scale"),
-    [
-        ("u", "standardise"),
-        *(
-            pytest.param(name, scale, marks=pytest.mark.slow)
-            for name, scale in (
-                ("u", "ranks"),
-                ("u", "none"),
-                ("v", "ranks"),
-                ("v", "standardise"),
-                ("v", "none"),
-            )
-        ),
-    ],
-)
-def test_a_source_of_lists_comes_back_with_its_knowledge(
-    cross_fitted, opened_kitchen, name, scale, no_tables
-):
-    """Links of a recipe scorer are scored by its lists, also after a round trip, fold by fold."""
-    tasks = World(opened_kitchen, WordCraftConfig(num_distractors=3, num_tasks=30)).tasks
-    (full,) = make_sources([name], cross_fitted, ScoreView(scale, "drop"), tasks=tasks)
-    constants = full.state_dict()
-    assert {"knowledge.recipes", "deviation"} <= {*constants}
-    size = len(cross_fitted.entities)
-    restored = source_class(name).restored(size, constants)
-    restored.load_state_dict(constants)
-    restored.bind(tasks)
-    task = torch.arange(len(tasks))
-    table = torch.stack([task * 7, task * 5 + 1, task * 3 + 2], dim=1) % (size + 1)
-    state = States(task % size, task * 2 % (size + 1), table, task)
-    assert torch.equal(restored(state), full(state))
-    assert full(state).any()
-    assert not full(state)[table == size].any()
-
-
 def test_a_scale_without_a_fitting_table_names_those_that_do(
     no_tables,
 ):

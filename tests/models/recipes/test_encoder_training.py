@@ -28,7 +28,6 @@ from wordcraft_kg.models.recipes.config import (
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import encoders_of, fit_recipe_scorers
 from wordcraft_kg.models.recipes.training import encoder_of_books, train_recipes
-from wordcraft_kg.models.scorers import config as limits
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.results import results_of
@@ -288,16 +287,6 @@ def test_agents_score_by_the_encoders_of_their_folds_and_are_restored(trained, b
         assert torch.equal(restored(states), expected)
 
 
-def test_evidence_names_recipes(trained):
-    scorer = load_scorer(trained)
-    a, b, result = scorer.entities[:3]
-    known = {tuple(row) for row in scorer.recipes.tolist()}
-    ids = {label: number for number, label in enumerate(scorer.entities)}
-    for witness in scorer.supporting_recipes(a, b, result):
-        row = (ids[witness.ingredient_a], ids[witness.ingredient_b], ids[witness.result])
-        assert row in known
-
-
 def test_results_of_a_pair_have_probabilities(trained, book):
     from wordcraft_kg.evaluation.queries import RecipeQuery
     from wordcraft_kg.evaluation.scores import RecipeScoring, ScoringModel
@@ -350,21 +339,6 @@ def test_settings_that_do_not_fit_are_refused(settings, message):
 def test_an_unknown_device_is_refused_before_anything_is_written(book, tmp_path):
     with pytest.raises(ConfigError, match="device"):
         train_recipes(RecipesConfig(str(book), replace(WITH, device="abacus")), tmp_path / "model")
-    assert not (tmp_path / "model").exists()
-
-
-def test_memory_for_encoders_is_said_before_the_start(book, monkeypatch, tmp_path):
-    size = (31_645, 156_000, 384)
-    without = limits.fitting_bytes(*size, 1)
-    monkeypatch.setattr(limits, "memory", lambda: without)
-    assert limits.fitting_workers(*size, most=2) == 1
-    with pytest.raises(ConfigError, match=r"takes about .* GiB.*`encoder` off"):
-        limits.fitting_workers(*size, most=2, encoders=9)
-    needed = limits.fitting_bytes(*size, 2, 9) - limits.fitting_bytes(*size, 2)
-    assert 0.5 * 2**30 < needed < 3 * 2**30
-    monkeypatch.setattr(limits, "memory", lambda: 2**20)
-    with pytest.raises(ConfigError, match="GiB"):
-        train_recipes(RecipesConfig(str(book), WITH), tmp_path / "model")
     assert not (tmp_path / "model").exists()
 
 

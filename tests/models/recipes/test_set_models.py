@@ -41,7 +41,7 @@ from wordcraft_kg.models.scorers.sets import knowledge as set_knowledge, loops
 from wordcraft_kg.models.scorers.sets.formulas import parse_formula
 from wordcraft_kg.models.scorers.sets.knowledge import SetKnowledge
 from wordcraft_kg.models.scorers.sets.parts import read_parts
-from wordcraft_kg.models.scorers.sets.scorer import SetScorer, stored_names
+from wordcraft_kg.models.scorers.sets.scorer import SetScorer
 
 LETTERS = "abcdefgh"
 ROOT = Path(__file__).parents[3]
@@ -195,25 +195,6 @@ def test_a_model_whose_table_of_parts_has_moved_answers_for_its_own(run, book, m
     assert "the table of parts that the model was trained with" in refused.err
 
 
-def test_a_goal_that_alone_brings_its_part_is_told_so(scorer):
-    """The card of a letter that no other card has, asked for as a goal."""
-    knowledge = scorer.knowledge
-    amounts = knowledge.amounts.copy()
-    ax = int(scorer.entity_ids("ax"))
-    amounts[ax] = 0
-    amounts = np.column_stack([amounts, np.arange(len(amounts)) == ax]).astype(np.float32)
-    tensors = dict(scorer.tensors()) | {
-        "amounts": torch.from_numpy(amounts),
-        "part_names": stored_names([*scorer.part_labels, "z"]),
-    }
-    tensors["network.first"] = torch.nn.functional.pad(tensors["network.first"], (0, 0, 0, 2))
-    goals = [row for row in knowledge.recipes.tolist() if ax in row[:-1]]
-    amounts[[row[-1] for row in goals], -1] = 0.5
-    other = SetScorer(tensors, scorer.entities, scorer.graph_hash)
-    with pytest.raises(ConfigError, match="only 'ax' itself brings its part z"):
-        other.recipes("ax")
-
-
 def test_supporting_recipes_are_of_similar_goals_and_never_the_recipe_itself(scorer):
     best = scorer.recipes("Gab", 1)[0]
     near = scorer.near_recipes("Gab", best.ingredients)
@@ -228,20 +209,6 @@ def test_links_are_scored_by_shares_and_by_how_often_ingredients_meet(scorer):
     assert scorer.score("ax", "combinesWith", "bx") > scorer.score("ax", "combinesWith", "cy")
     table = scorer.table("combinesWith")
     torch.testing.assert_close(table, table.T)
-
-
-def test_a_part_that_is_lost_in_some_folds_alone_changes_no_number_of_features(scorer, monkeypatch):
-    monkeypatch.setattr(set_fitting, "_EPOCHS", 1)
-    knowledge = scorer.knowledge
-    has_a = knowledge.amounts[:, scorer.part_labels.index("a")] > 0
-    goals = np.flatnonzero(has_a & np.isin(np.arange(len(has_a)), knowledge.goal_ids))
-    # One recipe in some twenty loses the part; in a half of the recipes, one in ten, or none.
-    has_a[goals[0]] = False
-    amounts = np.column_stack([knowledge.amounts, 0.1 * has_a]).astype(np.float32)
-    fitted = set_fitting.fit_sets(knowledge.recipes, amounts, knowledge.words, seed=0, folds=2)
-    whole = SetKnowledge(knowledge.recipes, amounts, knowledge.words)
-    assert whole.is_key[-1]
-    assert len(fitted.mean) == whole.num_features
 
 
 def test_goals_without_parts_do_not_count_as_having_lost_all(scorer):
@@ -440,14 +407,6 @@ def test_forged_tensors_are_refused(scorer, name, change):
 
     with pytest.raises((ValueError, KeyError, RuntimeError)):
         load()
-
-
-def test_a_changed_file_is_an_error_that_names_it(book, model, tmp_path):
-    shutil.copytree(book / "model", tmp_path / "model")
-    path = tmp_path / "model" / "model.safetensors"
-    path.write_bytes(path.read_bytes()[:-1] + b"\0")
-    with pytest.raises(ArtefactError, match=r"model\.safetensors"):
-        load_scorer(tmp_path / "model")
 
 
 # --- books, settings and parts --------------------------------------------------------------------

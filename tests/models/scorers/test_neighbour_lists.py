@@ -4,7 +4,6 @@ import importlib.util
 import logging
 import math
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 import numba
@@ -15,13 +14,11 @@ from kernel_oracles import explicit_ridge, link_tables
 from link_helpers import random_graph
 
 from wordcraft_kg.base.settings import CORES_VARIABLE
-from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
 from wordcraft_kg.models.scorers.kernel import TEXT, completion, profiles
 from wordcraft_kg.models.scorers.neighbours import (
     blocks,
     compiled as compiling,
-    knowledge,
     lists as lists_module,
 )
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE, LEAST
@@ -394,34 +391,6 @@ def test_a_batch_scores_like_single_tables_in_any_order_of_slots():
     order = torch.from_numpy(np.random.default_rng(3).permutation(table.shape[1]))
     moved = known(goal, table[:, order], model)
     torch.testing.assert_close(moved, scores[:, order][:, :, order], rtol=1e-4, atol=1e-4)
-
-
-def test_two_threads_compute_the_same_features_as_one(monkeypatch):
-    parts = [random_knowledge(0), random_knowledge(1), random_knowledge(2)]
-    shared = {"vectors": parts[0].vectors, "near_words": parts[0].near_words}
-    alike = [RecipeKnowledge(part.constants() | shared) for part in parts]
-    known = RecipeKnowledge.stacked(alike)
-    goal, table = random_tables(rows=300)
-    # As in training with folds: no model has enough rows for a thread of its own.
-    model = torch.arange(300) % 7 % 3
-    with torch_threads(1):
-        alone = known.features(goal, table, model)
-    pools = []
-
-    def pool(workers):
-        pools.append(workers)
-        return ThreadPoolExecutor(workers)
-
-    monkeypatch.setattr(knowledge, "ThreadPoolExecutor", pool)
-    with torch_threads(2):
-        assert torch.equal(known.features(goal, table, model), alone)
-    # Features of links, then those of pairs.
-    assert pools == [2, 2]
-    for number, part in enumerate(alike):
-        rows = model == number
-        of_part = part.features(goal[rows], table[rows], torch.zeros_like(goal[rows]))
-        assert torch.equal(alone[rows], of_part)
-    assert not torch.equal(alike[0].features(goal, table, model * 0), alone)
 
 
 def test_unknown_ids_are_refused_and_a_missing_goal_has_no_features():

@@ -1,17 +1,14 @@
 """Worlds that benchmarks cut out of books, wrong recipes, and results of play in many worlds."""
 
-import json
 import sys
-from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 
 import pytest
-from helpers import refuses
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import student_interval
-from wordcraft_kg.graphs import RecipeGraph, layers, open_book, open_graph
+from wordcraft_kg.graphs import RecipeGraph, layers, open_book
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -23,10 +20,6 @@ WAYS = worlds_of_books.WAYS
 
 cut_world = worlds_of_books.cut_world
 
-with_wrong_recipes = worlds_of_books.with_wrong_recipes
-
-
-script = import_module("discovery_worlds")
 
 split_interval = import_module("split_intervals").split_interval
 
@@ -68,55 +61,6 @@ def test_worlds_differ_by_seed_and_way_and_depend_on_nothing_else(everyday):
     graphs_of_two = [RecipeGraph.from_book(cut_world(everyday, seed)).hash[:12] for seed in (0, 7)]
     # Known figures refer to these worlds: the draws may never change.
     assert graphs_of_two == GOLDEN
-
-
-@pytest.mark.parametrize("percent", [1, 30, 100])
-def test_wrong_recipes_exchange_results_and_keep_none_of_a_pair(percent):
-    book = open_book("kitchen")
-    wrong = with_wrong_recipes(book, percent)
-    new = set(wrong.recipes) - set(book.recipes)
-    assert len(wrong.recipes) == len(book.recipes)
-    assert len(new) == pytest.approx(
-        percent / 100 * len(book.recipes), abs=0.02 * len(book.recipes)
-    )
-    assert not any(recipe.is_self_result for recipe in new)
-    assert wrong.entities == book.entities
-    assert wrong.base == book.base
-    # Each pair has as many recipes as before, and each entity is made as often.
-    for column in (lambda recipe: recipe[:2], lambda recipe: recipe[2]):
-        assert sorted(map(column, wrong.recipes)) == sorted(map(column, book.recipes))
-    assert with_wrong_recipes(book, percent) == wrong != with_wrong_recipes(book, percent, 1)
-
-
-def test_the_scripts_play_worlds_and_write_figures_and_graph_folders(tmp_path, monkeypatch, capsys):
-    def run(module, *arguments):
-        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
-        module.main()
-
-    quick = ("--worlds", 8, "--runs", 1, "--attempts", 12, "--book", "kitchen")
-    run(script, "everyday", *quick, "--json", tmp_path / "figures.json")
-    figures = json.loads((tmp_path / "figures.json").read_text())
-    assert [world["name"] for world in figures["worlds"]] == ["world-8-everyday"]
-    assert list(figures["players"]) == [*script.SCRIPTED, "book-votes"]
-    assert "book-votes" in capsys.readouterr().out
-    run(worlds_of_books, "everyday", 8, tmp_path / "world")
-    assert open_graph(tmp_path / "world").graph.hash == figures["worlds"][0]["hash"]
-    with pytest.raises(SystemExit, match="at least 200 entities in kitchen"):
-        run(worlds_of_books, "kitchen", 8, tmp_path / "small")
-    assert not (tmp_path / "small").exists()
-
-
-def test_worlds_for_measuring_follow_from_the_committed_secret(tmp_path, monkeypatch):
-    secret = tmp_path / "secret.txt"
-    secret.write_text("a guess\n")
-    with refuses("secret"):
-        script.seeds(secret, range(3))
-    monkeypatch.setattr(script, "SECRET_SHA256", sha256(b"a guess").hexdigest())
-    drawn = script.seeds(secret, range(1, 7))
-    assert drawn == script.seeds(secret, range(7))[1:]
-    assert len(set(drawn)) == 6
-    assert [seed % 3 for seed in drawn] == [1, 2, 0, 1, 2, 0]
-    assert script.seeds(None, range(2, 4)) == [2, 3]
 
 
 def test_the_mean_over_splits_is_never_surer_than_the_tasks_of_one_split():

@@ -158,20 +158,6 @@ def test_an_oracle_takes_the_pair_of_the_highest_value(kitchen, kind):
         player.observe(pair, game.combine(*pair)[0])
 
 
-def test_equal_values_are_drawn_alike(kitchen):
-    class Free(GreedyDiscoverer):
-        def worth(self, entities):
-            return np.ones(len(entities))
-
-    player, drawn = Free(kitchen), set()
-    for seed in range(60):
-        player.begin(kitchen.base_ids.tolist(), np.random.default_rng(seed))
-        drawn.add(player.choose())
-    values = slow_oracle_values(kitchen, kitchen.base_ids.tolist(), lambda c: 1)
-    assert drawn == best_pairs(values)
-    assert len(drawn) > 1
-
-
 def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
     known, repeated = [5, 6, 6, 5, 6, 8, 5, 6, 10], [False, False, True] + [False] * 6
     rows = zip(["p"] * 9, [0] * 3 + [1] * 3 + [2] * 3, [0, 1, 2] * 3, known, repeated, strict=True)

@@ -390,18 +390,3 @@ def test_very_many_tasks_are_played_on_the_first_of_their_tables(opened, monkeyp
     np.testing.assert_array_equal(many.decisions, few.decisions[:, :1])
     view = view_baselines(opened, "kitchen", world.config, [3])
     assert (view.distractor_seeds, {row.episodes for row in view.rows}) == (1, {63})
-
-
-def test_scripted_players_play_a_sample_as_an_agent_does(opened):
-    """The same tasks, tables and groups: a player's success is that of the evaluator."""
-    world = World(opened, WordCraftConfig(part="test", num_distractors=3))
-    made = world.tasks.goals % 2 == 0
-    played = Evaluator(world, limit=20)(recipe_oracle)
-    assert len(played.tasks) < len(world.tasks)
-    players = {"oracle": recipe_oracle}
-    every, some = play_all(world, players, [3], groups={"made": made}, limit=20)
-    assert every.success == played.success.mean()
-    assert every.episodes == played.success.size
-    assert some.episodes == made[played.tasks].sum() * 5
-    view = view_baselines(opened, "kitchen", world.config, [3], limit=20)
-    assert (view.tasks, view.distractor_seeds) == (len(played.tasks), 5)

@@ -2,7 +2,6 @@
 threads."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import combinations_with_replacement
 
@@ -258,16 +257,6 @@ def test_what_is_made_is_on_the_table_for_the_next_attempt():
         assert (explainer.table("goal", table).episode.outcome == "goal") == is_made
 
 
-@pytest.mark.parametrize("ambiguity", ["all", "last"])
-def test_a_pair_makes_what_the_rules_of_the_world_say(ambiguity):
-    found = made_up([["a", "a", "b"], ["a", "a", "c"]], ["a"], ambiguity=ambiguity).table(
-        "b", ["a"]
-    )
-    assert [step.action for step in found.episode.steps] == ["a", "a"]
-    assert found.episode.steps[-1].made == (("b", "c") if ambiguity == "all" else ("c",))
-    assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
-
-
 def test_at_most_max_actions_of_an_episode_are_explained(made):
     world, policy = made("no scorer", max_attempts=4)
     whole, cut = (cache(Explainer(policy, world, max_actions=most).episode) for most in (None, 5))
@@ -400,22 +389,6 @@ def test_a_scorer_without_folds_has_in_sample_recipes(made, kg, model):
         assert (found.model, found.fold) == (model, None)
         for way in found.ways:
             assert all(one.is_in_sample == (kg == "full" or one.part == "train") for one in way)
-
-
-@pytest.mark.slow
-def test_parallel_threads_get_the_same_explanations_as_one_thread(made):
-    train, policy = made("recipes", "train")
-    explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]
-    questions = [(number % 2, number // 2 * 3, number % 5) for number in range(40)]
-
-    def ask(question):
-        which, task, distractor_seed = question
-        found = explainers[which].task(task, distractor_seed)
-        return found, explainers[which].table(found.episode.goal, found.table)
-
-    alone = list(map(ask, questions))
-    with ThreadPoolExecutor(8) as pool:
-        assert list(pool.map(ask, questions * 2)) == alone * 2
 
 
 def test_explaining_leaves_the_policy_as_it_is(made):

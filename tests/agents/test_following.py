@@ -146,13 +146,6 @@ def test_a_damaged_line_of_episodes_is_named(copy):
         read_episodes(copy)
 
 
-def test_the_records_of_a_run_are_those_of_its_agent(done):
-    run, agent = read_agent_run(done), open_agent(done)
-    for name in ("name", "checkpoint", "config", "run", "metrics", "evaluation", "provenance"):
-        assert getattr(run, name) == getattr(agent, name)
-    assert run.checkpoint == "final"
-
-
 def test_a_graph_that_is_open_already_is_taken_as_it_is(done, opened):
     assert open_agent(done, opened).opened is opened
     with pytest.raises(GraphMismatchError):

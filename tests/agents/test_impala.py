@@ -853,14 +853,6 @@ def test_an_update_of_pairs_has_the_gradient_of_the_losses_written_out(opened, d
     torch.testing.assert_close(impala._flat.grad.double(), expected, atol=1e-4, rtol=1e-3)
 
 
-def test_without_a_cost_there_is_no_memory(opened):
-    impala = trainer_of_memory(opened, memory_cost=0)
-    for _ in range(10):
-        impala.update()
-    assert impala._unroll.remembered is None
-    assert not len(impala.successes.keys)
-
-
 def test_an_unroll_that_ends_within_an_attempt_is_refused(opened):
     with pytest.raises(ConfigError, match="`unroll` 3: expected an even number"):
         Impala(

@@ -83,24 +83,6 @@ def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_groups(monkeyp
     assert_between_quantiles(task_bootstrap(table, groups, draws=20_000), exact)
 
 
-def test_groups_of_one_task_change_no_interval_and_groups_are_only_names():
-    rng = np.random.default_rng(0)
-    table = rng.random((60, 2)) < 0.4
-    other = rng.random((60, 2)) < 0.5
-    names = rng.permutation(60)
-    pairs = np.arange(60) // 2
-    assert task_bootstrap(table, names) == task_bootstrap(table, None)
-    assert paired_difference(table, other, names) == paired_difference(table, other, None)
-    for of in (rate_interval, crossed_difference):
-        np.testing.assert_allclose(
-            np.hstack(of(table.T.astype(float), names)), np.hstack(of(table.T.astype(float), None))
-        )
-        np.testing.assert_allclose(
-            np.hstack(of(table.T.astype(float), pairs)),
-            np.hstack(of(table.T.astype(float), 90 - pairs)),
-        )
-
-
 def test_equal_tasks_of_a_group_count_once():
     """Each task four times over, in groups, says as much as each task once."""
     rng = np.random.default_rng(0)

@@ -536,37 +536,12 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
-    path = book(
-        "mine.csv", "# base: a\ningredient_a,ingredient_b,result\na,a,b\na,a,b\nx,a,y\nB,a,c\n"
-    )
-    before = path.read_bytes()
-    outcome = run("check-book", path)
-    assert outcome.code == 1
-    assert "problem [duplicate] lines 3, 4: a + a -> b is listed 2 times" in outcome.out
-    assert (
-        "problem [unreachable] line 5: 2 entities cannot be made from the base (a): x, y"
-        in outcome.out
-    )
-    assert "problem [spelling] lines 3, 6: 'B' and 'b' count as different entities" in outcome.out
-    assert outcome.out.rstrip().endswith("4 problems, 1 to look at")
-    assert path.read_bytes() == before
-
-
 @pytest.mark.parametrize("name", ["my graph", "a+b, c", "it's"])
 def test_a_suggested_command_can_be_repeated_in_a_shell(run, tmp_path, name):
     folder = tmp_path / name
     last = run("build-graph", "kitchen", "--out", folder).out.splitlines()[-1]
     suggested = last.partition("next: ")[2]
     assert shlex.split(suggested) == ["wordcraft-kg", "train-recipes", str(folder)]
-
-
-def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):
-    result = printed("check-book", "everyday")
-    assert result["passed"] is True
-    figures = result["figures"]
-    assert figures["entities"] == figures["reachability"]["reachable"]
-    assert {finding["severity"] for finding in result["findings"]} <= {"note"}
 
 
 def test_check_book_shows_first_findings_and_counts_others(run, book):
@@ -604,24 +579,6 @@ def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused,
         setting="name",
     )
     assert not (home / "third").exists()
-
-
-def test_describe_counts_all_and_shows_invisible_characters(run, book):
-    """Shortened lists of describe count all and invisible characters are shown."""
-    rows = "".join(
-        f"thing {i},thing  {i},x{i}\nx{i},lost{i},y\nlost{i},y,lost{i}y\n" for i in range(25)
-    )
-    path = book(
-        "book.csv", "# base: thing 0\n" + TABLE + rows + "caf\u00e9,cafe\u0301,zero\u200bwidth\n"
-    )
-    text = run("describe", path).out
-    assert re.search(r"alike +26\n +alike labels .* and 16 more", text)
-    unreachable = int(re.search(r"unreachable +(\d+)\n", text)[1])
-    assert f" and {unreachable - 10} more\n" in text
-    assert "zero<U+200B>width" in run("describe", path, "--entity", "zero\u200bwidth").out
-    assert "zero<U+200B>widt'" in run("describe", path, "--entity", "zero\u200bwidt").err
-    note = "note [invisible] line 78: the label 'zero<U+200B>width' holds an invisible character"
-    assert note in run("check-book", path, "--limit", 99).out
 
 
 def test_a_mended_table_keeps_the_order_of_rows_and_further_columns(run, home, book):

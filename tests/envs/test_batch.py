@@ -10,10 +10,8 @@ from reference_env import ReferenceEnv
 
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
-from wordcraft_kg.envs.arrays import arrays_of
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import RewardConfig, WordCraftConfig
-from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
@@ -278,18 +276,6 @@ def test_two_engines_of_any_size_see_what_a_whole_one_sees(opened_kitchen):
     )
     with refuses("first_env"):
         BatchEngine(world, 4, first_env=-1)
-
-
-def test_tables_drawn_together_are_those_drawn_alone(opened_kitchen):
-    """Few tables are checked in another way than many; most tables here repeat a candidate."""
-    world = World(opened_kitchen, WordCraftConfig(num_distractors=20))
-    draws = Draws(world, arrays_of("cpu"))
-    tasks = np.arange(len(world.tasks))
-    assert len(tasks) > 3 * 64
-    keys = draws.env_keys(7, 0, len(tasks))
-    together = draws.tables(keys, tasks)
-    alone = [draws.tables(keys[i : i + 1], tasks[i : i + 1])[0] for i in range(len(tasks))]
-    np.testing.assert_array_equal(together, alone)
 
 
 def test_the_seed_decides_tasks_without_global_randomness(opened_kitchen):

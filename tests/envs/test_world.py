@@ -9,13 +9,11 @@ import pytest
 from helpers import refuses, split_of, with_other_results
 
 from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph
-from wordcraft_kg.agents.evaluation import play_all
-from wordcraft_kg.agents.players import random_entity
 from wordcraft_kg.base.errors import ConfigError, TaskError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.graphs import OpenedGraph, make_tasks
+from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.graphs.splits import groups_of
 
 POLICIES = ("no_shortcut", "no_train_shortcut")
@@ -92,21 +90,6 @@ def test_variants_share_what_does_not_depend_on_their_settings(opened):
     assert test.search is test.variant(part="all").search
     assert test.tasks != world.tasks
     assert test.variant(part="train").tasks is world.tasks
-
-
-def test_tasks_are_made_once_for_all_who_play(opened, monkeypatch):
-    made = []
-
-    def counted(*arguments, **options):
-        made.append(arguments)
-        return make_tasks(*arguments, **options)
-
-    monkeypatch.setattr("wordcraft_kg.envs.world.make_tasks", counted)
-    world = World(opened, WordCraftConfig(part="test"))
-    play_all(world, {"random": random_entity}, (1, 2, 3), distractor_seeds=1)
-    WordCraftEnv(world)
-    WordCraftVectorEnv(2, world)
-    assert len(made) == 1
 
 
 def test_a_variant_that_cannot_be_is_refused_and_the_world_stays(opened):

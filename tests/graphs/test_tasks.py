@@ -1,6 +1,5 @@
 import itertools
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -111,21 +110,6 @@ def test_ways_are_the_same_if_too_much_is_within_reach_to_look_up(kitchen, monke
         assert [search.ways(goal, start, 4) for goal in goals] == expected
 
 
-def test_a_plan_may_use_both_results_of_one_attempt():
-    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("c", "d", "e")])
-    assert replay(graph, ["a", "b"], [Recipe.of("a", "b", "c")]) == {"a", "b", "c", "d"}
-    [rows] = SolutionSearch(graph).plans("e", ["a", "b"], 2)
-    assert rows == (0, 1, 2)
-    assert SolutionSearch(graph).plans("e", ["a", "b"], 1) == []
-    made = make_tasks(graph, 2, twice_share=None)
-    assert [(task.goal, "".join(task.start)) for task in made] == [
-        ("e", "ab"),
-        ("e", "abc"),
-        ("e", "abd"),
-    ]
-    assert made.intermediates.tolist()[0] == [graph.id_of("c"), graph.id_of("d")]
-
-
 def test_a_plan_takes_entities_by_id_or_label_and_refuses_unknown_ones(kitchen):
     goal, start = "bread", kitchen.base
     by_label = SolutionSearch(kitchen).plans(goal, start, 4)
@@ -211,24 +195,6 @@ def test_arrays_and_labels_of_tasks_agree(kitchen, kitchen_tasks):
         assert {
             tuple(firsts[pair]) for pair in made.final_pairs[index].tolist() if pair >= 0
         } == last
-
-
-def test_task_sets_of_equal_content_are_equal(kitchen):
-    again = RecipeGraph.from_recipes(kitchen.recipe_labels(), kitchen.base)
-    drawn = make_tasks(kitchen, 3, limit=20)
-    assert make_tasks(again, 3, limit=20) == drawn
-    assert hash(make_tasks(again, 3, limit=20)) == hash(drawn)
-    assert hash(drawn[0]) == hash(make_tasks(again, 3, limit=20)[0])
-    for other in (
-        make_tasks(kitchen, 3, limit=20, seed=1),
-        make_tasks(kitchen, 3, limit=21),
-        make_tasks(kitchen, 2),
-    ):
-        assert other != drawn
-        assert list(other) != list(drawn)
-    longer, shorter = (make_tasks(kitchen, 3, limit=limit, twice_share=None) for limit in (50, 20))
-    assert list(longer)[:20] == list(shorter)
-    assert replace(drawn, starts=drawn.starts[::-1]) != drawn
 
 
 def test_drawing_ends_when_no_new_task_comes_up():

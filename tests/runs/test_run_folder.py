@@ -135,20 +135,6 @@ def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
         pass
 
 
-@agent_slow
-def test_checkpoints_of_a_run_killed_late_leave_later(trainer, tmp_path):
-    """Checkpoints of a run killed after its last record leave with the next command."""
-    folder = trainer.train(tmp_path / "run").folder
-    (folder / "checkpoints").mkdir()
-    with pytest.raises(OutputExistsError):
-        trainer.train(folder)
-    assert not (folder / "checkpoints").exists()
-    (folder / "checkpoints").mkdir()
-    with pytest.raises(OutputExistsError):
-        check_run_output(folder, force=False)
-    assert not (folder / "checkpoints").exists()
-
-
 def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
     seen = []
     trainer.train(
@@ -371,17 +357,6 @@ def test_a_run_that_begins_is_left_alone_by_others(tmp_path):
             with pytest.raises(ArtefactError, match="by another process"):
                 plain_run.train(tmp_path / "run", "mine", force=force)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_killed_beginning_of_a_replacement_does_not_make_force_needless(tmp_path):
-    plain_run.train(tmp_path / "run", "the first")
-    (tmp_path / "run").rename(tmp_path / ".run.replaced-by-wordcraft-kg")
-    kill("before the first file", tmp_path / "run")
-    with pytest.raises(OutputExistsError):
-        plain_run.train(tmp_path / "run", "the second")
-    with pytest.raises(RuntimeError, match="no more"):
-        plain_run.train(tmp_path / "run", "", force=True)
-    assert (tmp_path / "run/result").read_text() == "the first"
 
 
 @pytest.mark.parametrize("name", [".search.json.a1b2c3d4.wordcraft-kg", ".mine.json"])

@@ -205,16 +205,6 @@ def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, tm
         assert "data-live" not in page.page
 
 
-def test_a_site_of_files_has_no_episode_of_an_agent_that_cannot_be_asked(agents, tmp_path):
-    folder = next(iter(agents.runs.values()))
-    shutil.copytree(folder, failed := tmp_path / "failed")
-    record = json.loads((failed / "run.json").read_text())
-    (failed / "run.json").write_text(json.dumps(record | {"status": "failed"}))
-    explored = Explored(agents.opened, runs={"done": folder, "failed": failed})
-    assert {state.run for state in PAGES["tasks"].states(explored)} == {"", "done", "failed"}
-    assert {state.run for state in PAGES["episode"].states(explored)} == {"", "done"}
-
-
 def played_at_random(opened, depth):
     """Episodes of chance, as a run records them; of every third task none."""
     world = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=0))

@@ -161,15 +161,6 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkey
     assert parts == set(PARTS)
 
 
-def test_layer_and_crafts_are_those_of_the_planner(kitchen):
-    planner, layer, explored = Planner(kitchen), layers(kitchen), explored_graph(kitchen)
-    for label in kitchen.entities[::9]:
-        found = view_of(explored, EntityState(label))
-        assert found.layer == layer[kitchen.id_of(label)]
-        assert found.crafts == len(planner.derivation(label).steps)
-        assert found.base == (label in kitchen.base)
-
-
 def test_a_model_answers_for_partners_ingredients_and_products(neighbours):
     for learned in (False, True):
         found = view_by(neighbours, EntityState("bread", learned=learned))
@@ -323,19 +314,6 @@ def test_a_chain_leads_between_two_entities_or_is_missing(start, goal, ends, rec
     page = look(explored, PathState(goal, start=start))
     assert text in page.text
     assert all(recipe.replace("->", "→") in page.text for recipe in recipes)
-
-
-def test_no_chain_is_shorter_than_the_shown_one(kitchen):
-    explored, length = (
-        explored_graph(kitchen),
-        dict.fromkeys(kitchen.entities, 1_000) | {"water": 0},
-    )
-    for _ in kitchen.entities:
-        for a, b, result in kitchen.recipe_labels():
-            length[result] = min(length[result], length[a] + 1, length[b] + 1)
-    for goal in kitchen.entities[::5]:
-        chain = view_of(explored, PathState(goal, start="water")).chain
-        assert (chain.end == goal and len(chain.steps)) == length[goal] % 1_000
 
 
 def test_a_path_without_a_goal_leads_to_an_entity_of_the_last_layer(explored):

@@ -2,11 +2,9 @@
 
 from itertools import product
 
-import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
-from wordcraft_kg import RecipeGraph
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
@@ -15,7 +13,7 @@ from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
 from wordcraft_kg.apps.explorer.predictor import NEW, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.ranking import rank_triples
 
 
@@ -48,14 +46,6 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel)
         assert {row.part for row in view.recipes} >= {view.known}
         statuses.add((view.status, view.known))
     assert statuses == {("learned", "train"), ("held out", "valid"), ("held out", "test")}
-
-
-def test_a_learned_link_names_its_recipe_and_others_evidence(kernel):
-    """A learned link names a train recipe and a held out one its evidence."""
-    a, b, _ = kernel.graph.labels(kernel.split.recipes("train")[0])
-    reason = view_by(kernel, LinkState(a, "combinesWith", b)).reason
-    assert reason.learned_from[0] in [tuple(row)[:3] for row in kernel.graph.recipe_labels()]
-    assert view_by(kernel, held_out(kernel)[1]).reason.witnesses
 
 
 def test_a_link_that_is_not_in_the_book_says_so(kernel):
@@ -164,24 +154,6 @@ def test_a_graph_without_recipes_has_no_pair_in_the_menu():
 SLOTS = list(product(range(0, 80, 9), range(len(RELATIONS)), ("head", "tail")))
 
 
-def test_each_entity_of_a_slot_has_its_part_and_learned_mark(neighbours):
-    """Each entity of a slot has the part of its triple and whether it was learned."""
-    seen = set()
-    for entity, relation, side in SLOTS:
-        slot = neighbours.slot(entity, relation, side)
-        triples = slot.triples(np.arange(neighbours.graph.num_entities))
-        part = neighbours.split.part_of(triples)
-        assert np.where(part < 0, NEW, part).tolist() == slot.part.tolist()
-        assert (
-            is_in(triples, neighbours.split.partial, neighbours.graph.num_entities).tolist()
-            == slot.learned.tolist()
-        )
-        scores = neighbours.model.scorer.score(*triples.T[:1], relation, triples[:, 2])
-        assert slot.scores.tolist() == pytest.approx(scores.flatten().tolist())
-        seen |= set(slot.part.tolist())
-    assert seen == {0, 1, 2, NEW}
-
-
 def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
     compared = 0
     for entity, relation, side in SLOTS:
@@ -203,24 +175,6 @@ def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
         assert neighbours.best(slot, truth=2).truth == found.truth[:2]
         compared += len(true)
     assert compared > 20
-
-
-@pytest.mark.parametrize("has_self_results", [False, True])
-def test_an_entity_in_its_own_slot_is_marked_and_no_component_of_itself(
-    neighbours, monkeypatch, has_self_results
-):
-    """Reading drops recipes that make their ingredient, unless a book is told to keep them."""
-    monkeypatch.setattr(RecipeGraph, "has_self_results", has_self_results)
-    for relation in (COMBINES_WITH, COMPONENT_OF):
-        statuses = set()
-        for label in neighbours.graph.entities:
-            entity = neighbours.graph.id_of(label)
-            slot = neighbours.slot(entity, relation, "tail")
-            found = neighbours.best(slot, with_learned=True, top=1_000, witnesses=0)
-            statuses |= {row.status for row in found.best if row.entity == label}
-            assert "itself" not in {row.status for row in found.best if row.entity != label}
-        is_proposed = relation == COMBINES_WITH or has_self_results
-        assert ("itself" in statuses) == is_proposed
 
 
 def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours):

@@ -18,7 +18,6 @@ import pytest
 from helpers import refuses
 
 from tests.apps.people.stored import at_once, contents, go_on, lines_of, other_world, unchanged
-from wordcraft_kg.apps.people import answers_database
 from wordcraft_kg.apps.people.answers_database import (
     ANSWERS_FILE,
     AnswersDatabase,
@@ -329,18 +328,6 @@ def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder, monkeyp
         opened(folder)
 
 
-def test_a_study_that_begins_on_a_full_disk_leaves_nothing(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        answers_database, "TABLES", ("PRAGMA max_page_count = 2", *answers_database.TABLES)
-    )
-    with (
-        pytest.raises(ArtefactError, match="database or disk is full"),
-        kept_answers(tmp_path / "study", study),
-    ):
-        pass
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -533,21 +520,6 @@ def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol):
             assert answer.seconds == 1.23
             outcomes.add((answer.success, bool(answer.made)))
     assert outcomes == {(True, True), (False, True), (False, False)}
-
-
-def test_the_goals_are_the_same_with_any_number_of_distractors(protocol):
-    few = HumanProtocol(protocol.world, 1)
-    for turn in protocol.turns:
-        assert few.task(*turn).goal == protocol.task(*turn).goal
-        assert len(few.task(*turn).table) == len(protocol.task(*turn).table) - 7
-
-
-def test_a_task_does_not_depend_on_what_was_posed_before(protocol, kitchen):
-    env, observation = HumanProtocol(kitchen).pose("test", 7)
-    first = env.task, table_labels(env, observation)
-    for number in (3, 7):
-        env, observation = protocol.pose("test", number)
-    assert (env.task, table_labels(env, observation)) == first
 
 
 def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():

@@ -2,20 +2,17 @@
 person."""
 
 import re
-import time
 from contextlib import contextmanager
 from html import unescape
 
 import pytest
 from starlette.testclient import TestClient
 
-from tests.apps.explorer.shown import HOSTILE
 from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
-from wordcraft_kg.apps.people.web_app import code_hash, make_study_app, steady_clock
+from wordcraft_kg.apps.people.web_app import code_hash, make_study_app
 from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_BODY
-from wordcraft_kg.graphs import RecipeGraph
 
 CODE = "k7qm-2xwd-9hrt"
 CONSENT = "Do you <b>agree</b>?\n\nSecond & last\nline."
@@ -393,41 +390,6 @@ def test_an_error_within_shows_nothing_of_itself(browser, code, monkeypatch):
     assert browser.status == 500
     assert "secret" not in page
     assert "Answers that were stored before are kept" in page
-
-
-def test_the_machine_s_time_does_not_count(monkeypatch):
-    clock = steady_clock()
-    began = clock()
-    assert abs(began - time.time()) < 5
-    for now in (0.0, 1e9, 1e10):
-        monkeypatch.setattr(time, "time", lambda now=now: now)
-        assert 0 <= clock() - began < 5
-
-
-def test_labels_stay_text(tmp_path):
-    rows = [
-        (one, other, made)
-        for one, other, made in zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)
-    ]
-    graph = RecipeGraph.from_recipes(
-        [*rows, *rows[:1], ("water", "earth", "mud"), ("mud", "water", "clay")]
-    )
-    study = HumanStudy(graph, StudyConfig(tasks=6, distractors=(4,), forms=1))
-    with browsing(study, tmp_path / "study") as browser:
-        code = browser.begin()
-        plain = browser.get(f"/s/{code}/task").count("<")
-        for place, task in enumerate(study.tasks(study.cells[0])):
-            page = browser.get(f"/s/{code}/task")
-            assert page.count("<") == plain
-            assert [unescape(text) for text in re.findall(r'class="label">([^<]*)<', page)] == list(
-                task.table
-            )
-            browser.get(f"/s/{code}/task?task={place}&first=1")
-            browser.answer(code, 1, 2)
-        assert browser.place.endswith("/end")
-        assert [line.table for line in browser.lines()] == [
-            task.table for task in study.tasks(study.cells[0])
-        ]
 
 
 def test_a_person_selects_the_items_of_a_set_and_combines_them(tmp_path):

@@ -87,16 +87,6 @@ def test_who_asks_is_private_and_a_manager_ends_it_like_ctrl_c(tmp_path):
     assert "127.0.0.1" not in log
 
 
-@pytest.mark.slow
-def test_two_servers_do_not_share_a_folder(run, tmp_path):
-    out = tmp_path / "study"
-    with served(out) as (_, address):
-        code = begin(address)
-        outcome = run(*SERVE, out, *SMALL)
-        assert "is being served by another process" in refused(outcome, "ArtefactError")
-        assert "The study begins with 2 practice tasks" in page(address, f"/s/{code}")
-
-
 def test_a_port_in_use_is_an_error_before_anything_is_written(run, tmp_path):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
@@ -107,17 +97,6 @@ def test_a_port_in_use_is_an_error_before_anything_is_written(run, tmp_path):
         )
     assert f"--port {port} is in use by another program" in refused(outcome)
     assert not (tmp_path / "study").exists()
-
-
-@pytest.mark.slow
-def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path):
-    with served(tmp_path / "study", "--allow-host", "lab.example.org") as (_, address):
-        for host, status in (
-            ("lab.example.org", 200),
-            ("LAB.example.org:443", 200),
-            ("evil.example.org", 421),
-        ):
-            assert CLIENT.get(address, headers={"Host": host}).status_code == status
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,7 @@ HTTP."""
 
 import asyncio
 import json
-import os
-import signal
 import socket
-import subprocess
 import sys
 import threading
 import time
@@ -16,7 +13,6 @@ from pathlib import Path
 
 import httpx2
 import pytest
-from h11 import LocalProtocolError
 
 pytest.importorskip("mcp.server")
 
@@ -102,24 +98,6 @@ def test_the_games_of_a_benchmark_track_become_a_submission_that_verifies(tmp_pa
     bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
     submission = verify(tmp_path / "out")
     assert (submission.figures.games, submission.prompts) == (len(opened), "standard")
-
-
-def test_a_malformed_request_that_the_connection_has_answered_is_no_error():
-    async def send(message):
-        raise LocalProtocolError("can't handle event type Response when state=MUST_CLOSE")
-
-    async def receive():
-        return {"type": "http.disconnect"}
-
-    scope = {
-        "type": "http",
-        "method": "POST",
-        "path": "/elsewhere",
-        "headers": [],
-        "query_string": b"",
-    }
-    app = make_http_app(make_server(hosted()))
-    asyncio.run(app(scope, receive, send))
 
 
 @contextmanager
@@ -362,17 +340,6 @@ def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path,
     assert (line.task, line.actions) == (0, 2)
 
 
-def test_a_file_whose_header_cannot_be_written_disappears_with_its_folder(tmp_path, monkeypatch):
-    def full(file):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    kept = games_writer(tmp_path / "new" / "games.jsonl", header_of(hosted()))
-    with pytest.raises(OSError, match="No space"), kept:
-        pass
-    assert not [*tmp_path.iterdir()]
-
-
 def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path):
     path, host = tmp_path / "run.json", hosted()
     path.write_text('{"kind": "train-agent"}\n')
@@ -405,21 +372,6 @@ def transcripts(tasks):
 
 def played_alone(tasks):
     return connect(make_server(hosted()), transcripts(tasks))
-
-
-@contextmanager
-def running(*options):
-    """Run the command in another process."""
-    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
-        [sys.executable, *COMMAND, *options], cwd=ROOT, env=environment, **pipes
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 @pytest.mark.slow
@@ -481,22 +433,6 @@ def test_over_http_a_game_goes_on_in_another_connection(mode):
             address, lambda client: called(client, "state", game=begun["game"]), mode
         )
     assert (state["game"], state["attempts_left"]) == (begun["game"], 1)
-
-
-@pytest.mark.slow
-def test_answers_over_http_survive_a_kill(tmp_path):
-    """The command serves over http and answered games are kept though it is killed."""
-    out = tmp_path / "games.jsonl"
-    with running("--transport", "http", "--port", "0", "--json", "--out", str(out)) as process:
-
-        async def play(client):
-            _, begun = await called(client, "begin", task=3)
-            await called(client, "combine", game=begun["game"], first=1, second=1)
-            process.send_signal(signal.SIGKILL)
-
-        connect(json.loads(process.stdout.readline())["address"], play)
-    (line,) = games_of(out)
-    assert (line.task, line.termination) == (3, "same_twice")
 
 
 def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):

@@ -16,6 +16,7 @@ pytest.importorskip("starlette")
 from starlette import testclient
 from starlette.websockets import WebSocketDisconnect
 
+from tests.apps.text_agents.scripted import plan_pairs
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.hosted_games import GameList, games_writer, open_play
 from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
@@ -54,14 +55,6 @@ def seen(answer):
     return answer["data"]
 
 
-def solution(play, task):
-    """Return the label pairs of a plan of a task."""
-    game = play.games.begin(task)
-    rows = game.tasks.plans[task][0]
-    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
-    return [*dict.fromkeys(pairs)]
-
-
 def test_http_describes_the_protocol_and_says_where_to_play():
     """The six checks of ``openenv validate --url``: version, health, metadata, schema, MCP, mode."""
     client = client_of()
@@ -97,7 +90,7 @@ def test_a_plan_by_each_kind_of_action_earns_the_reward():
                 assert begun["observation"]["task_id"] == game.name
                 assert "Choose two of the listed items" in begun["observation"]["text"]
                 rewards = []
-                for pair in solution(game.play, game.task):
+                for pair in plan_pairs(game.play.games.begin(game.task)):
                     last = seen(ask("step", act(pair)))
                     rewards.append(last["reward"])
                 assert sum(rewards) == 1
@@ -214,16 +207,6 @@ def test_invalid_answers_of_any_length_count_and_end_the_game():
         assert over["observation"]["text"].startswith("This game is over.")
         assert (over["done"], over["reward"]) == (True, 0)
         assert ask("state")["data"] == {"episode_id": "mine", "step_count": 4}
-
-
-def test_look_ups_need_knowledge():
-    games = kitchen_games("test", (1,), knowledge="partial", look_ups=1)
-    with session(client_of(games)) as ask:
-        assert "look up" in seen(ask("reset", {"index": 0}))["observation"]["text"]
-        assert "Known recipes" in seen(ask("step", {"look_up": "water"}))["observation"]["text"]
-        second = seen(ask("step", {"look_up": "water"}))
-    assert "no look-ups left" in second["observation"]["text"]
-    assert second["metadata"]["look_ups"] == 1
 
 
 def test_the_number_of_sessions_is_bounded_and_a_place_becomes_free():

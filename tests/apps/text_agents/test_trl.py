@@ -4,6 +4,7 @@ import gymnasium as gym
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from tests.apps.text_agents.scripted import plan_pairs
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.hosted_games import open_play
 from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
@@ -17,15 +18,6 @@ from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 
 def rows_of(**settings):
     return crafting_rows("kitchen", **{"part": "all", "distractors": 2, **settings})
-
-
-def plan_of(environment):
-    """Return the label pairs of a plan of the game's task, in order."""
-    game = environment.talk.game
-    rows = game.tasks.plans[game.task][0]
-    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
-    # A pair with two results stands twice in a plan that needs both.
-    return [*dict.fromkeys(pairs)]
 
 
 def play(environment, row, pairs):
@@ -43,7 +35,7 @@ def begun(row, environment=None):
 def test_the_pairs_of_a_plan_earn_the_reward(depth):
     for row in rows_of(depth=depth, tasks=20):
         environment = begun(row)
-        *_, last = play(environment, row, plan_of(environment))
+        *_, last = play(environment, row, plan_pairs(environment.talk.game))
         assert environment.get_reward() == 1
         assert "You made" in last
         assert environment.record.success
@@ -69,7 +61,7 @@ def test_a_game_is_replayed_to_the_byte_from_its_row_and_pairs():
     games = Play.open("kitchen", settings)
     for row in rows_of(depth=2, tables=3, tasks=4):
         environment = begun(row)
-        play(environment, row, [("1", "2"), *plan_of(environment)])
+        play(environment, row, [("1", "2"), *plan_pairs(environment.talk.game)])
         record = environment.record
         again = games.begin(row["task"], row["distractor_seed"])
         for pair in record.pairs:
@@ -123,13 +115,6 @@ def made(**settings):
     return gym.make("WordCraft-Text-v0", **settings)
 
 
-def solution(env):
-    game = env.unwrapped.talk.game
-    rows = game.tasks.plans[game.task][0]
-    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
-    return [*dict.fromkeys(pairs)]
-
-
 @pytest.mark.parametrize("settings", [{}, {"depth": 2, "render_mode": "ansi"}])
 def test_gymnasium_accepts_it(settings):
     check_env(made(**settings).unwrapped)
@@ -139,7 +124,10 @@ def test_a_plan_in_words_earns_the_reward():
     env = made(depth=2)
     for seed in range(10):
         env.reset(seed=seed)
-        *_, last = [env.step(f"We need it.\n{one} + {other}") for one, other in solution(env)]
+        *_, last = [
+            env.step(f"We need it.\n{one} + {other}")
+            for one, other in plan_pairs(env.unwrapped.talk.game)
+        ]
         reply, reward, terminated, truncated, info = last
         assert reply.endswith(f"You made the goal: {info['goal']}.")
         assert (reward, terminated, truncated, info["is_success"]) == (1, True, False, True)
@@ -154,13 +142,6 @@ def test_a_chosen_game_is_that_of_other_interfaces():
     assert (info["task"], info["distractor_seed"]) == (3, 7)
 
 
-def test_options_do_not_change_the_games_that_follow():
-    one, other = made(), made()
-    one.reset(seed=4)
-    other.reset(seed=4, options={"task": 0})
-    assert one.reset() == other.reset()
-
-
 def test_actions_of_any_length_and_in_any_script_are_part_of_the_game():
     env = made()
     env.reset(seed=0)
@@ -171,21 +152,25 @@ def test_actions_of_any_length_and_in_any_script_are_part_of_the_game():
     assert info["invalid_actions"] == 4
 
 
-def test_mistakes_are_refused():
+@pytest.mark.parametrize(
+    ("use", "error", "says"),
+    [
+        (lambda env: env.step("1 + 2"), EpisodeError, "call reset"),
+        (lambda env: env.render(), EpisodeError, "call reset"),
+        (lambda env: env.reset(options={"table": []}), ConfigError, "unknown reset option 'table'"),
+        (lambda env: env.reset(options={"task": 10**9}), ConfigError, "task"),
+        (lambda env: [env.reset(seed=0), env.step(3)], ActionError, "expected a text"),
+        (lambda _: TextEnv("kitchen", knowledge="scorer"), ConfigError, "knowledge"),
+        (lambda _: TextEnv("kitchen", render_mode="human"), ConfigError, "`render_mode`"),
+    ],
+)
+def test_mistakes_are_refused(use, error, says):
     env = TextEnv("kitchen", num_distractors=2, render_mode="ansi")
-    with pytest.raises(EpisodeError, match="call reset"):
-        env.step("1 + 2")
-    with pytest.raises(EpisodeError, match="call reset"):
-        env.render()
-    with pytest.raises(ConfigError, match="unknown reset option 'table'"):
-        env.reset(options={"table": []})
-    with pytest.raises(ConfigError, match="task"):
-        env.reset(options={"task": 10**9})
+    with pytest.raises(error, match=says):
+        use(env)
+
+
+def test_the_state_is_rendered_in_words():
+    env = TextEnv("kitchen", num_distractors=2, render_mode="ansi")
     shown, _ = env.reset(seed=0)
     assert env.render() in shown
-    with pytest.raises(ActionError, match="expected a text"):
-        env.step(3)
-    with pytest.raises(ConfigError, match="knowledge"):
-        TextEnv("kitchen", knowledge="scorer")
-    with pytest.raises(ConfigError, match="`render_mode`"):
-        TextEnv("kitchen", render_mode="human")

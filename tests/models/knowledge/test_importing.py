@@ -2,7 +2,6 @@
 
 import gzip
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -199,14 +198,6 @@ def test_large_graphs_are_bounded(triples, opened, monkeypatch):
     assert [*around.facts()] == [("dough", "makes", "breads"), ("flour", "makes", "dough")]
 
 
-def test_a_book_without_any_class_is_imported(wordnet, tmp_path):
-    """A thing is the top of the hierarchy."""
-    graph = RecipeGraph.from_recipes([("thing", "thing", "zzyzx")])
-    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
-    import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
-    assert "isA" not in (tmp_path / "wn" / "triples.tsv").read_text()
-
-
 def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path, monkeypatch):
     graph = RecipeGraph.from_recipes([("flour", "wn:1", "dough")])
     opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
@@ -255,16 +246,6 @@ def test_overrides_that_do_not_exist_are_refused(opened, triples, tmp_path):
         import_knowledge(
             opened, "triples", triples, tmp_path / "out", overrides=tmp_path / "nodes.tsv"
         )
-
-
-def test_knowledge_is_imported_for_a_book_of_sets(run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    book = "ingredient_a,ingredient_b,ingredient_c,result\nflour,water,salt,dough\ndough,,,bread\n"
-    Path("book.csv").write_text(book)
-    Path("triples.tsv").write_text("head\trelation\ttail\nflour\tisa\tfood\nbread\tmadeof\tflour\n")
-    assert run("build-graph", "book.csv", "--split", "none", "--out", "graph").code == 0
-    result = run("import-knowledge", "graph", "--triples", "triples.tsv", "--out", "knowledge")
-    assert "next: wordcraft-kg train-complex graph --with knowledge" in result.out
 
 
 def test_walks_are_those_of_a_slow_reference(triples, opened):

@@ -125,14 +125,6 @@ def test_a_folder_of_scores_serves_players_and_agents(run, file, tmp_path, monke
     assert (refused.code, "leave out other knowledge" in refused.err) == (1, True)
 
 
-@pytest.mark.slow
-def test_a_folder_of_scores_has_a_report_on_its_links(run, file, tmp_path):
-    path = file("set,result,score", "flour + water,dough,1", "egg + fire,cake,2")
-    assert run("import-knowledge", "kitchen", "--scores", path, "--out", tmp_path / "m").code == 0
-    assert run("evaluate-links", tmp_path / "m", "--out", tmp_path / "links").code == 0
-    assert "table (t): the best pair" in (tmp_path / "links/index.html").read_text()
-
-
 def test_other_scorers_have_no_table():
     from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 

@@ -203,12 +203,6 @@ def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
         torch.testing.assert_close(new - old, gained, atol=2e-4, rtol=1e-5)
 
 
-def test_without_popularity_the_embeddings_stay_as_they_are():
-    graph = random_graph()
-    before = embeddings(graph.num_entities, 4, seed=1)
-    assert with_popularity(before, graph.triples, 0.0) is before
-
-
 SIZE, QUERIES = 9, 5
 
 

@@ -3,12 +3,10 @@ and bad settings."""
 
 import json
 import re
-import shutil
 import tomllib
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -239,15 +237,6 @@ def test_an_unfinished_run_of_other_settings_is_refused(unfinished, opened_kitch
     with pytest.raises(ConfigError, match=f"`{name}` .* and this command has {value}"):
         train(opened_kitchen, replace(SHORT, **{name: value}), unfinished)
     assert contents(unfinished) == before
-
-
-def test_a_run_whose_graph_has_moved_goes_on(tmp_path, parted_folder):
-    """A run whose graph has moved goes on and is opened with the new place."""
-    graph, moved = Path(shutil.copytree(parted_folder, tmp_path / "graph")), tmp_path / "moved"
-    folder, whole = halved(open_graph(graph), SHORT, tmp_path, 1)
-    graph.rename(moved)
-    assert same(resume(folder, graph=str(moved)), whole)
-    assert Path(open_model(folder).opened.source).resolve() == moved.resolve()
 
 
 def test_resuming_on_another_split_is_an_error(tmp_path, opened_kitchen, parted_folder):
@@ -591,28 +580,6 @@ def test_each_fold_and_the_choice_of_weights_use_the_outside_triples(
     assert choose(opened_kitchen, settings, silent, outside=known) != choose(
         opened_kitchen, settings, silent
     )
-
-
-@pytest.mark.slow
-def test_a_changed_knowledge_folder_is_refused_and_the_same_one_resumes(
-    joint, opened_kitchen, outside, tmp_path
-):
-    copy = knowledge_folder(tmp_path / "outside", KITCHEN)
-    stopped = train(
-        opened_kitchen,
-        replace(JOINT_TRAINING_SHORT, with_=(copy,)),
-        tmp_path / "model",
-        progress=interrupt_after(2),
-    )
-    assert stopped.interrupted
-    run = json.loads((Path(copy) / "run.json").read_text())
-    assert read_run(stopped.folder).inputs["outside graph 1"] == run["outputs"]["triples.tsv"]
-    knowledge_folder(Path(copy), KITCHEN[:2])
-    with pytest.raises(WordCraftKGError, match="another outside graph 1"):
-        resume(stopped.folder)
-    knowledge_folder(Path(copy), KITCHEN)
-    assert resume(stopped.folder).metrics.train_mrr == joint.metrics.train_mrr
-    assert LinksConfig.read(stopped.folder).settings.with_ == (copy,)
 
 
 def test_folders_share_nodes_and_relations(tmp_path):

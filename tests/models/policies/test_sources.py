@@ -305,15 +305,6 @@ def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w, scorer_
         torch.testing.assert_close(single[0], found[row], rtol=1e-4, atol=1e-4)
 
 
-def test_permuting_the_slots_permutes_w(w):
-    goal, selection, table = states_of_recipe_source(w.num_entities)
-    order = torch.tensor([3, 0, 5, 1, 4, 2])
-    expected = w(States(goal, selection, table))[:, order]
-    torch.testing.assert_close(
-        w(States(goal, selection, table[:, order])), expected, rtol=1e-4, atol=1e-4
-    )
-
-
 def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer_of_recipe_source):
     (kept,) = make_sources(["w"], scorer_of_recipe_source)
     goal, selection, table = states_of_recipe_source(kept.num_entities)

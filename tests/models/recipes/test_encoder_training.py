@@ -187,74 +187,21 @@ def other_book(book, tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def many(monkeypatch):
-    """Every book has recipes enough for an encoder."""
-    monkeypatch.setattr(config, "ENCODER_FROM", 1)
-
-
-def with_other(other_book, **settings):
-    return RecipeScorerConfig(folds=3, features="one-hot", with_=(str(other_book),), **settings)
-
-
-@pytest.fixture
-def knowing(book, other_book, many, tmp_path):
-    """A recipe scorer with the encoder of another book."""
-    return train_recipes(RecipesConfig(str(book), with_other(other_book)), tmp_path / "one").folder
-
-
 @pytest.mark.slow
-def test_a_large_other_book_gives_all_folds_its_encoder(knowing, book, other_book):
-    scorer = load_scorer(knowing)
-    opened = open_graph(str(book))
-    other = open_other_book(str(other_book), opened)
+def test_a_large_other_book_gives_all_folds_its_encoder(book, other_book, tmp_path, monkeypatch):
+    monkeypatch.setattr(config, "ENCODER_FROM", 1)
+    settings = RecipeScorerConfig(folds=3, features="one-hot", with_=(str(other_book),))
+    scorer = load_scorer(
+        train_recipes(RecipesConfig(str(book), settings), tmp_path / "model").folder
+    )
+    other = open_other_book(str(other_book), open_graph(str(book)))
     expected = encoder_of_books([other], 12, "one-hot")
     for each in (scorer.whole, *(scorer.left_out(fold) for fold in range(3))):
         assert same_tensors(each.knowledge.encoder().named(), expected.named())
         # The ranker uses it.
-        weights = each.knowledge.first[0, -len(OF_ENCODER) :]
-        assert weights.any()
+        assert each.knowledge.first[0, -len(OF_ENCODER) :].any()
         # It proposes no results: they are those of other books.
         assert not each.proposes_results
-    shares = scorer.result_probabilities(0, [1, 2])
-    torch.testing.assert_close(shares.sum(1), torch.ones(2))
-
-
-def test_recipes_that_both_books_have_teach_its_encoder_nothing(book, other_book, tmp_path):
-    opened = open_graph(str(book))
-    shared = book.read_text().splitlines()[1:3]
-    without = tmp_path / "without.csv"
-    lines = other_book.read_text().splitlines()
-    without.write_text("\n".join(line for line in lines if line not in shared))
-    encoders = [
-        encoder_of_books([open_other_book(str(path), opened)], 12, "one-hot").named()
-        for path in (other_book, without)
-    ]
-    assert same_tensors(*encoders)
-
-
-@pytest.mark.slow
-def test_it_is_fitted_once_and_a_resumed_run_reads_it(
-    knowing, book, other_book, tmp_path, monkeypatch
-):
-    folder = tmp_path / "interrupted"
-    wanted = RecipesConfig(str(book), with_other(other_book))
-    with pytest.raises(KeyboardInterrupt, match="and 1 pair encoders"):
-        train_recipes(wanted, folder, progress=interrupt_after(1))
-    monkeypatch.setattr(training, "encoder_of_books", lambda *_, **__: pytest.fail("fitted again"))
-    resume(folder)
-    assert same_files(folder, knowing, "calibration.json")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("enough", "setting"), [(1_000, "auto"), (1, "off")])
-def test_no_encoder_of_other_books_where_it_is_off_or_they_are_small(
-    book, other_book, tmp_path, monkeypatch, enough, setting
-):
-    monkeypatch.setattr(config, "ENCODER_FROM", enough)
-    wanted = RecipesConfig(str(book), with_other(other_book, encoder=setting))
-    scorer = load_scorer(train_recipes(wanted, tmp_path / "model").folder)
-    assert not scorer.whole.knowledge.has_encoder
 
 
 def test_an_encoder_of_words_that_the_graph_does_not_use_knows_no_new_entities():
@@ -357,21 +304,3 @@ def test_an_unknown_device_is_refused_before_anything_is_written(book, tmp_path)
 def test_vectors_of_other_labels_or_shapes_are_refused(trained, tmp_path, change):
     with pytest.raises(ArtefactError, match=r"does not contain a scorer.*Train again"):
         load_scorer(rewritten(trained, tmp_path / "spoilt", weights=change))
-
-
-def test_one_lesson_fold_gives_as_many_examples_as_all_folds_together(monkeypatch):
-    monkeypatch.setattr(fitting, "EXAMPLES", 12)
-    folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
-    words = words_of(np.zeros((12, 0)))
-    ((_, encoder),) = fit_encoders(folds, torch.zeros(12, 0), [(0,)])
-    lists = words.lists(folds.recipes([0]))
-    numbers = [
-        len(
-            fitting._lesson(
-                folds, lists, fitting.NOTHING, each, (), 0, 0, is_own_encoder=each is not None
-            ).links
-        )
-        for each in (None, encoder)
-    ]
-    # A third of the examples from each of three folds; two sizes of tables.
-    assert numbers == [4 * 2, 12 * 2]

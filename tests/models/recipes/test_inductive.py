@@ -6,7 +6,7 @@ import torch
 from short_fits import short_fits
 
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
+from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.recipes import inductive
 from wordcraft_kg.models.recipes.inductive import extended, with_words
@@ -151,13 +151,6 @@ def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder, scorer):
     )
 
 
-def test_a_label_known_by_some_words_is_not_of_the_graph(folder, scorer, opened_kitchen):
-    """A label is known by some of its words and the scorer is not of the graph."""
-    more = wider(folder, scorer, ["bread rrzzqq"])
-    assert "bread rrzzqq" in more.entities
-    assert more.graph_hash != opened_kitchen.graph.hash
-
-
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
@@ -181,18 +174,6 @@ def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen, tmp_
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "model")
     with pytest.raises(UnknownEntityError, match=rf"'naan'.*{features}.*glove"):
         with_words(trained.folder, load_scorer(trained.folder), ["naan"])
-
-
-def test_vectors_that_have_changed_are_refused(folder, scorer, vectors, tmp_path):
-    before = vectors.read_text()
-    try:
-        first, _, rest = before.partition("\n")
-        vectors.write_text(f"{first}1\n{rest}")
-        with pytest.raises(ArtefactError, match="have changed since"):
-            wider(folder, scorer)
-    finally:
-        vectors.write_text(before)
-    assert wider(folder, scorer)
 
 
 def test_labels_that_are_not_new_or_not_labels_are_refused(scorer):

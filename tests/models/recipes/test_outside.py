@@ -281,20 +281,6 @@ def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_
     assert folds[0] == folds[1]
 
 
-@pytest.mark.slow
-def test_tables_alone_are_a_scorer(opened, knowledge, tmp_path):
-    settings = replace(SMALL, kg="none", with_=(str(knowledge),))
-    folder = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model").folder
-    scorer = load_scorer(folder, graph=opened.graph)
-    (part,), (pair,) = reversed(open_outside([str(knowledge)], opened, "one-hot").tables)
-    off = ~np.eye(12, dtype=bool)
-    part, pair = (
-        (table - table[off].mean()) / table[off].std() for table in (part.numpy(), pair.numpy())
-    )
-    expected = part[3, 5] + part[4, 5] + pair[3, 4]
-    assert scorer.score_recipes(3, 4, 5).item() == pytest.approx(expected, abs=1e-2)
-
-
 def test_a_scorer_without_recipes_needs_a_source(opened, tmp_path):
     with pytest.raises(ConfigError, match="learns from outside knowledge only"):
         train_recipes(RecipesConfig(opened.source, replace(SMALL, kg="none")), tmp_path / "model")

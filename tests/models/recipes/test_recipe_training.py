@@ -10,7 +10,6 @@ from link_helpers import contents, interrupt_after, random_graph, rewritten, sam
 from short_fits import short_fits
 
 from wordcraft_kg import (
-    RecipeGraph,
     RecipesConfig,
     RecipeScorerConfig,
     SplitConfig,
@@ -22,8 +21,8 @@ from wordcraft_kg import (
     train_recipes,
 )
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
-from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
-from wordcraft_kg.graphs.splits import Draw, Split, make_split
+from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.splits import make_split
 from wordcraft_kg.models.knowledge.words import Words
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes import training
@@ -115,46 +114,6 @@ def words_of(vectors):
 def fitted(folds, vectors, wanted):
     fits = fit_recipe_scorers(folds, words_of(vectors), wanted)
     return {left_out: knowledge.constants() for left_out, knowledge in fits}
-
-
-def same_tensors(one, other):
-    return all(torch.equal(one[name], other[name]) for name in one)
-
-
-@compares_fits
-@pytest.mark.parametrize(
-    "what",
-    [
-        pytest.param("removed", marks=pytest.mark.slow),
-        "changed",
-        pytest.param("a test recipe changed", marks=pytest.mark.slow),
-    ],
-)
-def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
-    graph = random_graph(2, 12, 60)
-    folds = make_folds(make_split(graph, SplitConfig()), 3)
-    fold = OUTSIDE if what == "a test recipe changed" else 1
-    rows = graph.recipes.copy()
-    row = int(np.flatnonzero(folds.of_recipe == fold)[0])
-    known = {tuple(recipe) for recipe in rows.tolist()}
-    a, b, _ = rows[row].tolist()
-    rows[row, 2] = next(result for result in range(12) if (a, b, result) not in known)
-    of_rows = folds.of_recipe
-    if what == "removed":
-        rows = np.delete(rows, row, axis=0)
-        of_rows = np.delete(of_rows, row)
-    changed = RecipeGraph(graph.entities, rows, [], name="changed")
-    place = {tuple(recipe): number for number, recipe in enumerate(rows.tolist())}
-    order = [place[tuple(recipe)] for recipe in changed.recipes.tolist()]
-    of_recipe = of_rows[order]
-    parts = np.where(of_recipe == OUTSIDE, 2, 0).astype(np.int8)
-    other = Folds(Split(changed, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
-    vectors = np.random.default_rng(0).normal(size=(12, 5))
-    wanted = [(), (0,), (1,)]
-    before, after = (fitted(each, vectors, wanted) for each in (folds, other))
-    for left_out in wanted:
-        is_same = same_tensors(before[left_out], after[left_out])
-        assert is_same == (fold == OUTSIDE or left_out == (1,))
 
 
 def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):
@@ -281,15 +240,6 @@ def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
             tmp_path / "model",
         )
     assert not (tmp_path / "model").exists()
-
-
-def test_a_recipe_scorer_plays_as_pairs_too(recipes_folder):
-    from wordcraft_kg.agents.players import scorer_players
-    from wordcraft_kg.models.folder import open_model
-
-    model = open_model(recipes_folder, "kitchen")
-    players = scorer_players(model.opened.graph, model.scorer, model.opened.split.partial)
-    assert "w, best pair" in players
 
 
 def test_w_and_p_score_tables_and_are_restored_from_their_constants(small, book):

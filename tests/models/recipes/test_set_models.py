@@ -17,10 +17,6 @@ import torch
 from link_helpers import interrupt_after
 
 from wordcraft_kg import load_scorer, open_model
-from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.entity import EntityState
-from wordcraft_kg.apps.explorer.site import Site
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphError
 from wordcraft_kg.evaluation import ranked_sets
 from wordcraft_kg.evaluation.ranked_sets import rank_sets, read_predictions
@@ -141,20 +137,6 @@ def test_scores_of_sets_are_their_probabilities_in_any_order_and_batch(scorer):
     np.testing.assert_array_equal(scores, singles)
 
 
-def test_sets_of_any_parts_have_the_probabilities_of_their_scores(scorer):
-    suggestions = scorer.recipes("Gbdh", 99, has_coverage=False)
-    sets = np.full((len(suggestions), 8), -1)
-    for row, suggestion in enumerate(suggestions):
-        sets[row, : len(suggestion.ingredients)] = suggestion.ingredients
-    goals = np.repeat(scorer.entity_ids(["Gbdh"]).numpy(), len(sets))
-    scores = scorer.score_sets(sets, goals)
-    np.testing.assert_allclose([each.score for each in suggestions], scores, rtol=1e-5)
-    assert sorted(scores, reverse=True) == scores.tolist()
-    best = scorer.recipes("Gbdh", 1)[0]
-    assert suggestions[0].ingredients == best.ingredients
-    assert suggestions[0].score == pytest.approx(best.score, rel=1e-4)
-
-
 def test_new_goals_and_ingredients_are_known_by_their_parts(book, scorer):
     parts = str(book / "parts.csv")
     wider = with_new_entities(scorer, ["Gnew", "new card"], parts, "one-hot")
@@ -184,15 +166,6 @@ def test_a_goal_whose_part_no_train_recipe_brings_is_refused_by_its_name(scorer)
     other = SetScorer(tensors, scorer.entities, scorer.graph_hash)
     with pytest.raises(ConfigError, match="no train recipe brings a, a part of 'Gab'"):
         other.recipes("Gab")
-
-
-def test_a_model_whose_table_of_parts_has_moved_answers_for_its_own(run, book, model, tmp_path):
-    shutil.copytree(book, tmp_path / "moved")
-    (tmp_path / "moved" / "parts.csv").unlink()
-    folder = tmp_path / "moved" / "model"
-    assert "ax + bx -> Gab" in run("suggest", folder, "--goal", "Gab").out
-    refused = run("suggest", folder, "--goal", "Gnew")
-    assert "the table of parts that the model was trained with" in refused.err
 
 
 def test_supporting_recipes_are_of_similar_goals_and_never_the_recipe_itself(scorer):
@@ -478,13 +451,6 @@ def test_a_wrong_table_of_parts_is_refused_with_its_fault(tmp_path, text, fault)
         read_parts(str(path), ["ax"])
 
 
-def test_a_table_of_a_single_part_is_refused(tmp_path):
-    path = tmp_path / "parts.csv"
-    path.write_text("label,part,amount\nax,a,1\nbx,a,2\n")
-    with pytest.raises(ConfigError, match="'a' is the only part, which tells no entities apart"):
-        read_parts(str(path), ["ax", "bx"])
-
-
 def test_formulas_are_read_with_brackets_decimals_and_hydrates_or_refused():
     pytest.importorskip("periodictable")
     assert parse_formula("BaTi0.9Zr0.1O3") == {"Ba": 1, "Ti": 0.9, "Zr": 0.1, "O": 3}
@@ -735,18 +701,6 @@ def test_a_rule_that_is_no_function_of_sets_is_refused_with_the_reason(
     refused = run("suggest", book / "model", "--goal", "Gab", "--rule", rule)
     assert refused.code == 1
     assert fault in refused.err
-
-
-def test_the_explorer_lists_suggested_sets_on_the_page_of_a_goal(book, model):
-    explored = Explored.open(book / "graph", [book / "model"])
-    state = EntityState("Gab")
-    site = Site(explored, lambda page, state: page.address(state), str, is_static=False)
-    html = site.page(PAGES["entity"], state)
-    best = PAGES["entity"].view(explored, state).suggested[0]
-    assert best.ingredients == ("ax", "bx")
-    assert "Suggestions of model" in html
-    # No other card has an a: the page says nothing, and does not fail.
-    assert PAGES["entity"].view(explored, EntityState("ax")).suggested == ()
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,4 @@
 import gzip
-import hashlib
 import io
 import math
 import os
@@ -30,7 +29,6 @@ from wordcraft_kg.models.scorers.features import (
     named,
 )
 from wordcraft_kg.models.scorers.near_synonyms import (
-    NEAR_SYNONYM,
     near_synonym_recipes,
     near_synonym_triples,
 )
@@ -70,13 +68,6 @@ def test_features_follow_the_order_of_the_labels_and_cannot_be_changed():
     for array in (features.vectors, features.known, features.unit_vectors):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
-
-
-def test_meaning_is_in_the_vectors_of_all_words_of_everyday():
-    features = glove_features(open_book("everyday").entities)
-    assert (len(features.missing_words), len(features.words)) == (0, 1_177)
-    lake, river, bread = glove_features(["lake", "river", "bread"]).vectors.tolist()
-    assert cosine(lake, river) > NEAR_SYNONYM > cosine(lake, bread)
 
 
 def refused(spec, labels=("sea", "iron"), **options):
@@ -218,13 +209,6 @@ def test_a_name_goes_before_a_file_that_is_called_so(home, monkeypatch):
     assert make_features("./random", ["sea"]).vectors.tolist() == [[1, 2]]
 
 
-def test_the_hash_is_that_of_shape_and_vectors():
-    made = make_features("one-hot", ["a", "b"])
-    assert made.sha256 == hashlib.sha256(b"[2, 2]" + struct.pack("<4f", 1, 0, 0, 1)).hexdigest()
-    flat = EntityFeatures("test", made.vectors.reshape(1, 4), made.known[:1], (), ())
-    assert flat.sha256 != made.sha256
-
-
 def test_more_than_a_fifth_without_a_vector_is_refused_unless_allowed():
     assert make_features("glove", ["sea"] * 4 + ["zqxjkv"]).known.tolist() == [True] * 4 + [False]
     labels = ["sea"] * 18 + [f"zqx{i:02} waterzqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
@@ -239,25 +223,6 @@ def test_more_than_a_fifth_without_a_vector_is_refused_unless_allowed():
     made = make_features("glove", labels, allow_missing=True)
     assert made.known.sum() == 18
     assert not made.vectors[18:].any()
-
-
-@pytest.mark.parametrize("allow_missing", [False, True])
-@pytest.mark.parametrize(
-    ("spec", "size"), [("glove", 50), ("one-hot", 0), ("random", 300), ("shuffled:glove", 50)]
-)
-def test_no_labels_have_no_features_of_any_kind(spec, size, allow_missing):
-    assert make_features(spec, [], allow_missing=allow_missing).vectors.shape == (0, size)
-
-
-def test_gloves_know_nearly_all_of_little_alchemy_2(alchemy):
-    made = make_features("glove", alchemy.entities)
-    unknown = [
-        label
-        for label, is_known in zip(alchemy.entities, made.known.tolist(), strict=True)
-        if not is_known
-    ]
-    assert unknown == ["firestation", "trainyard"]
-    assert made.missing_words == ("firestation", "frankenstein's", "rainbow!", "trainyard")
 
 
 GLOVE_TEXT = "the 0.5 -1 2e-1\nsea 1 2 3\nacid 4 0 0\nrain 2 2 -2\nSea 9 9 9\nsea 7 7 7\n"

@@ -526,37 +526,6 @@ def call(tmp_path, monkeypatch, caplog):
     return call
 
 
-def flipped(data):
-    """Change a bit in the middle, where the machine code of a data file is."""
-    middle = len(data) // 2
-    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
-
-
-@pytest.mark.parametrize(
-    ("kind", "damage"),
-    [
-        ("nbi", lambda data: b""),
-        ("nbc", flipped),
-        *(
-            pytest.param(kind, damage, marks=pytest.mark.slow)
-            for kind, damage in (
-                ("nbi", flipped),
-                ("nbi", lambda data: data[:-1]),
-                ("nbc", lambda data: b""),
-                ("nbc", lambda data: data[:-1]),
-            )
-        ),
-    ],
-)
-def test_a_damaged_file_is_made_again_with_one_line(call, tmp_path, kind, damage):
-    (path,) = (tmp_path / "cache").rglob(f"*.{kind}")
-    path.write_bytes(damage(path.read_bytes()))
-    (warning,), hits = call()
-    assert "damaged machine code" in warning
-    assert hits == 0
-    assert call() == ([], 1)
-
-
 def test_machine_code_of_another_loop_never_runs(call, tmp_path):
     """Both files are as they were written, but one lies in the place of the other."""
     call(has_second=True)

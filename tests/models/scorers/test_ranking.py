@@ -105,22 +105,6 @@ def test_a_sample_is_of_the_size_asked_for_in_order_and_of_its_seed(opened_kitch
     assert sampled(triples, len(triples)) is triples
 
 
-def test_no_triples_give_no_ranks():
-    ranks = rank_triples(
-        constant_scorer(3), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
-    )
-    assert (
-        ranking_metrics(ranks) == random_metrics(ranks.assign(candidates=[])) == RankingMetrics(0)
-    )
-
-
-def test_ranking_leaves_the_scorers_table_as_it_was():
-    table = np.arange(18).reshape(2, 3, 3)
-    scorer, triples = table_scorer(table), np.array([[0, 0, 1], [2, 1, 0]])
-    rank_triples(scorer, triples, triples)
-    assert scorer.scores.tolist() == table.tolist()
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_scores_that_are_not_finite_are_an_artefact_error(value):
     table = np.zeros((2, 4, 4))

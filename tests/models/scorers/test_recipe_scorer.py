@@ -41,7 +41,6 @@ from wordcraft_kg.models.scorers.kernel import completion, profiles
 from wordcraft_kg.models.scorers.link_evidence import POWER, RECIPES, LinkEvidence
 from wordcraft_kg.models.scorers.protocol import RecipeScores
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 
 @pytest.fixture(scope="module")
@@ -143,19 +142,6 @@ def test_a_large_book_proposes_results_of_neighbours(scorer, cross_fitted, monke
     is_proposed = torch.zeros(2, size + 1, dtype=torch.bool).scatter_(1, ids, True)[:, :size]
     assert torch.equal(shares > 0, is_proposed)
     torch.testing.assert_close(shares.sum(1), torch.ones(2))
-
-
-def test_a_scorer_made_from_its_tensors_scores_the_same(scorer):
-    again = RecipeScorer(scorer.tensors(), scorer.entities, scorer.graph_hash)
-    a, b, results = torch.randint(
-        len(scorer.entities), (3, 200), generator=torch.Generator().manual_seed(0)
-    )
-    torch.testing.assert_close(
-        again.score_recipes(a, b, results), scorer.score_recipes(a, b, results), rtol=0, atol=0
-    )
-    assert again.supporting_recipes("flour", "water", "dough") == scorer.supporting_recipes(
-        "flour", "water", "dough"
-    )
 
 
 def test_a_known_recipe_is_its_own_evidence(scorer, cross_fitted, kitchen):

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given, strategies as st
-from link_helpers import random_graph, train
-from link_oracles import equation_2, n3
+from link_helpers import equation_2, n3, random_graph, train
 from pykeen.models import TransD, TransE
 from pykeen.nn.modules import ComplExInteraction
 from pykeen.regularizers import PowerSumRegularizer

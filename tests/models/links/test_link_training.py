@@ -12,8 +12,15 @@ import numpy as np
 import pytest
 import torch
 from helpers import refuses, resume, write_graph
-from link_helpers import contents, global_states, interrupt_after, random_graph, train
-from link_oracles import equation_2, n3
+from link_helpers import (
+    contents,
+    equation_2,
+    global_states,
+    interrupt_after,
+    n3,
+    random_graph,
+    train,
+)
 
 from wordcraft_kg import (
     ComplExConfig,

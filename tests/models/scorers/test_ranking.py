@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 import torch
 from hypothesis import given, strategies as st
-from link_helpers import random_graph
-from link_oracles import slow_clusters, slow_ranks
+from link_helpers import random_graph, slow_clusters, slow_ranks
 from pykeen.evaluation import RankBasedEvaluator
 from small_scorers import table_scorer
 

@@ -13,8 +13,7 @@ import pytest
 import safetensors.torch
 import torch
 from hypothesis import example, given, strategies as st
-from link_helpers import flip_bit, random_graph, train
-from link_oracles import equation_1
+from link_helpers import equation_1, flip_bit, random_graph, train
 from small_scorers import embeddings
 
 from wordcraft_kg import LinkModelConfig, load_scorer, save_scorer

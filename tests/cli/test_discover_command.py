@@ -1,0 +1,80 @@
+import re
+
+from quick import text_of
+
+from wordcraft_kg.agents.discovery import HUMAN_CURVE
+from wordcraft_kg.graphs import open_graph
+
+QUICK = ("--runs", 3, "--attempts", 12)
+
+
+def test_the_table_has_a_row_for_each_player_and_one_for_people():
+    text = text_of("discover", "kitchen", *QUICK)
+    rows = {line.split("  ")[0]: line for line in text.splitlines()}
+    assert rows["entities known after"].split()[-4:] == ["1", "10", "12", "repeated"]
+    for name in ("random", "random-no-repeat", "greedy", "empowerment"):
+        assert re.search(r"\d\.\d", rows[name])
+    assert "recipe-learner" not in rows
+    assert rows["people, another game"].split()[-2:] == ["5", "9.95"]
+    assert "720 entities" in text
+
+
+def test_json_holds_the_same_figures_and_the_setting(printed):
+    arguments = ("discover", "kitchen", *QUICK, "--players", "greedy,random", "--seed", 4)
+    values = printed(*arguments)
+    assert list(values["players"]) == ["greedy", "random"]
+    figures = values["players"]["random"]["12"]
+    assert figures["low"] <= figures["mean"] <= figures["high"]
+    assert 0 <= figures["repeated"] <= 1
+    assert (values["attempts"], values["runs"], values["seed"], values["marks"]) == (
+        12,
+        3,
+        4,
+        [1, 10, 12],
+    )
+    assert values["hash"] == open_graph("kitchen").graph.hash
+    assert values["people"] == {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
+    assert values == printed(*arguments)
+
+
+def test_a_scorer_adds_a_player_and_another_base_is_where_play_begins(printed, recipes_folder):
+    base = open_graph("kitchen").graph.base[1:]
+    values = printed(
+        "discover", "kitchen", *QUICK, "--scorer", recipes_folder, "--base", ",".join(base)
+    )
+    assert list(values["players"])[-1] == "recipe-learner"
+    assert (values["scorer"], values["base"]) == (recipes_folder.name, list(base))
+    assert f"note: {recipes_folder.name} was trained on recipes of kitchen" in text_of(
+        "discover", "kitchen", *QUICK, "--scorer", recipes_folder
+    )
+
+
+def test_a_link_predictor_guides_no_player(refused, trained):
+    says = "expected a model from train-recipes"
+    refused("discover", "kitchen", *QUICK, "--scorer", trained / "one", says=says)
+
+
+def test_a_single_run_has_no_interval(printed, run):
+    values = printed("discover", "kitchen", "--runs", 1, "--players", "random")
+    assert values["players"]["random"]["100"]["low"] is None
+    text = run("discover", "kitchen", "--runs", 1, "--players", "random").out
+    assert "[" not in text.split("people")[0].split("\n", 2)[2]
+
+
+def test_a_scorer_of_another_book_explores(printed, recipes_folder, tmp_path, refused):
+    book = tmp_path / "other.csv"
+    book.write_text(
+        "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed "
+        "wine\nfire,water,steam\n"
+    )
+    start = ("discover", book, "--base", "seed,water,fire", "--scorer", recipes_folder)
+    unseen = printed(*start, *QUICK)
+    assert list(unseen["players"])[-1] == "recipe-learner"
+    book.write_text(book.read_text() + "Eggs,animal,chicken\n")  # a train recipe of the scorer
+    assert ("knows_recipes" in unseen, printed(*start, *QUICK).get("knows_recipes")) == (
+        False,
+        True,
+    )
+    text = text_of(*start, "--runs", 1, "--attempts", 500, "--players", "recipe-learner")
+    rows = {line.split("  ")[0]: line.split() for line in text.splitlines()}
+    assert rows["entities known after"][-6:-1] == ["100", "200", "300", "400", "500"]

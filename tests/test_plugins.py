@@ -303,6 +303,33 @@ def test_a_study_knows_the_content_of_a_plugin(tmp_path, monkeypatch):
     assert make_plan(study, "own").tasks[address].settings["plugins"] == [sha256_of(FILES["haste"])]
 
 
+@pytest.mark.slow
+def test_workers_of_a_study_load_the_plugins(run, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(
+        "title = 'Own'\nseeds = 1\n[settings]\nbook = 'kitchen'\nsteps = 256\n"
+        "[variants.theirs]\n[variants.mine]\npolicy = 'bilinear'\nreward = 'haste'\n"
+    )
+    options = [word for file in FILES.values() for word in ("--plugin", file)]
+    done = run("reproduce", study, *options, "--jobs", 2, "--out", tmp_path / "results", "--json")
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["studies"]["study"]["failed"] == {}
+
+
+@pytest.mark.slow
+def test_an_own_network_learns(tmp_path):
+    load_plugin(FILES["network"])
+    config = AgentConfig(
+        open_graph("kitchen"),
+        tasks=TaskConfig(distractors=2),
+        policy=PolicyConfig("bilinear"),
+        trainer=ImpalaConfig(steps=100_000, eval_every=0),
+    )
+    summary = train_agent(config, tmp_path / "run").summary
+    # Chance is .2 on these tables.
+    assert summary.success["train"].mean > 0.6
+
+
 def test_functions_take_an_opened_graph(tmp_path):
     graph = open_graph("kitchen").graph
     opened = open_graph(graph, SplitConfig("by-goal", seed=3))

@@ -61,13 +61,6 @@ def test_a_greedy_pick_is_the_most_probable_slot_of_the_same_state_in_ids(policy
     assert policy.act(0, [2, 3, 4, 5], 1) == policy.act(GOAL, TABLE, HELD)
 
 
-def test_an_empty_slot_is_never_picked(policy):
-    table = [None, TABLE[0], None, TABLE[1]]
-    draw = torch.Generator().manual_seed(0)
-    assert {policy.act(GOAL, table, generator=draw).slot for _ in range(60)} == {1, 3}
-    assert policy.act(GOAL, [None, None, None, HELD]) == (3, HELD, 1.0)
-
-
 def test_with_a_generator_slots_are_drawn_by_their_probabilities():
     policy, draw = policy_of(), torch.Generator().manual_seed(0)
     with torch.no_grad():
